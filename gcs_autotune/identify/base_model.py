@@ -257,7 +257,8 @@ def _is_still(velocity: Array) -> bool:
 
 
 APART = 0.1
-"""Rms difference of two thrusters' commands, relative to their rms. Below it the commands count as alike."""
+"""Limit of the rms difference between two thrusters' commands, relative to their rms. Below it the commands count as
+alike."""
 
 
 def _twins(form: Form, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:

@@ -47,7 +47,7 @@ FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
 """Size of a full turn, by unit of the angle."""
 
 OVERTAKEN = 5.0
-"""Largest lateness of an accepted sample, in median steps."""
+"""Largest lateness of a late sample that is kept, in median time steps."""
 
 DWELL = 3
 """Fewest identical extreme samples in a row that count as clipping."""

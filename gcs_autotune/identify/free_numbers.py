@@ -98,7 +98,8 @@ This prior is weak. It moves the shift by less than a tenth of its standard erro
 """
 
 DIAGNOSTIC = StampPrior(1.0, 1.5)
-"""Prior of a diagnosis: just above the range that the stamps allow. The autopilot acts only on its next loop.
+"""Prior of a diagnosis: just above the range that the stamps allow. It assumes that the autopilot acts on its next
+loop.
 
 A delay is among the possible causes, so the shift must not absorb it.
 """

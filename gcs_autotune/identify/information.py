@@ -302,8 +302,8 @@ def with_bounds(fit: Fit[ModelT], trials: Trial | Sequence[Trial]) -> Fit[ModelT
     """Return *fit* with the Cramer-Rao bound of every fitted parameter.
 
     A fit of one degree of freedom uses its own likelihood, including rounding sensors and inexact stamps. Fits of
-    several use :func:`information_on`. A parameter without information has an infinite bound. The fit is returned
-    unchanged if its bounds are known, or if its model cannot be simulated on the runs.
+    several degrees of freedom use :func:`information_on`. A parameter without information has an infinite bound. The
+    fit is returned unchanged if its bounds are known, or if its model cannot be simulated on the runs.
     """
     if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
         return fit

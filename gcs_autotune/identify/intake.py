@@ -155,13 +155,14 @@ slip) and only raises a doubt."""
 WINDOW = 1.0
 """Comparison window [s]: twice the interval over which the rate of a heading is calculated."""
 STRETCHES, ALONG_TRACK = 20, 0.25
-"""Settings of the test for speeds that are along north and east.
+"""Settings of the test that detects ``u`` and ``v`` along north and east instead of body axes.
 
-STRETCHES: number of stretches over which the track is compared. ALONG_TRACK: limit of the residual if the speeds are
-taken along north and east. It is relative to the residual for body axes, and to the track itself.
+STRETCHES: number of stretches of the track that are compared. ALONG_TRACK: largest squared residual with ``u`` and
+``v`` taken along north and east. It is relative to the squared residual with body axes, and to the squared length of
+the track.
 """
 TURNED = 0.3
-"""Smallest turn [rad] for the comparison. On a straight course the speeds of both kinds look alike."""
+"""Smallest turn [rad] required for this test. On a straight course, both kinds of speed look alike."""
 TURN = 3.5
 """Turn rate [rad/s] above which a heading is probably in degrees."""
 

@@ -43,7 +43,7 @@ TAIL = 6.0
 """Number of standard deviations beyond which cells are ignored in the expected information."""
 
 SMALLEST = 1e-250
-"""Probability below which a cell counts as out of reach. Its ratios would be 0/0."""
+"""Probability of a cell below which it is ignored, because its ratios would be 0/0."""
 
 
 class Terms(NamedTuple):

@@ -41,7 +41,7 @@ CHANGE = 0.20
 less."""
 
 CHANCE = 1e-6
-"""Probability that runs which agree are examined more closely."""
+"""Probability of examining runs more closely although they agree."""
 
 RELIEF = 1.3
 """Factor by which the noise of at least one signal must decrease without the outlier."""

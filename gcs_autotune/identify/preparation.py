@@ -57,12 +57,10 @@ GAP_SECONDS, GAP_STEPS = 1.0, 10.0
 its own initial state."""
 
 TRANSITION = 4.0
-"""Ratio of a velocity's standard deviation to its noise, above which the velocity changes from one steady value to
-another."""
+"""Smallest ratio of a velocity's standard deviation to its noise for a change from one steady value to another."""
 
 SETTLED = 2.0
-"""Ratio of the standard deviation of the second half of a velocity to its noise, below which the velocity has settled.
-"""
+"""Largest ratio of the standard deviation of the second half of a velocity to its noise, for it to count as settled."""
 
 TURN_RATES = ("p", "q", "r")
 """Signals filtered by the autopilot's gyro filter."""

@@ -38,8 +38,8 @@ The spread is limited because an angle that turns several times is not measured 
 
 WAYS = {"x": ("u", "v"), "y": ("u", "v"), "z": ("w",)}
 STRIDE = 20
-"""Number of samples over which the change of a position is used for the noise floor. A long distance covered is not
-used."""
+"""Number of samples over which a position's change counts as its spread for the noise floor. The whole distance covered
+would be too large."""
 
 TOLERANCE = 1e-8
 """Relative decrease of the cost that ends a search. The cost is about ten times the number of samples."""

@@ -41,8 +41,8 @@ ROUNDS = 6
 """Maximum number of rounds of fitting parameters, then noise. From a usable start three or four suffice."""
 
 ROUNDING_ROUNDS = 20
-"""Maximum number of rounds of fitting parameters, then noise, for a rounding sensor. The noise decreases slowly from
-the residuals of the Gaussian fit."""
+"""Maximum number of rounds of fitting parameters, then noise, for a rounding sensor. The noise has to decrease from the
+level of the Gaussian fit."""
 
 THOROUGH = Effort(15)
 """Effort for a bad start, for which correct weights are more important than full convergence."""

@@ -70,7 +70,9 @@ def _physical_side(name: str) -> int:
 
 
 def horizon_of(case: Case) -> float | None:
-    """Return the longest free simulation [s], or None to use whole runs unless every fit over them fails.
+    """Return the user's limit for the length of a free simulation [s], or None.
+
+    Without a limit, whole runs are simulated. They are cut into short pieces only if the fit to whole runs fails.
 
     Raises
     ------

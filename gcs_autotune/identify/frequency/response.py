@@ -1,9 +1,9 @@
 """The empirical response and its data: frequencies, complex gains, coherence, uncertainty.
 
 :class:`Sampled` is a record on one even grid, with input and velocity averaged over the same steps. The average of the
-held input is exact. The average of a velocity is the difference of the position, if that was measured. The averaging
-then cancels in the ratio of both. A measured velocity is averaged by the trapezoid rule, which differs slightly.
-:func:`mending` corrects for this.
+held input is exact. The average velocity is the difference of the position over a step, if the position was measured.
+The effect of averaging then cancels in the ratio of velocity to input. A measured velocity is averaged by the trapezoid
+rule, which differs slightly. :func:`mending` corrects for this.
 """
 
 from __future__ import annotations

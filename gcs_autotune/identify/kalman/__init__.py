@@ -15,7 +15,7 @@ noisy_objective   the likelihood of this fit; ``noisy_fit``: its result
 thinning          reduce records to one signal at a suitable interval
 waves             compiled: waves as two states, a narrow-band force and an oscillation of the measured signal
 linear_pass       compiled: exact transitions for an equation that is linear in its velocity
-prediction_error  the method ``prediction-error``: maximum likelihood of the innovations over parameters and both kinds of noise
+prediction_error  the method ``prediction-error``: maximum likelihood of parameters and both kinds of noise
 report            the ``Fit`` of every method, with its doubts
 ================  ===========================================================================
 """

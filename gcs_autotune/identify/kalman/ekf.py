@@ -39,7 +39,7 @@ PASSES = 40
 """Maximum number of passes. Noise levels converge geometrically; 10 to 25 passes suffice."""
 
 CLOSE = 0.5
-"""Largest move of the parameters, in standard errors, below which the next pass starts at smoothed states."""
+"""Largest move of the parameters, in standard errors, below which the spread of the smoothed first states is used."""
 
 
 HOPELESS = 3

@@ -1,8 +1,8 @@
 """Fit one degree of freedom with process noise: wind, wake and current as a drifting force.
 
 The likelihood is that of the innovations of :mod:`.noise_filter`. Because gusts come in bursts, the innovations may
-follow Student's distribution with *freedom* degrees instead of the normal one. Its variance is the filter's.
-Derivatives are those of ``noisy_objective``. Steps and covariance come from the expected information.
+follow Student's distribution with *freedom* degrees instead of the normal one. Its variance is that calculated by the
+filter. Derivatives are those of ``noisy_objective``. Steps and covariance come from the expected information.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 KNOWN_WITHIN = 0.2
 """Prior standard deviation of a run's own thrust, and of its own force.
 
-The first is relative to the thrust, the second to the largest commanded force. The value is large enough for the run to
-decide, and small enough for a nonlinear equation.
+The first is relative to the thrust, the second to the largest commanded force. The prior is wide, so that the data of
+the run decide. It is narrow enough to linearise a nonlinear equation.
 """
 
 ROUNDS = 30

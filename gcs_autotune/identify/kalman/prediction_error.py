@@ -49,8 +49,8 @@ SMOOTHER_ROUNDS = 30
 """Maximum number of rounds of the smoother that provides the start."""
 
 ACTIVE = 1e-3
-"""Contribution to the power of the score above which process noise is estimated. Below it the process noise is set to
-zero."""
+"""Influence of process noise on the likelihood (intensity of the drive times its score row) above which it is
+estimated. Below it the process noise is set to zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,7 +48,7 @@ class Found:
 
 
 def report(task: Task, method: str, found: Found) -> Fit[CoupledModel]:
-    """Return the fit that *method* found."""
+    """Return the fit of *method* from its result."""
     form, bank, case = task.bank.form, task.bank, task.case
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     sought = [n for n in bank.free if not task.is_shift(n)]

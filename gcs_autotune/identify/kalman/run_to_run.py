@@ -28,10 +28,9 @@ Array = NDArray[np.float64]
 MOST_THRUST = 0.05
 """Largest standard deviation of thrust between runs.
 
-The voltage of a battery falls by a sixth from full to empty, and thrust at one command falls by twice that. The runs of
-one outing start closer together. A larger spread hides what a nonlinear thrust curve does to runs with different
-commands. Example: for a saturation with process noise (seed 318), a spread of 0.1 reduces its log-likelihood gain from
-16 to 7.
+The voltage of a battery falls by a sixth from full to empty, and thrust at one command falls by twice that. Runs of one
+outing differ by less. A larger spread hides what a nonlinear thrust curve does to runs with different commands.
+Example: for a saturation with process noise (seed 318), a spread of 0.1 reduces its log-likelihood gain from 16 to 7.
 """
 
 
@@ -126,7 +125,8 @@ def spread_between(
     the plain likelihood underestimates the spread.
 
     least, widest : limits of the standard deviation of the force [per inertia].
-    force, thrust : whether each may differ between runs. If not, the force has *least* and the thrust zero.
+    force, thrust : whether each may differ between runs. If not, the standard deviation is *least* for the force and
+        zero for the thrust.
     """
     best, found = -math.inf, (least, 0.0)
     forces = [least, *np.geomspace(max(least, 0.01 * widest), widest, 25)[1:]] if force and widest > least else [least]

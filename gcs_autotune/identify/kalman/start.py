@@ -1,8 +1,8 @@
-"""Starting values of a filter: smoothed motion, a regression of the equations of motion on it, and scales.
+"""Calculate start values of a filter from smoothed motion and a regression of the equations of motion on it.
 
 The smoother uses no craft model: velocities are random walks whose intensity is fitted by maximum likelihood. It
 accepts positions alone, or positions and velocities, at any stamps. The equations of motion are linear in the
-derivatives (Miskovic2007 (10)-(12), ZhaoUSV (25)). Least squares therefore gives the first parameters.
+derivatives (Miskovic2007 (10)-(12), ZhaoUSV (25)). Least squares therefore provides the first parameters.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The compiled filter, forwards, and its adjoint, backwards.
+"""Compiled functions for one record: the filter forwards in time, and its adjoint backwards.
 
 Forwards: state and free parameters form one augmented vector (ZhaoUSV, (8)-(12)). The time update (14)-(15) covers the
 actual interval between stamps. The measurement update (16)-(18) takes one sample after the other, in Joseph's form. Any
 subset of the signals may therefore be present at a stamp.
 
-Backwards: the adjoint recursion of Bryson and Frazier smooths without inverting a covariance. It gives the exact
+Backwards: the adjoint recursion of Bryson and Frazier smooths without inverting a covariance. It provides the exact
 derivatives of the likelihood by every noise level.
 
 Numba's cache identifies a function by its file and line, and named tuples by their class's name. After a class is

@@ -1,9 +1,9 @@
 """The compiled step of every filter: from one stamp to the next, with inputs that jump in between.
 
-By linearisation (:func:`step`): Runge-Kutta steps of :mod:`gcs_autotune.models.coupled.kernel` carry the mean. The
-sensitivities of the same steps give the transition matrix, which is exact for the computed motion to rounding.
+Linearisation (:func:`step`) propagates the mean by the Runge-Kutta steps of :mod:`gcs_autotune.models.coupled.kernel`.
+The sensitivities of these steps are the transition matrix. For the computed motion it is exact to rounding.
 
-By sigma points (:func:`sigma_step`): central differences at sqrt(3) standard deviations, Norgaard2000. The covariance
+Sigma points (:func:`sigma_step`) are central differences at sqrt(3) standard deviations, Norgaard2000. Their covariance
 is a sum of squares and stays positive with twenty parameters. The weights of the plain unscented transform would make
 it negative.
 """

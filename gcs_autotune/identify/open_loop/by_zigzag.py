@@ -59,11 +59,10 @@ def nomoto_of(theta: Array, covariance: Array, length: float = math.nan, speed: 
 
 
 CLEAR = 3.0
-"""Standard errors from zero above which an omitted drag is considered for a doubt."""
+"""Smallest distance from zero, in standard errors, of an omitted drag for which a doubt is raised."""
 
 WORSE = 2.0
-"""Factor by which the weighted misfit must be larger without the omitted drag. Both limits must be exceeded for a
-doubt."""
+"""Factor by which omitting the drag must also increase the weighted misfit."""
 
 
 def fit_by_zigzag(case: Case) -> AxisFit:

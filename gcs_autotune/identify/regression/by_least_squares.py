@@ -114,8 +114,8 @@ fit_axis_by_least_squares = for_axis(lambda case: refusing_runaways(fit_by_least
 Array = NDArray[np.float64]
 
 WEIGHTS = (1.0, 1e-2, 1e-4, 1e-6)
-"""Successive weights of the barrier, relative to twice the log-likelihood. The last one changes the estimate by about a
-millionth of a squared standard error."""
+"""Successive weights of the barrier, relative to twice the log-likelihood. At the last one the barrier adds only about
+a millionth to the cost, in units of a squared standard error."""
 
 
 def solve_physical(equations: Equations, theta: Array, visited: Array, *, robust: bool = False) -> Estimate:

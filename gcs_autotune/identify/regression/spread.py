@@ -26,7 +26,7 @@ __all__ = ["NoiseDraw", "draw_noise", "excess_doubt", "raised", "with_noise"]
 Array = NDArray[np.float64]
 
 DRAWS = 32
-"""Number of noise draws. Their standard error is known to ``1/sqrt(2*DRAWS)``, which is 12 %."""
+"""Number of noise draws. The standard error estimated from them is accurate to ``1/sqrt(2*DRAWS)``, which is 12 %."""
 
 FAR = 3.0
 """Ratio of an equation's rms error to that caused by noise. Above it, noise is not the only cause."""
