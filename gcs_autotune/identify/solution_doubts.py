@@ -131,9 +131,9 @@ def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, fl
 
 
 def _is_backward(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> bool:
-    """Return whether the inertia of a degree of freedom is negative, if an input drives it with a known gain.
+    """Return whether a degree of freedom that an input drives with a known gain has a negative inertia.
 
-    It must be negative by :data:`REVERSED` standard errors.
+    The inertia must be below zero by :data:`REVERSED` standard errors.
     """
     driven = {force for pairs in form.inputs.values() for force, gain in pairs if not isinstance(gain, str)}
     inertia = np.diag(CoupledModel(form, {n: values[n] for n in form.parameters}).inertia)

@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 CURVE = "thrust_curve"
 """Key of the thrust curve in ``AxisFit.extra``."""
 BY_DESIGN = ("one-sided-input", "saturated-input")
-"""Slugs of doubts that are expected of these runs. They are of a boat under way, with a burst of full throttle."""
+"""Slugs of doubts that are expected for these runs, in which a boat is under way with a burst of full throttle."""
 
 GRID = (-0.3, 0.2, 0.7, 1.2)
 LEAST, MOST = -0.3, 1.3
@@ -191,7 +191,7 @@ def _neighbours(away: float, std: float) -> bool:
 
 
 def _parabola(points: Sequence[_Point]) -> Array | None:
-    """Return the parabola through the best point and a neighbour on each side, if there are such.
+    """Return the parabola through the best point and a neighbour on each side, if there are any.
 
     Return None if the parabola has no minimum.
     """
@@ -264,7 +264,8 @@ OPPOSITE = math.cos(math.radians(140.0))
 LEAST_CURRENT = 0.04
 """Smallest current that is reported [m/s]. It is about the error of a GPS speed averaged over seconds."""
 SHARE = 0.03
-"""Current relative to the speed that is ignored. It changes no parameter by more than the usual error of the fit."""
+"""Largest ratio of current to speed that is ignored. It changes no parameter by more than the usual error of the fit.
+"""
 SURE = 3.0
 """Number of standard errors that the current must exceed."""
 AROUND = 1.5

@@ -46,8 +46,8 @@ QUADRATIC = "quadratic-actuator"
 DEAD_ZONE = "dead-zone"
 LEVEL = "saturation"
 _UNEXPLAINED = 0.8
-"""Largest ratio of the unexplained part with the curve to that without it, for the curve to be kept. Chosen: a curve
-that matters is far below it."""
+"""Largest ratio of the unexplained part with the curve to that without it, for the curve to be kept. The value is
+chosen: the ratio of a curve that matters is far smaller."""
 _WORTH_A_LOOK = 4.0
 """Unexplained part [percent] of a model with a linear actuator, below which no curve is tried."""
 _BEYOND = 1.1
@@ -55,8 +55,8 @@ _BEYOND = 1.1
 _SIZES = 3
 """Number of oscillation sizes that can distinguish a dead band from a curve."""
 _STDS = 5.0
-"""Number of standard errors by which the curve must differ from a straight line. Chosen: a curve that matters differs
-by far more."""
+"""Number of standard errors by which the curve must differ from a straight line. The value is chosen: a curve that
+matters differs by far more."""
 _WIDEST = 0.6
 """Widest neutral band tried, relative to the smallest oscillation."""
 _LEVELS = 60

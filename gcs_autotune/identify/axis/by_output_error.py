@@ -357,7 +357,7 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
 
 
 def _model_lacking(chosen: Selection, odd: Sequence[OutlierRun]) -> Doubt:
-    """Return a doubt about runs that differ although the model misses something in each of them.
+    """Return a doubt about runs that differ while the model does not explain most of them down to noise.
 
     Such a difference is not a sign of another craft.
     """

@@ -112,7 +112,7 @@ class _Ended:
 
 
 def _passes(task: Task, prior: Prior, levels: Levels, passes: int, *, sigma: bool) -> _Ended | None:
-    """Return the end of at most *passes* passes from *prior*, or None if the first pass diverges."""
+    """Return the result of at most *passes* passes from *prior*, or None if the first pass diverges."""
     ended, close = None, False
     for count in range(1, passes + 1):
         now = _survived(task, prior, levels, sigma=sigma)
@@ -153,7 +153,7 @@ def _next(task: Task, result: FilterResult, covariance: Array, smoothed: Smoothe
 
     It starts at the result of this pass, with a wide spread that never exceeds the first one.
 
-    close : whether the parameters have nearly settled, so that the smoothed first states are reliable.
+    close : whether the parameters have nearly settled, so that the spread of the smoothed first states is reliable.
     """
     first = task.prior
     wide = np.minimum(REPEAT, np.sqrt(np.diag(first.covariance) / np.diag(covariance)))

@@ -86,7 +86,7 @@ class NoiseFilter(ModelProblem):
         kept: dict[tuple[object, ...], Made],
         make: Callable[[Sequence[EffectInstance], ProcessNoise], Made],
     ) -> Made:
-        """Return the result of *make* from the cache, or call it.
+        """Return the result of *make* from the cache, or call it and store the result.
 
         The key contains all that changes the commands: effects, smoothing, and whether runs differ.
         """

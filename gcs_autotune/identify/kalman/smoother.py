@@ -115,7 +115,7 @@ def _rank(ended: Ended) -> tuple[bool, float]:
 
 
 def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
-    """Return the end of at most *rounds* rounds from *theta*, or None if the first round diverges."""
+    """Return the result of at most *rounds* rounds from *theta*, or None if the first round diverges."""
     bank, prior = task.bank, task.prior
     prior = replace(prior, covariance=task.widened(WIDE))
     here, paths, levels = theta[bank.places], task.start.paths, task.start.levels

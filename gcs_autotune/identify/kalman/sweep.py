@@ -132,7 +132,7 @@ def _measurement_update(cov: Array, K: Array, H: Array, r: float) -> None:
 def _keep(matrix: Array, place: Array) -> None:
     """Copy *matrix* to *place*.
 
-    Assignment to a slice would take seconds to compile, because of its error message.
+    Assignment to a slice would take seconds to compile, because it includes an error message.
     """
     for i in range(matrix.shape[0]):
         for j in range(matrix.shape[1]):
