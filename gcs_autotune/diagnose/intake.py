@@ -218,9 +218,9 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
 def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:
     """Return a run flown by this program without its approach and its final stretch.
 
-    The craft behaves differently while the command of another axis is far from its usual value, for example while
-    throttle is applied or thrust is off. A rudder, for instance, acts through the propeller's wash. Such stretches at
-    both ends are left out. The inputs *driven* are kept whole, because an actuator lag depends on earlier commands.
+    The craft behaves differently while the command of another axis is far from its usual value, as when throttle is
+    applied. A rudder, for example, acts through the propeller's wash. Such stretches at both ends are left out. The
+    inputs *driven* are kept whole, because an actuator lag depends on earlier commands.
     """
     if "manoeuvre" not in run.meta:
         return run
