@@ -155,8 +155,7 @@ class WithProcessNoise:
         return other if far or other.total > best.total else best
 
     def rebased(self, ends: Sequence[Attempt]) -> WithProcessNoise:
-        """Return this scorer with a better fit of the present model, if the fit without the best candidate has
-        improved."""
+        """Return this scorer with a better fit of the present model, if a refit from the best of *ends* gives one."""
         present = self.present
         if ends:
             best = max(ends, key=lambda e: e[1].total)[1]

@@ -6,9 +6,9 @@ model during the comparison, because a missing effect biases a refit. A number i
 1. *All numbers together*: the model with its own numbers and the identified causes is less likely than with refitted
    numbers, by more than chance. It also predicts held-out data less well.
 
-2. *Each number*: numbers are reset to the model's values one by one, the least contradicted first, as long as the runs
-   permit it (backward elimination by Wald's statistic). The remaining ones differ by three standard errors. These
-   include the standard errors stated in the model's file.
+2. *Each number*: numbers are reset to the model's values one by one, the least contradicted first. This continues as
+   long as the runs permit it (backward elimination by Wald's statistic). The remaining numbers differ by three standard
+   errors. These include the standard errors stated in the model's file.
 
 3. *It matters*: the number differs by a fiftieth, and without correction the simulation's error grows by as much.
 
@@ -346,8 +346,8 @@ def if_told(value: float, std: float, scale: float) -> tuple[float, float]:
 def _off(old: PlainNumber, value: float, std: float, least: float) -> int:
     """Return whether the simulator's number is too large (1) or too small (-1) for the runs; 0 if neither is certain.
 
-    If the model without the causes has no drag, its gain and time constant are infinite. The simulator's number then
-    counts as too small.
+    Without the causes the craft may have no drag, and so no finite gain or time constant. The simulator's number then
+        counts as too small.
     """
     if not math.isfinite(value):
         return -1
