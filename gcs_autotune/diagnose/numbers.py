@@ -347,7 +347,7 @@ def _off(old: PlainNumber, value: float, std: float, least: float) -> int:
     """Return whether the simulator's number is too large (1) or too small (-1) for the runs; 0 if neither is certain.
 
     Without the causes the craft may have no drag, and so no finite gain or time constant. The simulator's number then
-        counts as too small.
+    counts as too small.
     """
     if not math.isfinite(value):
         return -1
