@@ -186,7 +186,7 @@ def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
 
 
 PATIENCE = 2
-"""Number of needed terms in succession after which no better-determined term is tried."""
+"""Number of terms kept as needed after which no better-determined term is tried."""
 
 CERTAIN = 10.0
 """Standard errors from zero above which a term is needed without a trial.

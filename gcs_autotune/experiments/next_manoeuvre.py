@@ -244,9 +244,9 @@ def rank_by_precision(
     most : force -> normalised output at which its actuators saturate, if known.
 
     Expected standard errors follow from the information (Goodwin1977, chapter 6). They are multiplied by the ratio of
-    the present standard errors to those of the information (coloured residuals), so that an incomplete model does not
-    promise too much. All manoeuvres are first ranked approximately (:data:`ROUGHLY`). The :data:`FINALISTS` best are
-    ranked again as flown and come first.
+    the present standard errors to those of the information, which exceeds 1 for coloured residuals. An incomplete model
+    then does not promise too much. All manoeuvres are first ranked approximately (:data:`ROUGHLY`). The
+    :data:`FINALISTS` best are ranked again as flown and come first.
 
     Raises
     ------

@@ -41,8 +41,8 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     ----------
     run : with psi and delta (or N); r, x, y, u, v, U are used if present.
     ship : for figures in ship lengths and the criteria that depend on L/V.
-    manoeuvre : one of :data:`MANOEUVRES`; None: it is recognised (a reverse spiral or a stop only if requested, or from the
-        run's meta data).
+    manoeuvre : one of :data:`MANOEUVRES`; None: it is recognised (a reverse spiral or a stop only if requested, or
+        from the run's meta data).
 
     Raises
     ------

@@ -60,10 +60,10 @@ class SpiralPoint:
 class Spiral:
     """A spiral's curve and its verdict.
 
-    ``residual_rate`` [rad/s]: half the difference of the rates in both directions at zero helm (direct), or the rate at
-    which the curve crosses zero helm away from the middle (reverse); 0 for a stable craft. ``width``: helm between the
-    jumps (direct) or between the turning points of the curve (reverse). ``slope`` [rad/s per unit of helm]: that of the
-    curve at zero, in the direction of the helm; NaN inside a loop.
+    ``residual_rate`` [rad/s]: for a direct spiral, half the difference of the rates in both directions at zero helm.
+    For a reverse spiral, it is the rate at which the curve crosses zero helm away from the middle. It is 0 for a stable
+    craft. ``width``: helm between the jumps (direct) or between the turning points of the curve (reverse). ``slope``
+    [rad/s per unit of helm]: that of the curve at zero, in the direction of the helm; NaN inside a loop.
     """
 
     run: str

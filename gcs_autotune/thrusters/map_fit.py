@@ -179,8 +179,8 @@ def fit_thruster(
 
     Parameters
     ----------
-    neutral : command of zero force, if known. Otherwise it is 0 for commands of both signs, and fitted for others (pulse
-        widths).
+    neutral : command of zero force, if known. Otherwise it is 0 for commands of both signs, and fitted for others
+        (pulse widths).
     structure : structure of the map; None: it is selected by evidence.
 
     Raises

@@ -31,7 +31,7 @@ class MapStructure:
 
     ``ahead``/``astern``: which sides were tested. ``neutral``: known command of zero force, or None. The parameters of
     the fit are slopes ``c``, then edges ``k``, then the offset of the dynamometer. The slopes are those of the force at
-    the edge of the dead zone and at the end of the range, so that a map with ``c >= 0`` rises.
+    the edge of the dead zone and at the end of the range. A map with ``c >= 0`` therefore rises.
     """
 
     shape: Shape
