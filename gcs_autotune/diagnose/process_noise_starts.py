@@ -99,8 +99,9 @@ NOISES = ((2.0, 1.0), (20.0, 1.0), (20.0, 10.0))
 """Start values of the process noise, in pairs.
 
 The first is the time constant of the force, relative to the craft's. The second is the sensor noise, relative to its
-usual start value. Waves that turn the bow act as noise far above any sensor's. Without the last pair, the fit to one
-craft had a time constant of 0.7 s instead of 18 s and was 17 nats worse (rough water, seed 275, quadratic actuator).
+usual start value. Waves that turn the bow act as noise far above any sensor's. Without the last pair, the time constant
+of one craft was fitted as 0.7 s instead of 18 s. That fit was 17 nats worse (rough water, seed 275, quadratic
+actuator).
 """
 
 MOMENTARY = 2.0

@@ -1,10 +1,10 @@
 """Profile likelihood of one parameter: the best fit as the parameter moves away from its estimate.
 
-At every value all other parameters and initial states are fitted again; the rise of minus twice the log-likelihood
-over its minimum is chi-squared with one degree of freedom (Wilks), so the values below 3.84 make the 95 % interval. It
-need not be symmetric, and it need not close: a side on which the fit does not degrade enough is reported as open
-(Raue2009, "practically non-identifiable"). For coloured residuals the deviance is
-divided by the square of the factor on the fit's standard error.
+At every value all other parameters and initial states are fitted again. The rise of minus twice the log-likelihood over
+its minimum is chi-squared with one degree of freedom (Wilks). The values below 3.84 therefore form the 95 % interval.
+It need not be symmetric or closed. A side on which the fit does not degrade enough is reported as open (Raue2009,
+"practically non-identifiable"). For coloured residuals the deviance is divided by the square of the factor on the fit's
+standard error.
 """
 
 from __future__ import annotations
@@ -42,24 +42,25 @@ __all__ = ["Profile", "profile"]
 Array = NDArray[np.float64]
 
 ROUNDS = 4
-"""Rounds of parameters, then noise, for the fit the profile starts from."""
+"""Iterations of parameters, then noise, in the fit that the profile starts from."""
 
 FARTHEST = 20.0
-"""Distance, in sizes of the parameter, at which a side is given up as open."""
+"""Distance, in sizes of the parameter, beyond which a side counts as open."""
 
 GROWTH, FIRST = 1.6, 0.5
-"""Steps outwards grow by this factor, from this many standard errors on."""
+"""Steps away from the estimate: ratio of successive steps, and first step in standard errors."""
 
 POLISH, CLOSE = 12, 0.01
-"""Most steps to locate an interval's end, and its tolerance relative to the parameter. Chosen."""
+"""Maximum number of steps to locate an interval's end, and its tolerance relative to the parameter."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """``values`` (k,) increasing and ``deviance`` (k,) over the minimum; the interval at ``level``.
+    """Profile of one parameter.
 
-    ``low`` or ``high`` infinite: that side is open, the runs do not bound the parameter there. ``estimate`` is where
-    the likelihood is largest.
+    ``values`` (k,): increasing. ``deviance`` (k,): over the minimum. ``low``, ``high``: the interval at ``level``; an
+    infinite end means that the runs do not bound the parameter there. ``estimate``: the value with the largest
+    likelihood.
     """
 
     name: str
@@ -79,7 +80,7 @@ class Profile:
 
     @property
     def words(self) -> str:
-        """One sentence."""
+        """The interval in one sentence."""
         if self.closed:
             return f"{self.name} is between {self.low:.4g} and {self.high:.4g} {self.unit} ({100 * self.level:.0f} %)"
         if not (math.isfinite(self.low) or math.isfinite(self.high)):
@@ -116,7 +117,7 @@ def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, leve
 
 
 def _likeliest(subject: FittedModel) -> tuple[FittedModel, dict[str, NoiseModel], float]:
-    """Return the subject at its maximum of likelihood, the noise there, and the least cost."""
+    """Return the subject at its maximum likelihood, the noise there, and the minimum cost."""
     objective = subject.objective()
     wide = np.full(objective.size, np.inf)
     found = alternate(objective, objective.pack(), gaussian_noise(subject.noise), -wide, wide, ROUNDS)
@@ -131,7 +132,7 @@ def _likeliest(subject: FittedModel) -> tuple[FittedModel, dict[str, NoiseModel]
 
 @dataclass(slots=True)
 class _Walker:
-    """Moves one parameter and fits all the rest."""
+    """Move one parameter step by step and fit all others."""
 
     subject: FittedModel
     place: int
@@ -140,7 +141,7 @@ class _Walker:
     raised: float
 
     def walk(self, estimate: float, step: float, size: float, threshold: float) -> tuple[float, dict[float, float]]:
-        """Return the end of the interval on one side (infinite: open) and the points visited."""
+        """Return the end of the interval on one side (infinite: open) and the points evaluated."""
         points: dict[float, float] = {}
         state: tuple[Array, tuple[Array, ...]] | None = (self.subject.theta, self.subject.initial)
         inner, value = (estimate, 0.0), estimate
@@ -172,7 +173,7 @@ class _Walker:
     def at(
         self, value: float, near: tuple[Array, tuple[Array, ...]]
     ) -> tuple[float, tuple[Array, tuple[Array, ...]] | None]:
-        """Return the deviance with the parameter at *value* (infinite when no fit runs), and the fit."""
+        """Return the deviance with the parameter at *value* (infinite if no fit converges), and the fit."""
         subject = self.subject
         theta, initial = near[0].copy(), near[1]
         own = subject.free[self.place]
@@ -188,7 +189,7 @@ class _Walker:
 
 
 def _crossing(inner: tuple[float, float], outer: tuple[float, float], threshold: float) -> float:
-    """Return where the square root of the deviance, nearly a straight line, meets that of the threshold."""
+    """Return the crossing of the threshold, from linear interpolation of the square root of the deviance."""
     (a, below), (b, above) = inner, outer
     if not math.isfinite(above):
         return 0.5 * (a + b)
