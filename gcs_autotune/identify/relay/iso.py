@@ -6,9 +6,9 @@ it.
 
 Both drag structures come from the same reading. All corrections are applied: bias (5.13), known delay (6.31), real
 switching value (6.5). The result is approximate, because only the first harmonic is balanced. Output error
-(:mod:`gcs_autotune.identify.solution`) starts from it. Two limit cycles decide between the structures, (7.1)-(7.2). The
-structure whose coefficient scatters less describes the craft better. The scatter of ``alpha``, equal in both, measures
-the confidence.
+(:mod:`gcs_autotune.identify.problems.solution`) starts from it. Two limit cycles decide between the structures,
+(7.1)-(7.2). The structure whose coefficient scatters less describes the craft better. The scatter of ``alpha``, equal
+in both, measures the confidence.
 """
 
 from __future__ import annotations

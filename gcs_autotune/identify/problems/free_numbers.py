@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
-from gcs_autotune.identify.limits import Limits
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.models import Form
 
-__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem", "label_of"]
+__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -198,7 +198,7 @@ class ModelFit:
     @property
     def names(self) -> tuple[str, ...]:
         """Names (f,) of the fitted numbers: base parameters, then those of the effects as a fit calls them."""
-        return (*self.free, *(label_of(self.effects[i], n) for i, n in self.free_effects))
+        return (*self.free, *(self.effects[i].label_of(n) for i, n in self.free_effects))
 
     def own(self, effect: EffectInstance) -> EffectInstance:
         """Return the effect of the same slug and place with this fit's values."""
@@ -214,8 +214,3 @@ class ModelFit:
         variances = np.diag(covariance)[len(self.free) :]
         found = zip(self.free_effects, variances, strict=False)
         return {name: float(np.sqrt(max(v, 0.0))) for (k, name), v in found if k == i}
-
-
-def label_of(own: EffectInstance, name: str) -> str:
-    """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
-    return f"{own.slug}@{own.place}.{name}"
