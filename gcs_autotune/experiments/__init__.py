@@ -13,7 +13,7 @@ drag_choice         the same for the drag of one degree of freedom, with Miskovi
 pictures            figures of these results
 ==================  ===================================================================================
 
-The information matrix is that of the fit: :mod:`gcs_autotune.identify.information`.
+The information matrix is that of the fit: :mod:`gcs_autotune.identify.problems.information`.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, Model, Trace, correlation_time, validate
+from gcs_autotune.identify import Fit, Model, Trace, validate
+from gcs_autotune.identify.signals import correlation_time
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = [

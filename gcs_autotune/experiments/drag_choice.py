@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from gcs_autotune.experiments.cross_validation import amplitudes_of, cross_validated, folds_of
-from gcs_autotune.identify import FREE, AxisFit, Decision, Structure, fit_axis, structure_of, validate
+from gcs_autotune.identify import AxisFit, Decision, Structure, fit_axis, structure_of, validate
 from gcs_autotune.sname import signal_meaning
 from gcs_autotune.trial import Trial
 
@@ -79,7 +79,7 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
     folds = folds_of(runs, (*(d for d in ("delta", fit.model.axis.force)),))
     bic = {c.structure: c.bic for c in fit.candidates}
     table = []
-    for structure in FREE:
+    for structure in get_args(Structure):
 
         def refit(train: Sequence[Trial], structure: Structure = structure) -> AxisFit:
             return fit_axis(train, dof=fit.dof, structure=structure, delay=fit.model.delay)

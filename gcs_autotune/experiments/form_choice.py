@@ -25,7 +25,9 @@ from gcs_autotune.experiments.cross_validation import (
     log_likelihood_of,
     rms_per_signal,
 )
-from gcs_autotune.identify import METHODS, Case, Fit, Model, physical, prepare_form, validate
+from gcs_autotune.identify import METHODS, Case, Fit, Model, validate
+from gcs_autotune.identify.problems import Limits
+from gcs_autotune.identify.signals import prepare_form
 from gcs_autotune.models import RIGID_BODY, CoupledModel, Form, inertia_of
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import SIGNALS
@@ -62,7 +64,7 @@ def complaints_about(fit: Fit[Model]) -> tuple[str, ...]:
     M = model.inertia
     if float(np.linalg.eigvalsh(0.5 * (M + M.T)).min()) <= 0.0:
         found.append("its inertia is not positive")
-    for name in physical(model.form).high:
+    for name in Limits.physical(model.form).high:
         parameter = fit.parameters.get(name)
         if inertia_of(name) is None and parameter is not None and parameter.value > SURE * parameter.std:
             found.append(f"{name} is negative damping")

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.experiments.preview import ManoeuvringRoom, room_of_runs
 from gcs_autotune.experiments.scales import Scales, scales_of
-from gcs_autotune.identify import BLIND, Doubt, Fit, FittedModel, Information, Model, fitted_model_of, information_on
+from gcs_autotune.identify import Doubt, Fit, Model
+from gcs_autotune.identify.problems import BLIND, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.models import STATES, inertia_of
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
@@ -252,7 +253,7 @@ def identifiability(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> Identif
     Raises
     ------
     UsageError, NotInformative
-        As :func:`gcs_autotune.identify.information.fitted_model_of`.
+        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
     """
     return check_identifiability(fitted_model_of(fit, trials))
 

@@ -28,7 +28,8 @@ from gcs_autotune.experiments.preview import (
     allocation_of_shares,
     fly,
 )
-from gcs_autotune.identify import Fit, FittedModel, Information, Model, fitted_model_of, information_on
+from gcs_autotune.identify import Fit, Model
+from gcs_autotune.identify.problems import FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial

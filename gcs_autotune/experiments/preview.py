@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import FittedModel, Segment, Signal
+from gcs_autotune.identify.problems import FittedModel
+from gcs_autotune.identify.signals import Segment, Signal
 from gcs_autotune.manoeuvres import Preset, fly_on
 from gcs_autotune.models import FORCES, Form, Simulator, states_of
 from gcs_autotune.sname import DOFS, SIGNALS

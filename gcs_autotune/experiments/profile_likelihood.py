@@ -11,29 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.errors import NotInformative
 from gcs_autotune.experiments.scales import scales_of
-from gcs_autotune.identify import (
-    Fit,
-    FittedModel,
-    Limits,
-    Model,
-    NoiseModel,
-    Objective,
-    Problem,
-    alternate,
-    descend,
-    fitted_model_of,
-    gaussian_noise,
-    information_on,
-)
+from gcs_autotune.identify import Fit, Model
+from gcs_autotune.identify.problems import MostLikely, fitted_model_of, information_on
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
@@ -98,14 +84,15 @@ def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, leve
     UnknownName
         *name* was not fitted.
     UsageError, NotInformative
-        As :func:`gcs_autotune.identify.information.fitted_model_of`.
+        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
     """
     subject = fitted_model_of(fit, trials)
     place = lookup({n: i for i, n in enumerate(subject.names)}, name, "fitted parameter")
-    subject, laws, least = _likeliest(subject)
+    likeliest = MostLikely.of(subject, ROUNDS)
+    subject = likeliest.subject
     std, size = float(information_on(subject).std[place]), float(scales_of(subject).size[place])
     raised = (fit.parameters[name].std / std) ** 2
-    walker = _Walker(subject, place, laws, least, max(1.0, raised))
+    walker = _Walker(likeliest, place, max(1.0, raised))
     threshold = chi_square.quantile(level, 1)
     estimate = float(subject.values[place])
     first = FIRST * min(std, size)
@@ -116,41 +103,26 @@ def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, leve
     return Profile(name, subject.units[place], estimate, level, threshold, values, deviance, low, high)
 
 
-def _likeliest(subject: FittedModel) -> tuple[FittedModel, dict[str, NoiseModel], float]:
-    """Return the subject at its maximum likelihood, the noise there, and the minimum cost."""
-    objective = subject.objective()
-    wide = np.full(objective.size, np.inf)
-    found = alternate(objective, objective.pack(), gaussian_noise(subject.noise), -wide, wide, ROUNDS)
-    if found is None:
-        raise NotInformative(f"the model '{subject.form.name}' diverges on its runs")
-    minimum, laws = found
-    theta, _, initial, _ = objective.unpack(minimum.x)
-    local = objective.at(minimum.x, laws)
-    assert local is not None
-    return replace(subject, theta=theta, initial=initial), laws, local.cost
-
-
 @dataclass(slots=True)
 class _Walker:
     """Move one parameter step by step and fit all others."""
 
-    subject: FittedModel
+    likeliest: MostLikely
     place: int
-    laws: dict[str, NoiseModel]
-    least: float
     raised: float
 
     def walk(self, estimate: float, step: float, size: float, threshold: float) -> tuple[float, dict[float, float]]:
         """Return the end of the interval on one side (infinite: open) and the points evaluated."""
         points: dict[float, float] = {}
-        state: tuple[Array, tuple[Array, ...]] | None = (self.subject.theta, self.subject.initial)
+        begin = (self.likeliest.subject.theta, self.likeliest.subject.initial)
+        state: tuple[Array, tuple[Array, ...]] | None = begin
         inner, value = (estimate, 0.0), estimate
         while True:
             value += step
             step *= GROWTH
             if abs(value - estimate) > FARTHEST * size:
                 return math.copysign(math.inf, step), points
-            deviance, after = self.at(value, state or (self.subject.theta, self.subject.initial))
+            deviance, after = self.at(value, state or begin)
             if math.isfinite(deviance):
                 points[value] = deviance
             if deviance > threshold:
@@ -159,7 +131,7 @@ class _Walker:
         outer = (value, deviance)
         for _ in range(POLISH):
             middle = _crossing(inner, outer, threshold)
-            deviance, after = self.at(middle, state or (self.subject.theta, self.subject.initial))
+            deviance, after = self.at(middle, state or begin)
             if math.isfinite(deviance):
                 points[middle] = deviance
             if deviance > threshold:
@@ -173,19 +145,12 @@ class _Walker:
     def at(
         self, value: float, near: tuple[Array, tuple[Array, ...]]
     ) -> tuple[float, tuple[Array, tuple[Array, ...]] | None]:
-        """Return the deviance with the parameter at *value* (infinite if no fit converges), and the fit."""
-        subject = self.subject
-        theta, initial = near[0].copy(), near[1]
-        own = subject.free[self.place]
-        theta[subject.form.parameters.index(own)] = value * subject.signs[self.place]
-        others = tuple(n for n in subject.free if n != own)
-        objective = Objective(Problem(subject.form, subject.records, None, Limits({}, {}), others), theta, initial)
-        wide = np.full(objective.size, np.inf)
-        found = descend(partial(objective.at, noise=self.laws), objective.pack(), -wide, wide)
+        """Return the deviance with the parameter at *value* (infinite when no fit runs), and the fit."""
+        found = self.likeliest.holding(self.place, value, *near)
         if found is None:
             return math.inf, None
-        there, _, states, _ = objective.unpack(found.x)
-        return max(0.0, found.cost - self.least) / self.raised, (there, states)
+        cost, theta, initial = found
+        return max(0.0, cost - self.likeliest.cost) / self.raised, (theta, initial)
 
 
 def _crossing(inner: tuple[float, float], outer: tuple[float, float], threshold: float) -> float:

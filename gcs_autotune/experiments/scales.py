@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify import FittedModel, RecordedMotion, model_delay
+from gcs_autotune.identify.problems import FittedModel
 from gcs_autotune.models import SPECIAL, balance_of, program_of, states_of
 
 __all__ = ["FELT", "Scales", "scales_of"]
@@ -61,7 +61,7 @@ def scales_of(subject: FittedModel) -> Scales:
 def _forces(subject: FittedModel) -> tuple[Array, Mapping[str, Array]]:
     """Return the largest force (k,) of each equation, and the largest effect (k,) of one unit of each parameter."""
     form = subject.form
-    motions = [_moving(subject, i) for i in range(len(subject.records))]
+    motions = [subject.recorded_motion(i) for i in range(len(subject.records))]
     zero = np.where([n in SPECIAL for n in form.parameters], subject.theta, 0.0)
     balances = [balance_of(program_of(form), zero, m.X, m.nu_dot, m.inputs) for m in motions]
     strongest = np.max([np.abs(b.values).max(axis=0) for b in balances], axis=0)
@@ -72,17 +72,6 @@ def _forces(subject: FittedModel) -> tuple[Array, Mapping[str, Array]]:
         effects[name] = np.max([np.abs(b.by[:, :, place]).max(axis=0) for b in balances], axis=0)
         strongest = np.maximum(strongest, effects[name] * abs(subject.theta[place]))
     return strongest, effects
-
-
-def _moving(subject: FittedModel, i: int) -> RecordedMotion:
-    form, record = subject.form, subject.records[i]
-    t, X = subject.motion(i)
-    t, at = np.unique(t, return_index=True)
-    k = len(form.dofs)
-    nu_dot = np.gradient(X[at, k : 2 * k], t, axis=0) if len(t) > 1 else np.zeros((len(t), k))
-    row = np.searchsorted(record.t_in, t - model_delay(form, subject.theta), side="right") - 1
-    inputs = np.ascontiguousarray(record.inputs[np.maximum(row, 0)])
-    return RecordedMotion(t, np.ascontiguousarray(X[at]), nu_dot, inputs, np.ones(k, dtype=bool))
 
 
 def _felt_special(subject: FittedModel, name: str) -> float:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import NU, GriddedMotion, Segment, drives_of, motion_of, prepare_form
+from gcs_autotune.identify.regression import NU, GriddedMotion, drives_of, motion_of
+from gcs_autotune.identify.signals import Segment, prepare_form
 from gcs_autotune.models import RIGID_BODY, SPECIAL, Form, force_columns, inertia_columns, inertia_of, program_of
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial

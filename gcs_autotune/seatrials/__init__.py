@@ -15,7 +15,7 @@ Models are fitted to the same runs by the methods ``step`` and ``zig-zag`` (:mod
 
 from __future__ import annotations
 
-from gcs_autotune.identify import Reading
+from gcs_autotune.identify.open_loop import Reading
 from gcs_autotune.seatrials.closed_loop import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED
 from gcs_autotune.seatrials.criteria import Figure, Particulars, Sheet
 from gcs_autotune.seatrials.figures import MANOEUVRES, ship_figures

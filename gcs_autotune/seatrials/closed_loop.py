@@ -19,14 +19,10 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.axes import AxisKind, position_axis
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import (
-    Doubt,
-    Reading,
-    harmonic_response,
-    loop_cycles,
-    loop_process,
-    loop_trial,
-)
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.frequency import harmonic_response
+from gcs_autotune.identify.open_loop import Reading
+from gcs_autotune.identify.relay import loop_cycles, loop_process, loop_trial
 from gcs_autotune.models import TransferFunction
 from gcs_autotune.seatrials.criteria import Figure, Particulars, Sheet, judged, known
 from gcs_autotune.slow_imports import scipy_signal

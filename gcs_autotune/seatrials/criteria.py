@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import Doubt, Reading
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import Reading
 
 __all__ = [
     "Criterion",

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import CONTRADICTION, Doubt, Reading, ShipLog, ship_log
+from gcs_autotune.identify import CONTRADICTION, Doubt
+from gcs_autotune.identify.open_loop import Reading, ShipLog, ship_log
 from gcs_autotune.registry import lookup, same_name
 from gcs_autotune.seatrials.closed_loop import closed_loop_sheet
 from gcs_autotune.seatrials.criteria import (

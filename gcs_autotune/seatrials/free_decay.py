@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import Doubt, Reading
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import Reading
 from gcs_autotune.seatrials.criteria import Particulars, Sheet, judged, known
 from gcs_autotune.trial import Trial
 

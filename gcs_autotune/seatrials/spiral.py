@@ -20,18 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import (
-    Doubt,
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import (
     Reading,
     ShipLog,
     StepReading,
     find_holds,
     mean_reading,
-    prepare,
     rate_of,
     read_steps,
     steered,
 )
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.trial import Trial
 
 __all__ = ["PullOut", "Spiral", "SpiralPoint", "read_pull_out", "read_reverse_spiral", "read_spiral"]

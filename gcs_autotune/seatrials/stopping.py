@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import Doubt, LocalFit, Reading, clean, find_holds, local_fit
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import LocalFit, Reading, find_holds, local_fit
+from gcs_autotune.identify.signals import clean
 from gcs_autotune.seatrials.criteria import TRACK_REACH, Particulars, Sheet, in_lengths, judged, known
 from gcs_autotune.trial import Channel, Trial
 

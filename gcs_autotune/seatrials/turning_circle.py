@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import Doubt, Hold, Reading, ShipLog, find_holds, local_fit, mean_reading
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import Hold, Reading, ShipLog, find_holds, local_fit, mean_reading
 
 __all__ = ["Current", "Track", "TurningCircle", "current_of", "read_turning_circle", "track_of"]
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import (
-    Doubt,
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import (
     Execute,
     LocalFit,
     Reading,
@@ -25,11 +25,11 @@ from gcs_autotune.identify import (
     find_executes,
     local_fit,
     nomoto_of,
-    prepare,
     rows_of,
     solve_zigzag,
     steered,
 )
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.seatrials.criteria import (
     FIRST_OVERSHOOT_20,
     INITIAL_TURNING,

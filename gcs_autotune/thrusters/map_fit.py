@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import Doubt, Local, Parameter, Status, descend, inverse_of
+from gcs_autotune.identify import Doubt, Parameter, Status
+from gcs_autotune.identify.problems import Local, descend, inverse_of
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.thrusters.pull_test import PullTest, resolution
 from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap, all_structures

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import Doubt, Parameter, inverse_of
+from gcs_autotune.identify import Doubt, Parameter
+from gcs_autotune.identify.problems import inverse_of
 
 __all__ = ["OpenWater", "OpenWaterTest", "PropellerFit", "fit_bilinear", "fit_open_water"]
 
