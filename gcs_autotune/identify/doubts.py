@@ -15,10 +15,11 @@ import numpy as np
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.solution import Solution
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.result import Decision, LimitCycle, Parameter
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import SingleDof
 
 __all__ = [

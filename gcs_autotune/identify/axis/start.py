@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import Explicit
-from gcs_autotune.identify.limits import Limits
+from gcs_autotune.identify.problems.limits import Limits
 from gcs_autotune.identify.result import IsoEstimate
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import simulate_explicit
 
 __all__ = ["DELAYS", "Bounds", "bounds_of", "misfit", "start_from_cycles", "start_from_scan"]

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Limits, Objective
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.reweighting import Effort
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import THOROUGH, Solution, solve_form
+from gcs_autotune.identify.problems.delay import SEARCHED_DELAYS, weigh_delay
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import Effort
+from gcs_autotune.identify.problems.solution import THOROUGH, Solution, solve_form
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["Delayed", "LocalFit", "fit_with_delay", "local_fit"]

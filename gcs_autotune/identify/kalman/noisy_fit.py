@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.free_numbers import ModelFit
 from gcs_autotune.identify.kalman.noisy_objective import log_density
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.problems.free_numbers import ModelFit
 
 __all__ = ["NoisyFit", "Tangent"]
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.free_numbers import FreeNumbers
 from gcs_autotune.identify.kalman.noise_filter import NoiseFilter
-from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.kalman.process_noise import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING, ProcessNoise
+from gcs_autotune.identify.problems.free_numbers import FreeNumbers
 
-__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "NoisyObjective", "log_density"]
+__all__ = ["NoisyObjective", "log_density"]
 
 Array = NDArray[np.float64]
 
@@ -38,16 +38,6 @@ LONGEST_MOVE = 2.0
 
 LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
 """Limits of the time constant of a smoother, in sampling intervals of the record."""
-
-LONGEST_WAVE = 20.0
-"""Longest period [s] of waves. Slower motion is part of the drifting force."""
-
-LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
-"""Limits of the damping ratio of waves.
-
-Below the lower limit the motion is vibration of a machine. Above the upper limit it is not a narrow band. Fossen2011
-fits 0.1 to 0.26 to usual sea states.
-"""
 
 SHORTEST_MEMORY = 2.0
 """Shortest time constant of the drifting force, in sampling intervals. A faster force cannot be distinguished from

@@ -21,8 +21,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.open_loop.steps import StepReading
-from gcs_autotune.identify.result import Doubt
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = [

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.open_loop.readings import Hold, LocalFit, Reading, find_holds, local_fit
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 
 __all__ = ["SETTLED", "StepReading", "read_steps"]
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.open_loop.readings import local_fit, rate_of
 from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.trial import Channel
 
 __all__ = ["HalfPeriodValues", "Instant", "IntegralRows", "find_instants", "half_periods", "rows_of", "solve_rows"]

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
-from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
@@ -32,7 +33,7 @@ from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.identify.regression.rows import Rows
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
 from gcs_autotune.identify.regression.spread import excess_doubt
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.models import CoupledModel
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS, Smooth
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, program_of
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.registry import lookup

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.regression.motion import GriddedMotion
-from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models import CoupledModel, Form, program_of
 from gcs_autotune.models.coupled import kernel
 

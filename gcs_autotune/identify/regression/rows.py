@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import GriddedMotion
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, force_columns, inertia_columns
 
 __all__ = ["EQUATIONS", "Rows", "rows_of"]

@@ -22,7 +22,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.optimize import minimize_scalar
 
-from gcs_autotune.identify.segment import Signal
+from gcs_autotune.identify.signals.segment import Signal
 from gcs_autotune.smoothing import best_width, local_polynomials
 
 __all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spline"]

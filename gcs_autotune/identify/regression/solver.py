@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.problems.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.regression.rows import Rows
-from gcs_autotune.identify.whiteness import scores_covariance
+from gcs_autotune.identify.signals.whiteness import scores_covariance
 from gcs_autotune.models import SPECIAL, Form, inertia_matrix, inertia_of, program_of
 
 __all__ = ["Barrier", "Equations", "Estimate", "solve"]

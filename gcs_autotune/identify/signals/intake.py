@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import BadFile, DataError, MissingChannel
-from gcs_autotune.identify.cleaning import JUMP_SAMPLES, jumps_back
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.cleaning import JUMP_SAMPLES, jumps_back
 from gcs_autotune.sname import DOFS, OVERFULL
 from gcs_autotune.trial import Channel, Trial
 

@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import Local, Minimum, Rules, descend
-from gcs_autotune.identify.likelihood import Residual
-from gcs_autotune.identify.noise import NoiseModel
+from gcs_autotune.identify.problems.least_squares import Local, Minimum, Rules, descend
+from gcs_autotune.identify.problems.likelihood import Residual
+from gcs_autotune.identify.problems.noise import NoiseModel
 
 __all__ = ["NOISE_ROUNDS", "Effort", "alternate", "errors_of", "likeliest", "rounding_error"]
 

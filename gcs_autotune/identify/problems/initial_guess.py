@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.free_numbers import StampedProblem
-from gcs_autotune.identify.least_squares import Rules, descend
-from gcs_autotune.identify.likelihood import Limits, Objective, first_input
-from gcs_autotune.identify.noise import gaussian_noise
-from gcs_autotune.identify.quick_fit import first_levels
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.problems.free_numbers import StampedProblem
+from gcs_autotune.identify.problems.least_squares import Rules, descend
+from gcs_autotune.identify.problems.likelihood import Limits, Objective, first_input
+from gcs_autotune.identify.problems.noise import gaussian_noise
+from gcs_autotune.identify.problems.quick_fit import first_levels
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import (
     COEFFICIENTS,
     LEVER_ARM,
@@ -335,7 +334,7 @@ class InitialGuess:
             inertia = inertia_of(name) if name.endswith("dot") else None
             if inertia is not None and inertia.row == inertia.column and not _has_rigid_body(self.form):
                 high[name] = -LIGHTEST * (scale or 1.0)
-        return limits.within(Limits({}, high)).within(physical(self.form))
+        return limits.within(Limits({}, high)).within(Limits.physical(self.form))
 
     def pieces(self) -> tuple[tuple[Segment, ...], tuple[Array, ...]]:
         """Return the records cut into short pieces, and the smoothed initial state of each piece."""

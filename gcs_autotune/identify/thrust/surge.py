@@ -26,9 +26,9 @@ from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.api import fit_axis
 from gcs_autotune.identify.axis.form import Structure, structure_of
-from gcs_autotune.identify.free_numbers import label_of
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import free_run
-from gcs_autotune.identify.result import AxisFit, Doubt, Parameter
+from gcs_autotune.identify.result import AxisFit, Parameter
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -246,7 +246,7 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
     curve = EffectInstance("quadratic-actuator", fit.model.axis.force, {"share": min(square, 1.0)}, {"u_ref": 1.0})
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     known = {n: replace(p, std=float(s)) for (n, p), s in zip(fit.parameters.items(), stds, strict=False)}
-    label = label_of(curve, "share")
+    label = curve.label_of("share")
     known[label] = Parameter(label, curve["share"], "1", std)
     doubts = tuple(d for d in fit.doubts if d.slug not in BY_DESIGN)
     if not std <= UNKNOWN:

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual
-from gcs_autotune.identify.free_numbers import FreeNumbers, StampedProblem
-from gcs_autotune.identify.least_squares import Local
-from gcs_autotune.identify.limits import Limits
-from gcs_autotune.identify.noise import NoiseModel
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import SegmentSimulator, free_states, simulator_of, typical_of
+from gcs_autotune.identify.problems.free_numbers import FreeNumbers, StampedProblem
+from gcs_autotune.identify.problems.least_squares import Local
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.identify.problems.noise import NoiseModel
+from gcs_autotune.identify.problems.simulators import SegmentSimulator, free_states, simulator_of, typical_of
+from gcs_autotune.identify.signals.segment import Segment
 
 __all__ = [
     "Limits",
