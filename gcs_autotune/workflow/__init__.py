@@ -1,4 +1,4 @@
-"""Whole jobs, from link to report: what the command line's verbs do.
+"""Complete jobs from the link to the report, one for each command of the command line.
 
 * ``mission``: one job on one vehicle, declared before anything moves and carried out in one order. ``tune``,
   ``experiment`` and ``fly`` are three declarations of it. They share ``settings``, ``connection``, ``preflight``, the
