@@ -70,10 +70,10 @@ LEAST = 0.15
 Project choice.
 """
 TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
-"""Turn limits of the thrust check. Project choice.
+"""Heading change under thrust alone above which the thrust check fails, for one thruster and for several.
 
-A boat whose rudder is off centre turns less than the first under thrust alone. A craft with one dead thruster of
-several turns by more than the second.
+A boat whose rudder is off centre turns less than the first. A craft with one dead thruster of several turns by more
+than the second. Project choice.
 """
 _MANUAL_SCALES = 1
 _CAP = "MOT_THR_MAX"
@@ -154,7 +154,7 @@ def _thrust_check(firmware: Firmware, servos: ServoMap, throttle: float, output:
 
 
 def _outlets(driving: Sequence[tuple[Output, float]]) -> tuple[Outlet, ...]:
-    """Return the servo outputs that produce a force, each with the PWM [us] that full force adds to its trim."""
+    """Return the servo outputs *driving* a force, each with the PWM [us] that full force adds to its trim."""
     return tuple(
         Outlet(o.channel, o.trim, o.sign * factor * (o.high - o.trim if o.sign * factor > 0.0 else o.trim - o.low))
         for o, factor in driving

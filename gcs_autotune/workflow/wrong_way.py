@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 LOOKED_AT = 8.0
 """Length [s] of the last part of a record that is searched for the cause of a tripped limit. Project choice."""
 STEERED, IDLE, FELT = 0.04, 0.02, 0.15
-"""Rms steering [fraction of full] that counts as steered, smallest throttle, and smallest effect that steering has on a
-spinning craft. Project choice."""
+"""Rms steering [fraction of full] that counts as steered; smallest throttle; and rms steering above which a turn counts
+as made against the steering. Project choice."""
 SAME = 0.6
 """Correlation of turn rate and steering (about zero) above which one is considered to follow the other.
 
@@ -106,7 +106,10 @@ def _accelerations(s: _Stretch) -> tuple[float, float]:
 
 
 def tripped(error: GuardTripped) -> str:
-    """Return the name of the limit that tripped for a reported cause, so that no larger limit is suggested."""
+    """Return the sentence that a safety limit tripped.
+
+    No larger limit is suggested, because the cause is already reported.
+    """
     return f"This tripped the safety limit '{error.guard}'. The actuators were brought to neutral"
 
 
@@ -115,7 +118,10 @@ def _degrees(angle: float) -> str:
 
 
 def _wrong_thruster(firmware: Firmware, servos: ServoMap, turned: float) -> str:
-    """Return which of two thrusters is reversed: thrust ahead turned the craft towards its side."""
+    """Return which of two thrusters is reversed or dead, judged by the side to which thrust *turned* the craft.
+
+    Empty if unclear.
+    """
     if firmware.frame_parameter or len(servos.driving("X")) < 2:
         return ""
     pulls = [o for o, factor in servos.driving("N") if factor * turned < 0.0]
