@@ -23,7 +23,8 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class UnitMistake:
-    """A common unit mistake: the user typed the value in the unit *words* instead of multiplying it by ``factor``."""
+    """A common unit mistake: the user typed the value in the unit *words*, so the intended value is ``factor`` times
+    it."""
 
     factor: float
     words: str
