@@ -167,7 +167,10 @@ def _dumped(lines: _Lines) -> Iterator[Heard]:
 
 
 def _message(name: str, values: dict[str, str]) -> SimpleNamespace:
-    """Return a message with numeric fields. SERVO_OUTPUT_RAW of MAVLink 1 contains only the first port."""
+    """Return a message with numeric fields.
+
+    In MAVLink 1, SERVO_OUTPUT_RAW has no ``port``, and the first one is used.
+    """
     fields: dict[str, float | int | str] = {k: v if k in TEXTS else _number(v) for k, v in values.items()}
     if name == "SERVO_OUTPUT_RAW":
         fields.setdefault("port", 0)
