@@ -42,7 +42,8 @@ _HEADER_LENGTH, _CHECKSUM = 10, 2
 class Frame(NamedTuple):
     """One complete frame as received, decoded.
 
-    ``name`` is e.g. ``ATTITUDE`` or ``UNKNOWN_12345``. ``origin`` is the sender's address, on links with several senders.
+    ``name`` is e.g. ``ATTITUDE`` or ``UNKNOWN_12345``. ``origin`` is the address of
+    the sender, on links with several senders.
     """
 
     raw: bytes
