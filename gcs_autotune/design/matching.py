@@ -233,9 +233,9 @@ class _Residuals:
         self._last = None
 
     def __call__(self, x: Array, anchor: Array) -> Array:
-        """Return the vector at *x*.
+        """Return the residual vector at *x*.
 
-        It is cached, because least squares asks for the slopes at the point of its last step.
+        It is cached, because least squares next needs the slopes at the point of its last step.
         """
         asked = x.tobytes()
         if self._last is not None and self._last[0] == asked and self._last[1] is anchor:

@@ -149,7 +149,7 @@ class Line:
 
 
 class Guess(NamedTuple):
-    """A first guess of the clock: scale, a time of the run, and the simulation's time at that moment [s].
+    """A first guess of the clock: scale, a time on the run's clock, and the same time on the simulation's clock [s].
 
     ``is_usual``: the alignment is one of the usual ones (equal stamps, equal beginnings). ``is_stamped``: it is the
     alignment of the stamps themselves.

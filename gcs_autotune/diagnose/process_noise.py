@@ -85,7 +85,7 @@ class NoiseSearch:
     own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     """Held-out gain of each cause over the model without it."""
     interval: str = ""
-    """Description of how the result changes with the interval between the judged samples; empty if it does not."""
+    """Description of how the result changes with the sampling interval of the thinned runs; empty if it does not."""
 
     @property
     def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
