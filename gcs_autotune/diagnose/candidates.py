@@ -293,7 +293,7 @@ def _begun(problem: Problem, fitted: Fitted, own: EffectInstance) -> Fitted:
 
 
 def _grown(entry: Effect, own: EffectInstance, growing: Sequence[str], share: float) -> EffectInstance:
-    """Return an effect scaled by a factor."""
+    """Return an effect whose distance from no effect is scaled by a factor."""
     zero = {n: entry.neutral.get(n, 0.0) for n in growing}
     return own.with_values({n: zero[n] + share * (own.values[n] - zero[n]) for n in growing})
 

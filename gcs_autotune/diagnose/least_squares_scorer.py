@@ -84,7 +84,7 @@ class LeastSquares:
 
     @property
     def runners(self) -> int:
-        """Number of candidates that are fitted until they converge."""
+        """Number of candidates that are fitted to convergence."""
         return RUNNERS
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[Attempt]:

@@ -45,7 +45,7 @@ FEWEST = 60
 """Minimum number of samples that the longest run keeps."""
 
 GROWTH = 1.6
-"""Ratio of successive intervals tried."""
+"""Ratio of successive sampling intervals that are tried."""
 
 WIDER = (2.0, 4.0)
 """Factors on the present interval, at which the plain model must give the same result."""
