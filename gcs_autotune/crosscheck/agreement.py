@@ -153,7 +153,7 @@ def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expe
 def _still_part(
     windows: Windows, position: Series, rate: Series, total: Array, expected: Expected, whole: Comparison
 ) -> Comparison | None:
-    """Return a comparison if one side stands still, or at one value, in a part of the run while the rest agrees."""
+    """Return a comparison if one side does not change in a part of the run, while the rest of the run agrees."""
     sides = windows.slopes(position.x), _predicted(windows, position, rate, total, 0.0)
     noises = _noises(windows, position, rate)
     hop = windows.span / windows.overlap

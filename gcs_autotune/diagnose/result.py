@@ -300,8 +300,8 @@ class MissingCurve:
 class Waves:
     """Waves during the runs.
 
-    ``period`` [s] and damping ratio of their band; standard deviations of the measured oscillation [m, rad] and of the
-    force.
+    ``period`` [s] and ``damping`` (ratio): those of the frequency band. ``swing`` [m, rad]: standard deviation of the
+    measured oscillation. ``force``: that of the force.
     """
 
     period: float

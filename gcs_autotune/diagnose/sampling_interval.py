@@ -63,7 +63,7 @@ LEGS = 2.0
 """Minimum horizon of compared predictions, in correlation times of the commands."""
 
 NICE = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-"""Rounded values [s] of the prediction horizon."""
+"""Values [s] that the prediction horizon is rounded to."""
 
 NEAREST, ROUGH = 3, 3
 """NEAREST: number of terms fitted to convergence at each interval. ROUGH: scoring iterations of rough fits."""

@@ -23,7 +23,7 @@ from gcs_autotune.models import SingleDof
 __all__ = ["SubYaw"]
 
 REPAID = 0.1
-"""Overshoot that the control structure causes.
+"""Overshoot, relative to the step, that the control structure causes.
 
 The craft lags the moving target at first and must then turn faster to catch up. No rate gains can avoid this.
 """
