@@ -291,7 +291,7 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Return bounds: thrust does not increase with speed, and the loss at the highest speed is at most four times
-        it."""
+        the thrust."""
         return {"loss": (0.0, 4.0 / _fastest(place, data))}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
