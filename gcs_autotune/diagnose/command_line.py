@@ -51,7 +51,7 @@ NEAR: largest distance, relative to the usual interval between changes. SIZES: l
 FEWEST, FREE = 3, 4
 """Minimum number of paired changes to fit an offset (FEWEST), and to fit a scale as well (FREE).
 
-Each is one more than the number of parameters of the line, plus one for the check.
+More changes are required than the line has parameters, so that the fit can be checked.
 """
 
 NEIGHBOURS = 5

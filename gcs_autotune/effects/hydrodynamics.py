@@ -405,7 +405,8 @@ LENGTHS = (0.1, 0.3, 0.8)
 
 
 class GroundEffect(Effect):
-    """All drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``, as near the bottom.
+    """All drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``, so that it grows near the
+    bottom.
 
     ``bottom`` is the deepest recorded ``z``. If the true bottom is deeper by h, ``strength`` becomes ``exp(-h/length)``
     times its value at the bottom, and the motion is the same. If heave is simulated, the simulated depth is used;
