@@ -58,7 +58,7 @@ __all__ = [
 Strategy = Callable[[SearchState], SearchState | None]
 
 MOST_CAUSES = 6
-"""Maximum number of causes; an instrumented craft has three or four of its own."""
+"""Maximum number of causes; an instrumented craft usually has three or four."""
 
 DONE = 0.5
 """Whiteness p-value above which only disturbances are still tried."""
