@@ -111,7 +111,7 @@ class Findings:
 
     @property
     def relays(self) -> Sequence[LimitCycle]:
-        """Limit cycles, if a relay was flown."""
+        """Limit cycles of the runs, empty if no relay was flown."""
         return self.case.cycles if self.case.relay_flown else ()
 
 
@@ -126,7 +126,7 @@ REVERSED_INPUT = Doubt(
     "a positive input turns or pushes against the SNAME convention, so the fitted parameters are negative",
     "this is normal for a rudder angle; otherwise check wiring and sign of the channel",
 )
-"""Doubt about one input and one motion whose inertia is negative."""
+"""Doubt for a model with negative inertia, which indicates an input of reversed sign."""
 
 
 def _few_periods(f: Findings) -> Doubt | None:

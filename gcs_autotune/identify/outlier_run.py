@@ -37,8 +37,8 @@ SIGMAS = 6.0
 """Significance limit of a run's distance from the others. It has the probability of six standard errors of one
 parameter."""
 CHANGE = 0.20
-"""Relative difference of a parameter that is also required. Two long runs of one craft may differ significantly by
-less."""
+"""Smallest relative difference of a parameter that is also required. Two long runs of one craft may differ
+significantly by less."""
 
 CHANCE = 1e-6
 """Probability of examining runs more closely although they agree."""

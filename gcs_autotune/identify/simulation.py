@@ -20,7 +20,7 @@ __all__ = ["extended_of", "simulated"]
 Array = NDArray[np.float64]
 
 STEP = 0.1
-"""Time [s] between stamps if none are supplied."""
+"""Time [s] between the stamps of a simulation, if the caller supplies none."""
 
 
 def extended_of(fit: Fit[Model]) -> ExtendedModel:

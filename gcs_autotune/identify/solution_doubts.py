@@ -31,7 +31,7 @@ FAR, OFTEN = 6.0, 0.005
 which a doubt is raised."""
 
 SIGNIFICANCE = 0.01
-"""Probability of keeping an effect that does not exist."""
+"""Probability that the test keeps an effect that does not exist."""
 
 REVERSED = 2.0
 """Standard errors below zero from which an input counts as reversed."""

@@ -44,7 +44,7 @@ __all__ = ["fit_by_output_error", "fit_doubts"]
 Array = NDArray[np.float64]
 
 HALF = 0.5
-"""Relative standard error above which a parameter counts as unknown."""
+"""Relative standard error above which a parameter counts as unknown. A fit without any known parameter is rejected."""
 
 GOOD_START = 0.05
 """Fraction of the motion's variance that an IS-O start may leave unexplained. Above it a scan is tried too."""

@@ -85,9 +85,9 @@ class Searched:
 
 
 def box_of(ground: InitialGuess, limits: Limits) -> Box:
-    """Return a wide box, scaled by the sizes of forces and motions.
+    """Return a wide search box for the free parameters.
 
-    Inertia is positive. The box is cut to *limits*.
+    Its size follows from the forces and motions. Inertia is positive. The box is cut to *limits*.
     """
     form, scales = ground.form, dict(zip(ground.regression.names, ground.regression.scales, strict=True))
     speed = max(float(np.max(np.abs(m.X))) for m in ground.motions)
@@ -229,7 +229,7 @@ BUDGET = 150
 """Default budget of both searches together: simulations of all records per free parameter."""
 
 LEAST = 50
-"""Smallest budget [simulations of all records]."""
+"""Smallest budget that is accepted [simulations of all records]. A smaller one raises UsageError."""
 
 OPTIONS = (
     *LIMIT_OPTIONS,

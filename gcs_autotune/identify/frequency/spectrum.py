@@ -54,11 +54,11 @@ ROUNDS = 3
 """Number of times the model is fitted and subtracted. The third round changes a gain by less than its error."""
 
 STRONG = 1e-4
-"""Smallest input power, relative to the strongest point, of points used to fit the model."""
+"""Smallest input power of the points to which the first-order model is fitted, relative to the strongest point."""
 
 
 BLOCKS = 4
-"""Number of pieces of a record for which the balance of mean forces is calculated."""
+"""Number of pieces of each record in which the mean forces are balanced, to estimate the constant force."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,7 +26,7 @@ __all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
 Array = NDArray[np.float64]
 
 MOST_POINTS = 200
-"""Maximum number of points of a history kept for plots."""
+"""Maximum number of points of a parameter's history that are stored for plots."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -242,10 +242,10 @@ def _sensitivity(r: StepReading, theta: Array) -> float:
 
 
 MOVES = 3.0
-"""Number of standard errors above which a velocity counts as different from zero."""
+"""Number of standard errors by which a velocity must differ from zero to count as motion."""
 
 CLOSE = 2.0
-"""Difference of the criterion below which two structures count as undecided."""
+"""Difference of the Bayesian criterion below which the choice between two structures counts as undecided."""
 
 
 def fit_by_steps(case: Case) -> AxisFit:

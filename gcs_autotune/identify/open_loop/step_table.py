@@ -121,7 +121,7 @@ def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[
 
 
 SIGNIFICANCE = 0.05
-"""Probability of a false alarm of each test."""
+"""Probability of a false alarm in each test for parameters that differ between the steps."""
 
 FEWEST = 4
 """Smallest number of steps per sign of the input for which the tests are run."""

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 STEERED_BY_ANGLE = "delta"
 
 RUDDER = "rad"
-"""Unit of an input that is a rudder angle."""
+"""Unit of an input by which a rudder angle is recognised."""
 
 THRUSTERS = ("force_left", "force_right")
 """Input channels of a boat with two fixed thrusters, as in the form ``twin-thruster``."""

@@ -174,7 +174,7 @@ def _inverse(A: Array) -> Array:
 
 
 fit_axis_by_instruments = for_axis(lambda case: refusing_runaways(fit_by_instruments(case)))
-"""Instrumental variables for one degree of freedom."""
+"""Fit one degree of freedom by instrumental variables."""
 
 
 METHOD = Method(

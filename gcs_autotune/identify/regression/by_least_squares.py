@@ -109,7 +109,7 @@ def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
 
 
 fit_axis_by_least_squares = for_axis(lambda case: refusing_runaways(fit_by_least_squares(case)))
-"""Least squares for one degree of freedom, with ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine`` drag."""
+"""Fit one degree of freedom by least squares, with ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine`` drag."""
 
 
 Array = NDArray[np.float64]

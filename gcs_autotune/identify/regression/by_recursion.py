@@ -45,7 +45,7 @@ OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of forgetting [s] (def
 """Options of ``fit`` that this method reads, with a line of help each."""
 
 LEARNT = 4
-"""Number of rows per parameter used for the first estimate. Rows of all degrees of freedom count."""
+"""Number of rows per parameter from which the first estimate is made. Rows of all degrees of freedom count."""
 
 KEPT = 500
 """Maximum number of points of the history stored in ``extra``."""
@@ -186,7 +186,7 @@ def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
 
 
 fit_axis_by_recursion = for_axis(lambda case: refusing_runaways(fit_by_recursion(case)))
-"""Recursive least squares for one degree of freedom."""
+"""Fit one degree of freedom by recursive least squares."""
 
 
 METHOD = Method(

@@ -18,7 +18,8 @@ TOO_MUCH = 100.0
 others."""
 
 SHARE = 0.3
-"""Smallest component in the worst direction for which a parameter is listed."""
+"""Smallest component of a parameter in the least observable direction for which the parameter is listed in the doubt.
+"""
 
 
 def inflation_factors(information: Array) -> Array:

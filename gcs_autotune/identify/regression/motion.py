@@ -24,7 +24,7 @@ NU = ("u", "v", "w", "p", "q", "r")
 ETA = ("x", "y", "z", "phi", "theta", "psi")
 
 LEAST_POINTS = 12
-"""Smallest number of grid points of a stretch for a regression."""
+"""Smallest number of grid points that a stretch of a record needs for a regression."""
 
 MOST_POINTS = 20_000
 """Maximum number of grid points of a stretch. A longer stretch gets a coarser grid."""

@@ -28,13 +28,13 @@ __all__ = ["as_simulated", "noise_bias", "noise_bias_doubt", "with_bias"]
 Array = NDArray[np.float64]
 
 DRAWS = 4
-"""Number of noise records drawn. The bias is a mean over them, so a few are enough."""
+"""Number of simulated records with noise. The bias is a mean over them, so a few are enough."""
 
 WORTH_SAYING = 0.1
 """Bias, in standard errors, below which no doubt is raised."""
 
 NAMED = 3
-"""Maximum number of parameters listed in the doubt."""
+"""Maximum number of parameters listed in the doubt about noise bias."""
 
 
 def as_simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> list[Segment]:

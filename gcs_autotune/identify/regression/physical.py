@@ -28,7 +28,8 @@ ROUNDING = 1e-9
 """Relative size of an asymmetry or a negative eigenvalue below which it is a rounding error."""
 
 POWERLESS = 0.1
-"""Fraction of the power of the coupling terms that may remain. Above it C counts as not skew-symmetric."""
+"""Largest fraction of the coupling forces' power that may remain in the sum. Above it, C counts as not skew-symmetric.
+"""
 
 
 @dataclass(frozen=True, slots=True)

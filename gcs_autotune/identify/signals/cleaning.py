@@ -41,13 +41,13 @@ LATE = 0.05
 """Largest fraction of late samples that may be left out. With more, the clock is not reliable."""
 
 FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
-"""Size of a full turn, by unit of the angle."""
+"""Size of a full turn in each unit of an angle. Jumps of this size are removed from headings."""
 
 OVERTAKEN = 5.0
 """Largest lateness of a late sample that is kept, in median time steps."""
 
 DWELL = 3
-"""Fewest identical extreme samples in a row that count as clipping."""
+"""Smallest number of identical extreme samples in a row that counts as clipping."""
 
 SPEED = 0.3
 """Smallest change next to identical extreme samples that counts as fast, relative to the signal's usual change per

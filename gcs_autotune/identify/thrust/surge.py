@@ -55,7 +55,8 @@ LEAST, MOST = -0.3, 1.3
 """Range of ``q`` in the profile. It exceeds the physical range 0 to 1 a little, because an ESC's dead zone bends the
 curve too."""
 ROUNDS = 6
-"""Maximum number of parabolas. Each is fitted to the best point so far and its neighbours on both sides."""
+"""Maximum number of parabolas fitted in the search for the best ``q``. Each passes through the best point so far and
+its neighbours."""
 NEAR, FAR = 0.5, 2.0
 """Distances, in standard errors, between which a neighbour is used for a parabola.
 
@@ -267,7 +268,7 @@ SHARE = 0.03
 """Largest ratio of current to speed that is ignored. It changes no parameter by more than the usual error of the fit.
 """
 SURE = 3.0
-"""Number of standard errors that the current must exceed."""
+"""Number of standard errors that a current must exceed to be corrected."""
 AROUND = 1.5
 """Time [s] before a steady mark over which speed and heading are averaged."""
 BLOCK, LEAST_BLOCKS = 2.0, 4
