@@ -49,7 +49,7 @@ class AxisChoice:
     reasons: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the choice as plain data for a JSON file."""
         rows = [{"structure": r.structure, "bic": r.bic, "left_out": r.left_out} for r in self.table]
         verdict = None if self.decision is None else self.decision.verdict
         return {

@@ -72,7 +72,7 @@ def complaints_about(fit: Fit[Model]) -> tuple[str, ...]:
 
 
 CLEAR = 2.0
-"""Difference of BIC below which the choice is undecided (Kass1995)."""
+"""Difference of BIC below which neither form is preferred (Kass1995)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

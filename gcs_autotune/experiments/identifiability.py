@@ -116,7 +116,7 @@ def unseen_doubt(unseen: Unseen, seen: ManoeuvringRoom) -> Doubt:
 
 
 def joined(names: Sequence[str]) -> str:
-    """Return ``a, b and c``."""
+    """Return the words in *names* as a list in a sentence, such as ``a, b and c``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

@@ -252,7 +252,7 @@ def rank_by_precision(
     Raises
     ------
     NotInformative, UsageError
-        As :func:`gcs_autotune.identify.fitted_model_of`.
+        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
     """
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of_shares(subject.form, most or {})

@@ -145,7 +145,7 @@ class _Walker:
     def at(
         self, value: float, near: tuple[Array, tuple[Array, ...]]
     ) -> tuple[float, tuple[Array, tuple[Array, ...]] | None]:
-        """Return the deviance with the parameter at *value* (infinite when no fit runs), and the fit."""
+        """Return the deviance with the parameter at *value* (infinite if no fit converges), and the fit."""
         found = self.likeliest.holding(self.place, value, *near)
         if found is None:
             return math.inf, None

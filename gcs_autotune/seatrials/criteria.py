@@ -68,7 +68,7 @@ class Figure:
         return "meets" if self.reading.value <= self.limit.value else "fails"
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data."""
+        """Return the figure as plain data for a JSON file."""
         return {
             "slug": self.slug,
             "name": self.name,
@@ -150,7 +150,7 @@ class Sheet:
     doubts: tuple[Doubt, ...]
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data."""
+        """Return the sheet as plain data for a JSON file."""
         return {
             "run": self.run,
             "manoeuvre": self.manoeuvre,

@@ -34,7 +34,7 @@ class Current:
 
     @property
     def speed(self) -> float:
-        """Magnitude [m/s]."""
+        """Speed of the current [m/s]."""
         return math.hypot(self.north, self.east)
 
 
