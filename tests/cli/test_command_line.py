@@ -53,7 +53,7 @@ def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, 
     assert code == 0, err
     (directory,) = (tmp_path / "runs").iterdir()
     assert (directory / "report.html").exists()
-    assert "proved better" in out
+    assert "better in a measured step" in out
     assert "gcs-autotune params restore" in out
     assert "will arm the vehicle" in err
 

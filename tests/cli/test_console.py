@@ -78,7 +78,7 @@ def test_who_agreed_beforehand_is_not_asked_and_where_nobody_is_the_other_way_is
     streams.stdin = Terminal("n\n", tty=False)
     assert ConsoleOperator(yes=True).ask("Go ahead?", lambda: None)
     assert streams.stderr.getvalue() == ""
-    with pytest.raises(UsageError, match="Add --yes to agree in advance, or --dry-run"):
+    with pytest.raises(UsageError, match="Add --yes to answer yes in advance, or --dry-run"):
         ConsoleOperator(yes=False, otherwise="or --dry-run").ask("Go ahead?", lambda: None)
 
 

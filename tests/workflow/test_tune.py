@@ -46,7 +46,7 @@ def test_turn_rates_are_proved_beside_headings_and_both_are_in_the_report(tuned)
     summary = json.loads((harness.directory / "summary.json").read_text(encoding="utf-8"))
     assert summary["turn_rates"]["after"]["itae"] == pytest.approx(after.itae)
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
-    assert "turn rates, lower is better" in page
+    assert "turn rate, lower is better" in page
     assert "Turn-rate step with the same gains (measured)" in page
 
 
