@@ -159,9 +159,8 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
         metavar="URI",
         help="link to the vehicle: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or "
         "/dev/ttyUSB0,57600 (MAVSDK's udpin://, udpout://, tcpin://, tcpout://, serial:// also work). sitl:NAME "
-        "starts a "
-        "simulated vehicle, sitl:FILE.toml your own. 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' adds an "
-        f"effect (`gcs-autotune sitl --list-effects`). 'sitl:NAME?model=FILE' simulates a model file{fallback}",
+        "starts a simulated vehicle, sitl:FILE.toml your own. 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' adds "
+        f"an effect (`gcs-autotune sitl --list-effects`). 'sitl:NAME?model=FILE' simulates a model file{fallback}",
     )
     group.add_argument(
         "--backend",
@@ -182,8 +181,7 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
         "--signing-passphrase",
         action="store_true",
         help="sign messages with a passphrase typed at the terminal. Without --signing-key and this option, the "
-        "passphrase "
-        f"in {PASSPHRASE_VARIABLE} is used, if set",
+        f"passphrase in {PASSPHRASE_VARIABLE} is used, if set",
     )
     add_number(group, "seed", "N")
 
@@ -308,8 +306,7 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
         choices=("design", "settled"),
         default="design",
         help="design (default): end a relay as soon as the gains are known. settled: fly until five periods agree "
-        "within "
-        "10 %%, fly every step to its end, and turn a boat around before each manoeuvre",
+        "within 10 %%, fly every step to its end, and turn a boat around before each manoeuvre",
     )
     add_number(group, "throttle")
     add_number(group, "speed")

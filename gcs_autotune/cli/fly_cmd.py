@@ -60,8 +60,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preview",
         action="store_true",
         help="plot the predicted track and show the time and space needed, without flying. Uses --model or the "
-        "vehicle's "
-        "parameters",
+        "vehicle's parameters",
     )
     parser.add_argument(
         "--resume",
@@ -72,9 +71,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--until",
         metavar="PRECISION",
-        help="identify after each run and fly the most informative manoeuvre next, until these 95 %% intervals are "
-        "reached: "
-        "'N_r 5%%, Y_v 10%%'",
+        help="identify after each run and fly the most informative manoeuvre next, until these relative standard "
+        "errors are reached: 'N_r 5%%, Y_v 10%%'",
     )
     parser.add_argument(
         "--form",

@@ -32,8 +32,7 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="RUN",
         help="run directory, CSV file with column heads like psi[rad], telemetry log (.tlog), onboard log (.bin, "
-        ".log), "
-        "CSV of a log from Mission Planner or mavlogdump, PX4 ULog, MATLAB file or ROS bag",
+        ".log), CSV of a log from Mission Planner or mavlogdump, PX4 ULog, MATLAB file or ROS bag",
     )
 
 

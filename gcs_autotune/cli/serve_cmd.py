@@ -23,8 +23,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         default="127.0.0.1",
         help="address to listen on (default 127.0.0.1: this computer only). At any other address, e.g. 0.0.0.0, "
-        "viewing "
-        "is open and everything else needs a token, shown as link and QR code",
+        "viewing is open and everything else needs a token, shown as link and QR code",
     )
     parser.add_argument(
         "--port", type=_port, default=8090, metavar="N", help="TCP port, or 0 for any free port (default 8090)"
@@ -72,9 +71,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    description="Serve a web page that starts a tune or an experiment, shows it live, asks its questions, and has a STOP "
-    ""
-    "button. Closing the page does not end the run. Ctrl-C here stops the run and restores the vehicle.",
+    description="Serve a web page that starts a tune or an experiment, shows it live, asks its questions, and has a "
+    "STOP button. Closing the page does not end the run. Ctrl-C here stops the run and restores the vehicle.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -75,9 +75,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--gains",
         type=Path,
         metavar="FILE",
-        help="test these gains by a step, and keep them only if better: proposed.param of a dry run, its directory, or "
-        "any "
-        "NAME,VALUE file",
+        help="test these gains by a step, and keep them only if better: proposed.param of a dry run, its directory, "
+        "or any NAME,VALUE file",
     )
     add_number(design, "full-scale")
     design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="reference model (default bessel)")
@@ -204,9 +203,9 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
 
 
 COMMAND = Command(
-    description="Tune one loop of an ArduPilot boat or ROV. A step is flown with the present gains, then with the new gains. "
-    ""
-    "The new gains stay only if they follow the step better. Without --connect a simulated vehicle is used.",
+    description="Tune one loop of an ArduPilot boat or ROV. A step is flown with the present gains, then with the "
+    "new gains. The new gains stay only if they follow the step better. Without --connect a simulated vehicle is "
+    "used.",
     add_arguments=_add_arguments,
     run=_run,
 )

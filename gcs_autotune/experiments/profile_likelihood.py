@@ -86,7 +86,7 @@ class Profile:
             return f"{self.name} is not bounded by these runs"
         side, bound = ("above", self.low) if math.isfinite(self.low) else ("below", self.high)
         other = "upwards" if side == "above" else "downwards"
-        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs do not bound it {other}"
+        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs give no bound {other}"
 
 
 def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, level: float = 0.95) -> Profile:
@@ -121,7 +121,7 @@ def _likeliest(subject: FittedModel) -> tuple[FittedModel, dict[str, NoiseModel]
     wide = np.full(objective.size, np.inf)
     found = alternate(objective, objective.pack(), gaussian_noise(subject.noise), -wide, wide, ROUNDS)
     if found is None:
-        raise NotInformative(f"the model '{subject.form.name}' diverges on its runs")
+        raise NotInformative(f"the model '{subject.form.name}' diverges on the runs it was identified from")
     minimum, laws = found
     theta, _, initial, _ = objective.unpack(minimum.x)
     local = objective.at(minimum.x, laws)

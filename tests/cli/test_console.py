@@ -97,7 +97,7 @@ def test_the_first_signal_asks_for_an_orderly_stop_and_the_next_are_told_to_wait
         assert operator.stop_requested()
         assert "Stopping: restoring mode and parameters." in streams.stderr.getvalue()
         os.kill(os.getpid(), signal.SIGINT)
-        assert streams.stderr.getvalue().endswith("Still restoring; please wait.\n")
+        assert streams.stderr.getvalue().endswith("Still restoring the vehicle. Please wait.\n")
     assert signal.getsignal(signal.SIGTERM) is before
 
 

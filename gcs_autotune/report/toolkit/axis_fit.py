@@ -90,9 +90,8 @@ def decision_sentence(fit: AxisFit) -> str:
     assert decision is not None  # asked by the caller
     gap = decision.sigma_beta - decision.sigma_beta_quadratic
     numbers = (
-        "Difference between the two experiments: linear damping "
-        f"{format_percent(decision.sigma_beta)}, quadratic damping "
-        f"{format_percent(decision.sigma_beta_quadratic)}, inertia {format_percent(decision.sigma_alpha)}."
+        f"Difference between the two experiments: linear damping {format_percent(decision.sigma_beta)}, quadratic "
+        f"damping {format_percent(decision.sigma_beta_quadratic)}, inertia {format_percent(decision.sigma_alpha)}."
     )
     if decision.verdict == "undecided":
         return (

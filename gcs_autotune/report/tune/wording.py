@@ -138,8 +138,8 @@ def safety(proposal: Proposal) -> str:
 
 def _margin_words(margins: Margins) -> str:
     return (
-        f"a factor of {format_factor(margins.gain, 2)} in gain, "
-        f"{format_quantity(margins.phase, 'rad', 2)} of phase and {format_seconds(margins.delay)} of extra delay"
+        f"a factor of {format_factor(margins.gain, 2)} in gain, {format_quantity(margins.phase, 'rad', 2)} of phase "
+        f"and {format_seconds(margins.delay)} of extra delay"
     )
 
 
@@ -152,8 +152,7 @@ def parameters_sentence(story: TuneStory) -> str:
     if not story.parameters_after:
         return (
             "The parameters were not read back at the end. The events show how far the run got. To restore the "
-            "parameters, run "
-            f"`{undo_command(story)}`."
+            f"parameters, run `{undo_command(story)}`."
         )
     changed = story.differences
     if not changed:
@@ -200,6 +199,6 @@ def bound_sentence(bound: tuple[float, float]) -> str:
     verdict = "fulfilled" if left < right else "NOT fulfilled"
     sign = "<" if left < right else ">="
     return (
-        "Closed-form stability bound (Miskovic2010, 8.22-8.27): "
-        f"{format_number(left, 3)} {sign} {format_number(right, 3)}, {verdict}."
+        f"Closed-form stability bound (Miskovic2010, 8.22-8.27): {format_number(left, 3)} {sign} "
+        f"{format_number(right, 3)}, {verdict}."
     )
