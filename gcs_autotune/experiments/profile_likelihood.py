@@ -73,7 +73,7 @@ class Profile:
             return f"{self.name} is not bounded by these runs"
         side, bound = ("above", self.low) if math.isfinite(self.low) else ("below", self.high)
         other = "upwards" if side == "above" else "downwards"
-        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs do not bound it {other}"
+        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs give no bound {other}"
 
 
 def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, level: float = 0.95) -> Profile:

@@ -135,7 +135,9 @@ class Particulars:
     def __post_init__(self) -> None:
         """Reject impossible values."""
         if self.length <= 0.0 or self.speed <= 0.0 or not self.scale > 0.0:
-            raise UsageError("length, speed and scale of a ship must be positive")
+            raise UsageError(
+                "length, speed and scale of the ship must be greater than zero. Check --length, --speed and --scale"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
