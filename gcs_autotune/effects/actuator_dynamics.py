@@ -177,8 +177,7 @@ LEAST_GAIN = 0.05
 
 
 class GainDrift(Gradual):
-    """Commands are multiplied by ``1 - rate (t - t_0)``, but by no less than a twentieth; ``t_0`` is the run's first
-    stamp."""
+    """Commands are multiplied by ``1 - rate (t - t_0)``, at least by a twentieth; ``t_0`` is the run's first stamp."""
 
     slug = "gain-drift"
     meaning = "thrust weakens (or grows) during a run: the battery sags, a motor heats up"
