@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 PLAIN: Mapping[str, str] = {
     "gain": "steady speed per unit of command",
-    "time constant": "time to 63 % of the steady speed after a step",
-    "delay": "from command to force",
+    "time constant": "time to reach 63 % of the steady speed after a step",
+    "delay": "time from command to force",
     "trim": "command that holds the craft still",
 }
 """Numbers of the plain model and their meaning."""

@@ -266,10 +266,9 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
     assert missing.to_dict()["waves"]["period"] == missing.waves.period
     told = next(w for w in words_of(found, missing) if "waves" in w)
-    assert told.startswith(
-        "it also oscillates with a period of 4.2 s, as from waves or a loose sensor mount: the heading by "
-    )
-    assert "N m (standard deviations)" in told
+    assert told.startswith("the heading also oscillates by ")
+    assert " with a period of 4.2 s, as from waves or a loose sensor mount. The moment behind it is " in told
+    assert "N m. Both sizes are standard deviations." in told
 
 
 def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
