@@ -56,7 +56,7 @@ def check_alive(runs: Sequence[Trial]) -> None:
         )
     if inputs and motions and not _vary(runs, motions):
         raise NotInformative(
-            f"the craft does not move: {', '.join(motions)} never change. Check that the logger is connected to the "
+            f"the runs contain no motion: {', '.join(motions)} never change. Check that the logger is connected to the "
             "sensors"
         )
 

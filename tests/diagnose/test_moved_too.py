@@ -69,7 +69,7 @@ def test_a_diagnosis_of_yaw_alone_says_so_where_its_verdict_stands():
     run = flown(COUPLED)
     told = diagnose(run, effects=["input-bias"])
     assert MOVED_TOO in {d.slug for d in told.doubts}
-    assert verdict_of(told).sentences[-1].startswith("Only yaw was examined; ")
+    assert verdict_of(told).sentences[-1].startswith("Only yaw was analysed, but ")
     asked = diagnose(run, dof="yaw", effects=["input-bias"])
     assert MOVED_TOO not in {d.slug for d in asked.doubts}
     whole = diagnose(run, dof="horizontal", effects=["input-bias"])

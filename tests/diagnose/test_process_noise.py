@@ -146,15 +146,17 @@ def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
     assert found.verdict == "unexplained"
     assert found.missing is not None
     assert 0.05 < found.missing.size < 0.3
-    assert any("is missing in yaw" in line for line in found.left.findings)
+    assert any("acts in yaw and is not in the model" in line for line in found.left.findings)
     assert found.to_dict()["missing"]["curves"]
 
 
 def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> None:
     missing = MissingForce("yaw", "1", 0.0445, 0.4, math.nan, {})
     nothing = cast(NoiseSearch, SimpleNamespace(accepted=(), steps=()))
-    assert words_of(nothing, missing)[0].startswith("a moment of 0.0445 of full output (standard deviation)")
-    assert words_of(nothing, replace(missing, unit="N m"))[0].startswith("a moment of 0.0445 N m (standard deviation)")
+    assert words_of(nothing, missing)[0].startswith("a drifting moment of 0.0445 of full output (standard deviation)")
+    assert words_of(nothing, replace(missing, unit="N m"))[0].startswith(
+        "a drifting moment of 0.0445 N m (standard deviation)"
+    )
 
 
 def test_what_couples_two_motions_is_not_judged_in_one_alone() -> None:

@@ -164,7 +164,7 @@ def test_a_rudder_that_goes_beyond_half_a_turn_is_in_degrees(largest: float, is_
 def test_a_share_of_full_output_does_not_go_far_beyond_one(largest: float, is_doubted: bool) -> None:
     found = said(run(psi=ANGLE, N=largest * np.sign(RATE)))
     assert len(found) == is_doubted
-    assert not found or f"reaches {abs(largest):.3g} without a unit, where 1 is full output" in found[0]
+    assert not found or f"reaches {abs(largest):.3g} without a unit. Without a unit, 1 means full output" in found[0]
 
 
 def cruise(swing: float, course: float = 0.0, current: float = 0.0, noise: float = 0.0) -> dict[str, Array]:

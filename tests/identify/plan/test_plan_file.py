@@ -57,7 +57,7 @@ def test_a_plan_takes_the_constants_of_another_craft():
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('runs = ["line*"]', "", "name the runs with"),
+        ('runs = ["line*"]', "", "select the runs with"),
         ('held = ["m"]', 'held = ["m", "X_uu"]', "X_uu is held, but no earlier step"),
         ('held = ["m"]', 'held = ["m", "X_u"]', "both held and identified"),
         ('dofs = ["surge"]', 'dofs = ["yaw"]', "equation that is not among"),
