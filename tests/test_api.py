@@ -118,7 +118,7 @@ def test_inputs_that_do_not_fit_the_model_are_refused(found):
         api.simulate(found, Trial("empty", {}))
     with pytest.raises(UsageError, match="needs the input N"):
         api.simulate(found, {"X": ([0.0], [1.0])})
-    with pytest.raises(UsageError, match="do not match. Supply at least one value"):
+    with pytest.raises(UsageError, match=r"do not match\. Supply at least one value"):
         api.simulate(found, {"N": ([0.0, 1.0], [1.0])})
     with pytest.raises(UsageError, match="no state depth"):
         api.simulate(found, RUN, start={"depth": 1.0})

@@ -413,7 +413,7 @@ class AsymmetricThrust(Characteristic):
         if effect.place != SHARED:
             return super().curve(effect, data)
         u = np.linspace(-1.0, 1.0, 201)
-        labels = ("effective command of each thruster [1]", "command to each thruster [1]")
+        labels = ("command to each thruster [1]", "effective command of each thruster [1]")
         return EffectCurve(u, self.acting(effect, u), *labels, self.title, plain=u)
 
 

@@ -56,7 +56,12 @@ def test_the_reason_tells_old_new_and_by_how_much() -> None:
         ({}, {"settling": NEITHER}, False, "not settled within 5 %, although the old gains settled in 3.0 s"),
         ({"settling": NEITHER}, {"settling": NEITHER}, True, "neither step settled within 5 % during its record"),
         ({"settling": NEITHER}, {}, True, "settled after 3.0 s"),
-        ({}, {"settling": NEITHER, "hidden_by_noise": True}, True, "settling time not readable: the noise exceeds"),
+        (
+            {},
+            {"settling": NEITHER, "hidden_by_noise": True},
+            True,
+            "settling time not measurable, because the noise exceeds",
+        ),
         ({}, {"itae": NEITHER}, False, "the tracking error of the new step could not be measured"),
         ({"itae": NEITHER}, {}, True, "not measurable before"),
         ({"itae": NEITHER}, {"itae": NEITHER}, False, "the tracking error of the new step could not be measured"),

@@ -42,7 +42,7 @@ def test_a_boat_that_slides_moves_in_sway_too(measured):
     assert "sway" in moved_besides([run], {"yaw"})
     (doubt,) = moved_too([run], ("yaw",))
     assert doubt.slug == MOVED_TOO
-    assert doubt.cause.startswith("only yaw was examined") and "sway moved too" in doubt.cause
+    assert doubt.cause.startswith("only yaw was analysed") and "sway moved too" in doubt.cause
     assert "--dof horizontal" in doubt.cure
     assert moved_too([run], ("surge", "sway", "yaw")) == []
 
