@@ -102,11 +102,7 @@ class LinearDrag(Drag):
     polar = "Linear drag"
     meaning = "drag proportional to speed: slow motion decays exponentially"
     plain = "Water resists the {motion} of your {craft}, but not that of {simulation}."
-    parameters = (
-        Quantity(
-            "coefficient", "drag per unit of speed, positive when it damps", "drag per speed, positive when it damps"
-        ),
-    )
+    parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per unit of speed, positive when it damps"),)
     shown_by = "residual against speed: a straight line through zero, clearest at low speed"
     mistaken_for = ("quadratic-drag", "dead-zone", "actuator-lag")
     separated_by = (
@@ -127,8 +123,8 @@ class QuadraticDrag(Drag):
     parameters = (
         Quantity(
             "coefficient",
+            "force s^2/m^2 or s^2/rad^2",
             "drag per unit of squared speed, positive when it damps",
-            "drag per squared speed, positive when it damps",
         ),
     )
     shown_by = "residual against speed: S-shaped. The simulation is too slow at low speed and too fast at high speed"
@@ -373,8 +369,8 @@ class MassChange(Effect):
         return EffectCurve(
             t,
             inertia,
-            "inertia, relative to that at the start [1]",
             "time since the start of the run [s]",
+            "inertia, relative to that at the start [1]",
             "Mass change",
             plain=ones,
         )
@@ -487,5 +483,5 @@ class GroundEffect(Effect):
         low, high = data.extent["z"]
         height = np.linspace(0.0, high - low, 121)
         drag = 1.0 + effect["strength"] * np.exp(-height / effect["length"])
-        name, far = "drag relative to that far from the bottom [1]", "drag over that far from the bottom"
+        name, far = "height above the deepest point [m]", "drag relative to that far from the bottom"
         return EffectCurve(height, drag, name, far, "Ground effect", plain=np.ones(len(height)))

@@ -82,7 +82,7 @@ def fit_by_zigzag(case: Case) -> AxisFit:
             Doubt(
                 "no-bias",
                 "too few half periods to fit a rudder bias. No bias was assumed",
-                "too few half periods to fit a rudder bias. No bias was assumed",
+                "fly more half periods",
             )
         )
     if theta[1] * theta[0] < 0.0 and structure == "linear":

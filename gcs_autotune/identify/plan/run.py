@@ -173,7 +173,7 @@ def plan_doubts(
         found.append(
             Doubt(
                 "validated-on-itself",
-                f"{', '.join(fitted_on)} has only one run each, so no held-out run is left for validation",
+                f"these steps have only one run each, so no held-out run is left for validation: {', '.join(fitted_on)}",
                 "repeat",
             )
         )
