@@ -14,9 +14,10 @@ from axis_plants import DEG, Levels, Relay
 
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, fit, form_of, plain_form
-from gcs_autotune.identify.cleaning import clipped, within_range
+from gcs_autotune.identify import Fit, fit, form_of
 from gcs_autotune.identify.outlier_run import CraftEstimate, outlier_runs
+from gcs_autotune.identify.problems import plain_form
+from gcs_autotune.identify.signals.cleaning import clipped, within_range
 from gcs_autotune.trial import Channel, Trial, save_trial
 
 Record = Callable[..., Trial]
@@ -348,5 +349,5 @@ def test_yaw_of_two_thrusters_is_fitted_as_a_diagnosis_would(good: Trial) -> Non
     assert found.model.form == plain_form([twin], "yaw")
     with pytest.raises(MissingChannel, match="several degrees of freedom at once: --dof twin-thruster"):
         fit(twin, structure="linear")
-    with pytest.raises(MissingChannel, match=r"needs \(N or delta with psi or r\); it has [a-z, ]*$"):
+    with pytest.raises(MissingChannel, match=r"needs \(N or delta with psi or r\)\. Its columns are [a-z, ]*$"):
         fit(dataclasses.replace(good, channels={n: c for n, c in good.channels.items() if n != "N"}), dof="yaw")

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify import check_axes
-from gcs_autotune.identify.intake import check_units
+from gcs_autotune.identify.signals import check_axes
+from gcs_autotune.identify.signals.intake import check_units
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def test_a_track_is_compared_with_the_speed_over_ground_or_both_of_its_parts() -
     assert said(run(**TRACK, U=SPEED)) == said(run(**TRACK, u=0.8 * SPEED, v=0.6 * SPEED)) == []
     for speed in ({"U": SPEED / 3.6}, {"u": 0.8 * SPEED / 3.6, "v": 0.6 * SPEED / 3.6}):
         (text,) = said(run(**TRACK, **speed))
-        assert text.startswith("contradiction: x, y") and "km/h" in text and ("what U" in text) is ("U" in speed)
+        assert text.startswith("contradiction: x, y") and "km/h" in text and ("as U integrates" in text) is ("U" in speed)
     assert said(run(**TRACK, u=SPEED / 3.6)) == [], "a part alone may be any share of it"
     assert said(run(x=TRACK["x"], U=SPEED / 3.6)) == []
 
@@ -156,7 +156,7 @@ def test_a_rudder_that_goes_beyond_half_a_turn_is_in_degrees(largest: float, is_
     if not is_refused:
         assert said(run(psi=ANGLE, delta=rudder)) == []
         return
-    with pytest.raises(BadFile, match=r"more than half a turn of the rudder\..* write delta\[deg\] in the head"):
+    with pytest.raises(BadFile, match=r"more than half a turn of the rudder\..* write delta\[deg\] in the header"):
         check_units(run(psi=ANGLE, delta=rudder))
 
 
