@@ -26,14 +26,14 @@ __all__ = ["COMMANDS", "find_config", "main", "make_parser", "read_config", "tun
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """One line of the table of commands: its help in the list, and where the command is."""
+    """One line of the table of commands: its help in the list, and its module."""
 
     help: str
     module: str
     attribute: str = "COMMAND"
 
     def load(self) -> Command:
-        """Import the command: only the one that runs, since each brings the tables it offers as options."""
+        """Import the command. Only the one that runs is imported, because each imports the tables for its options."""
         command: Command = getattr(import_module(f"{__name__}.{self.module}"), self.attribute)
         return command
 
@@ -71,12 +71,12 @@ COMMANDS: Mapping[str, Verb] = {
     "ports": Verb("list the ports and the vehicles received on them", "doctor_cmd", "PORTS"),
     "completion": Verb("print a completion script for bash, zsh or fish", "completion_cmd"),
 }
-"""Verb -> where its command is; adding one is one file and one line."""
+"""Verb -> module of its command. To add one, add a file and a line here."""
 COMPLETION = "completion"
-"""The one command that needs the parsers of all others."""
+"""The only command that needs the parsers of all others."""
 
 YOUNG = 20_000
-"""Number of new objects before the garbage collector runs; chosen."""
+"""Number of new objects before the garbage collector runs. Project choice."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -133,7 +133,7 @@ class _Parser(argparse.ArgumentParser):
 def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of the whole command line, with the defaults of the settings file.
 
-    only : the verb to be run; the others are listed without their options, and are not imported.
+    only : the verb to be run. The others are listed without their options and are not imported.
     """
     rows = [(0, "done"), (RESTORED, "tuned, but the old gains were better and were restored")]
     rows += [(code, meaning) for _, code, meaning in EXIT_CODES]

@@ -1,4 +1,4 @@
-"""The record of a command, and the option groups that several commands share."""
+"""The class of a command, and the option groups that several commands share."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ GUARDING = (
     "min-battery",
     "max-time",
 )
-"""Safety limits, in the order of the help."""
+"""Names of the safety limits, in the order of the help."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,8 @@ def add_number(
     """Add the option *name* (without dashes) for a number; range and help come from the table of limits.
 
     limit : its name in the table, if different; meaning : help text, instead of the table's; const : value of the
-    option without an argument; marked : None if the option is absent, whatever the default. Ranges that differ by
+    option without an argument; marked : whether an absent option gives None, whatever the default. Ranges that differ
+        by
     axis are checked by :func:`check_axis_limits`.
     """
     rows = axes_of(limit or name)
@@ -145,7 +146,7 @@ def check_axis_limits(args: argparse.Namespace, names: Sequence[str]) -> None:
 
 
 def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_run: bool = False) -> None:
-    """Add ``--connect`` and its companions, read with :func:`uri_of`.
+    """Add ``--connect`` and its related options, read with :func:`uri_of`.
 
     otherwise : default shown in the help; empty if the option is required. of_run : the link belongs to a recorded
     run, and no settings file changes it.
@@ -187,7 +188,7 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
 
 
 def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
-    """Return the link of the command line, else of the settings file, else *otherwise*.
+    """Return the link of the command line, else that of the settings file, else *otherwise*.
 
     Raises
     ------
@@ -322,7 +323,7 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
-    """Open *uri* before everything else, even the slow imports, and yield the connection.
+    """Open *uri* first, before the slow imports, and yield the connection.
 
     Raises
     ------
@@ -337,12 +338,12 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
 
 
 def check_output(args: argparse.Namespace) -> None:
-    """Check that the run can be kept in ``--out``, before a link is opened.
+    """Check that ``--out`` can store the run, before a link is opened.
 
     Raises
     ------
     UsageError
-        It already holds a run, or cannot be created.
+        It already contains a run, or cannot be created.
     """
     if args.out is not None:
         check_run_folder(args.out)
@@ -362,12 +363,12 @@ def check_files(*paths: Path | None) -> None:
 
 
 def check_model_file(path: Path | None) -> None:
-    """Check that a model file can be read, before anything is opened; its contents are checked later.
+    """Check that a model file can be read, before anything is opened. Its contents are checked later.
 
     Raises
     ------
     BadFile
-        It cannot.
+        The file cannot be read.
     """
     if path is None:
         return
@@ -390,7 +391,8 @@ def _connection(args: argparse.Namespace, uri: str, signing: SigningKey | None) 
 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str = "") -> Path:
-    """Return ``--out``, or a new folder below ``runs/`` named for time, vehicle and *what* was done (its axis)."""
+    """Return ``--out``, or a new folder below ``runs/`` named after the time, the vehicle and *what* was done (its
+    axis)."""
     if args.out is not None:
         return Path(args.out)
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")

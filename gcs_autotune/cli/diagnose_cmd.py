@@ -1,4 +1,4 @@
-"""``gcs-autotune diagnose``: what a simulation gets wrong, and the cause."""
+"""``gcs-autotune diagnose``: report what a simulation gets wrong, and the cause."""
 
 from __future__ import annotations
 

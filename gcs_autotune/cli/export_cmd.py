@@ -1,4 +1,4 @@
-"""``gcs-autotune export``: an identified model in the format of another simulator."""
+"""``gcs-autotune export``: write an identified model in the format of another simulator."""
 
 from __future__ import annotations
 

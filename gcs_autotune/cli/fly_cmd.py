@@ -147,7 +147,7 @@ def _verify_known(args: argparse.Namespace) -> None:
 def run_flight(
     args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION, *, recheck: AxisKind | None = None
 ) -> int:
-    """Open the link (default *otherwise*), fly, and show the result; *recheck*: judge the loop of that axis."""
+    """Open the link (default *otherwise*), fly, and show the result. *recheck*: evaluate the loop of that axis."""
     check_output(args)
     with connected(args, uri_of(args, otherwise)) as connection:
         return _fly(args, connection) if recheck is None else _recheck(args, connection, recheck)
@@ -194,7 +194,7 @@ def _list() -> int:
 
 
 def _precision(args: argparse.Namespace) -> Precision | None:
-    """Return the precision that ``--until`` requires, parsed before anything is opened."""
+    """Return the precision required by ``--until``. It is parsed before anything is opened."""
     if args.until is None:
         return None
     from gcs_autotune.workflow import precision_of
@@ -208,7 +208,7 @@ def _precision(args: argparse.Namespace) -> Precision | None:
 def _plan(
     args: argparse.Namespace, connection: Connection, now: datetime, label: str = ""
 ) -> tuple[FlightPlan, CommonSettings]:
-    """Return the flight plan and the settings its runs share; *label*: of the run directory."""
+    """Return the flight plan and the settings common to its runs. *label*: name for the run directory."""
     from gcs_autotune.identify import load_model
     from gcs_autotune.logs import load_runs
     from gcs_autotune.manoeuvres import MANOEUVRES, read_area

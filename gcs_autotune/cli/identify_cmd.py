@@ -1,4 +1,4 @@
-"""``gcs-autotune identify``: a model from recorded runs, with a page of plots."""
+"""``gcs-autotune identify``: identify a model from recorded runs and write a page of plots."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 __all__ = ["COMMAND"]
 
 MOST = 1e12
-"""Largest constant of a craft or option of a method: that of a large ship in SI units."""
+"""Largest constant of a craft or option of a method that is accepted: that of a large ship in SI units."""
 
 _FORMS = resources.files("gcs_autotune") / "models" / "coupled" / "forms"
 MOTIONS = (*DOFS, *sorted(file.name.removesuffix(".toml") for file in _FORMS.iterdir() if file.name.endswith(".toml")))
-"""Names of degrees of freedom and shipped forms, to reject a typo before SciPy is imported."""
+"""Names of degrees of freedom and supplied forms, used to reject a typing error before SciPy is imported."""
 
 
 def _verify_method_known(name: str, *besides: str) -> None:
@@ -181,7 +181,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str, float]) -> int:
     """Identify step by step, following a plan."""
-    from gcs_autotune.identify import load_plan, run_plan
+    from gcs_autotune.identify.plan import load_plan, run_plan
     from gcs_autotune.report import plan_document
 
     put_out(plan_document(run_plan(load_plan(args.plan).knowing(known), runs)), as_json=args.json)
@@ -191,8 +191,8 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
 def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | None:
     """Return the model file of the one run directory given, if its *runs* were fitted with effects.
 
-    Without these effects the runs may not be explained. None for other options, or if the runs alone determine the
-    thrust curve.
+    Without these effects the model may not explain the runs. Return None for other options, or if the runs alone
+    determine the thrust curve.
     """
     from gcs_autotune.identify import load_model
 
@@ -205,7 +205,7 @@ def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | Non
 
 
 def _other(text: str | None, load: Callable[[Path], ModelFile]) -> ModelFile | str | None:
-    """Return the model to compare with: that of a file, or the name of a method."""
+    """Return the model to compare with, read from a file, or the name of a method."""
     return load(Path(text)) if text is not None and _is_file(text) else text
 
 
@@ -215,7 +215,7 @@ def _is_file(text: str) -> bool:
 
 
 def _numbers(pairs: list[str]) -> dict[str, float]:
-    """Read ``--known K=V[,K=V ...]`` with numbers only."""
+    """Parse ``--known K=V[,K=V ...]`` with numbers only."""
     found = {}
     for name, value in _options("--known", [pair.strip() for text in pairs for pair in text.split(",")]).items():
         if not isinstance(value, (int, float)) or isinstance(value, bool):
@@ -234,7 +234,7 @@ def _page(args: argparse.Namespace) -> Path | None:
 
 
 def _options(flag: str, pairs: list[str]) -> dict[str, Any]:
-    """Read ``K=V``: a number, true or false, a list with commas, or text."""
+    """Parse ``K=V``. The value is a number, true or false, a list with commas, or text."""
     found: dict[str, Any] = {}
     for pair in pairs:
         key, sign, value = pair.partition("=")

@@ -1,4 +1,4 @@
-"""``gcs-autotune logs``: show the contents of a log, write its runs as CSV files."""
+"""``gcs-autotune logs``: show the contents of a log, or write its runs as CSV files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options for reading recorded runs, shared by every command that takes runs."""
+"""Options for reading recorded runs, common to every command that reads runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["add_parameters", "add_reading", "add_runs", "full_scale", "read_othe
 
 
 _STRETCH = re.compile("0*[1-9][0-9]{0,5}")
-"""Largest segment number accepted; no log has a million segments."""
+"""Largest segment number accepted. No log has a million segments."""
 
 
 def add_runs(parser: argparse.ArgumentParser) -> None:
@@ -68,12 +68,12 @@ def add_parameters(group: argparse._ArgumentGroup) -> None:
 
 
 def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
-    """Return the parameters of ``--parameters``, None without it.
+    """Return the parameters of ``--parameters``; None without it.
 
     Raises
     ------
     BadFile
-        It cannot be read.
+        The file cannot be read.
     """
     if args.parameters is None:
         return None
@@ -83,7 +83,7 @@ def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
 
 
 def read_runs(args: argparse.Namespace) -> list[Trial]:
-    """Read the runs on the command line; of logs the segments picked.
+    """Read the runs on the command line. From logs, read the segments picked.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_runs(args: argparse.Namespace) -> list[Trial]:
 
 
 def read_others(args: argparse.Namespace, paths: Sequence[Path]) -> list[Trial]:
-    """Read further runs in the same way, whole."""
+    """Read further runs in the same way, but complete."""
     return _read(args, paths, ())
 
 
@@ -115,7 +115,7 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
 
 
 def full_scale(text: str) -> dict[str, float]:
-    """Read ``X=8,N=0.17``."""
+    """Parse ``X=8,N=0.17``."""
     found = {}
     for piece in text.split(",") if text else ():
         name, _, value = piece.strip().partition("=")

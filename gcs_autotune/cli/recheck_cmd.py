@@ -1,4 +1,4 @@
-"""``gcs-autotune recheck``: is the old tune of a loop still good? Nothing is written."""
+"""``gcs-autotune recheck``: test whether the gains of an earlier tune are still good. Nothing is written."""
 
 from __future__ import annotations
 

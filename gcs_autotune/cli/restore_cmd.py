@@ -1,4 +1,4 @@
-"""``gcs-autotune restore``: finish the clean-up of a run that was cut off."""
+"""``gcs-autotune restore``: complete the clean-up of a run that was interrupted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``gcs-autotune serve``: the tune on a page."""
+"""``gcs-autotune serve``: run a tune from a web page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune_files import Refused, shown, whole
 __all__ = ["COMMAND"]
 
 EXTRA = ("starlette", "uvicorn", "websockets", "segno")
-"""What the extra ``web`` brings."""
+"""Packages installed by the extra ``web``."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,5 @@
-"""``gcs-autotune thrusters``: a thruster's map from a pull test, a propeller's coefficients from an open-water test."""
+"""``gcs-autotune thrusters``: compute a thruster's map from a pull test, or a propeller's coefficients from an
+open-water test."""
 
 from __future__ import annotations
 
@@ -70,7 +71,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _pulls(text: str | None) -> list[float] | None:
-    """Read ``0,1.2,4.8``."""
+    """Parse ``0,1.2,4.8``."""
     if text is None:
         return None
     try:

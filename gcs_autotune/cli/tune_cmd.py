@@ -40,7 +40,7 @@ __all__ = ["COMMAND", "RESTORED", "tune_settings"]
 FUNCTIONS = ("bessel", "butterworth")
 """Names of the reference models, listed here because importing their table takes a second."""
 RESTORED = 8
-"""Exit code: tuned, but the old gains proved better and are back."""
+"""Exit code: the new gains were tested but the old ones proved better and are restored."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,7 +98,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Check that the options agree, before anything is opened."""
+    """Check that the options are consistent, before anything is opened."""
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
     if args.model is None and args.full_scale is not None:
@@ -182,7 +182,7 @@ DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model"
 
 
 def _proving(args: argparse.Namespace) -> str:
-    """Return the command that proves the gains of a file under the same options as here."""
+    """Return the command that proves the gains of a file under the present options."""
     parser = argparse.ArgumentParser(add_help=False)
     _add_arguments(parser)
     words = ["gcs-autotune", "tune", args.axis]

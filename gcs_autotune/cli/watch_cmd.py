@@ -1,4 +1,4 @@
-"""``gcs-autotune watch``: identify each log and compare it with the first, the one the craft was tuned with."""
+"""``gcs-autotune watch``: identify each log and compare it with the first one, with which the craft was tuned."""
 
 from __future__ import annotations
 

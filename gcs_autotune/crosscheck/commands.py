@@ -1,7 +1,7 @@
-"""Commands against what the outputs did, where a run holds both: ``N_ref`` beside ``N``, or ``delta_ref``.
+"""Compare commands with outputs, if a run contains both: ``N_ref`` and ``N``, or ``delta_ref`` and ``delta``.
 
-An output follows its command late, slewed and within its limits, so only what none of these explains counts: an output
-that stands still, works the other way, does something else, or is another size throughout.
+An output follows its command with delay, at a limited rate and within its limits. A contradiction is therefore only one
+of these: an output that stands still, has the opposite sign, is unrelated, or has another size throughout.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ Array = NDArray[np.float64]
 OUTPUTS = ("X", "Y", "Z", "K", "M", "N", "delta", "n")
 SUFFIXES = ("_ref", "_cmd", "_command", "_set", "_c")
 LATEST = 10.0
-"""Chosen [s]: the rudder of a ship takes so long from one side to the other."""
+"""Longest delay [s] of an output; a ship's rudder may take that long from one side to the other. Set by hand."""
 CHANGES = 4
-"""Chosen: a command that changes less often shows too little."""
+"""Minimum number of changes of a command. Set by hand."""
 FOLLOWS, APART, STILL = 0.85, 0.4, 0.1
-"""Chosen: correlation of an output that does as it is told, of one that does not; and the share of the command's
-scatter below which it stands still."""
+"""Correlation of an output that follows (FOLLOWS) and of one that does not (APART). Set by hand.
+
+STILL: scatter of an output, relative to that of its command, below which it stands still.
+"""
 FACTOR = 0.25
-"""Chosen: a slewed output is smaller by less than this."""
+"""Ratio of output to command below which rate limits do not explain the difference. Set by hand."""
 LEAST = 0.02
-"""Chosen: share of full, or rad, by which a command must scatter."""
+"""Least scatter of a command, as a fraction of full or in rad. Set by hand."""
 
 
 def command_contradictions(trial: Trial) -> Iterator[Contradiction]:
-    """Yield every output that does not do what was commanded."""
+    """Yield every output that does not follow its command."""
     for output in OUTPUTS:
         command = next((f"{output}{s}" for s in SUFFIXES if f"{output}{s}" in trial), None)
         if output in trial and command is not None:
@@ -60,7 +62,7 @@ def _compared(run: str, command: Channel, output: Channel) -> Contradiction | No
     same_unit = command.unit == output.unit
     if np.std(came) == 0.0 or (same_unit and np.std(came) < STILL * np.std(asked)):
         cause = (
-            f"{output.name} stands still while {command.name} moves (run '{run}'). {output.name} is more likely wrong"
+            f"{output.name} does not change while {command.name} does (run '{run}'). {output.name} is more likely wrong"
         )
         cure = "check the servo, its power and linkage, SERVOn_FUNCTION and the safety switch"
         return Contradiction(pair, "still", 0.0, 0.0, output.name, columns, cause, _used(cure, command.name))
@@ -74,7 +76,7 @@ def _compared(run: str, command: Channel, output: Channel) -> Contradiction | No
     factor = float(np.std(b) / np.std(a)) * math.copysign(1.0, rho)
     std = abs(factor) * math.sqrt(max(1.0 - rho**2, 0.0) / max(int(np.count_nonzero(np.diff(asked))), 1))
     if rho < -FOLLOWS or (negative and rho < -FOLLOWS + 0.15):
-        cause = f"{output.name} goes the other way than {command.name} commands (run '{run}')"
+        cause = f"{output.name} moves in the opposite direction to its command {command.name} (run '{run}')"
         cure = "check SERVOn_REVERSED, RCn_REVERSED and the sign of both columns"
         return Contradiction(pair, "sign", factor, std, "", columns, cause, _used(cure, ""))
     if max(map(abs, cosines)) < APART:
@@ -83,7 +85,7 @@ def _compared(run: str, command: Channel, output: Channel) -> Contradiction | No
         return Contradiction(pair, "unrelated", math.nan, math.nan, "", columns, cause, _used(cure, ""))
     if same_unit and rho > 0.95 and abs(math.log(abs(factor))) > math.log1p(FACTOR):
         size = f"{factor:.2g} times as far as {command.name} commands (+- {max(std, 0.01):.1g})"
-        cause = f"{output.name} goes {size} (run '{run}')"
+        cause = f"{output.name} moves {size} (run '{run}')"
         cure = "check SERVOn_MIN, TRIM and MAX, and the units of both columns"
         return Contradiction(pair, "factor", factor, std, "", columns, cause, _used(cure, ""))
     return None
@@ -103,5 +105,5 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 def _used(cure: str, right: str) -> str:
-    wrong = f"identify from {right} instead" if right else "drop the wrong column"
-    return f"{cure}; until then {wrong} (--columns)"
+    wrong = f"identify from {right} instead" if right else "omit the wrong column"
+    return f"{cure}. Until then {wrong} (--columns)"

@@ -1,4 +1,4 @@
-"""The identified model as the control loop sees it: input in fractions of full output, and its 95 % region."""
+"""The identified model as the control loop uses it: input in fractions of full output, with its 95 % region."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROBABILITY = 0.95
 RANDOM_SAMPLES = 12
 SEED = 20261120
 MIN_INERTIA = 0.2
-"""A sample's inertia is kept above this fraction of the identified one: it cannot be zero or negative."""
+"""Smallest inertia of a sample, relative to the identified inertia, so that it is neither zero nor negative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ def in_fractions(
 ) -> tuple[SingleDof, NDArray[np.float64]]:
     """Return model and covariance with the input in fractions of full actuator output.
 
-    full_scale : model input [its unit] at full output; negative when full output acts the other way.
+    full_scale : model input [its unit] at full output; negative if full output acts in the opposite direction.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def in_fractions(
         )
     scale = 1.0 if full_scale is None else full_scale
     if scale == 0.0 or not math.isfinite(scale):
-        raise UsageError(f"the full scale must be a number other than zero, not {scale}")
+        raise UsageError(f"the full scale must be a finite number other than zero, not {scale}")
     shrink = np.array([1.0 / scale] * 4 + [1.0])
     numbers = np.array(_numbers(model)) * shrink
     _check(model, numbers)
@@ -62,9 +62,9 @@ def in_fractions(
 
 
 def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
-    """Return samples on the 95 % ellipsoid of the fitted parameters: its axes, and fixed-seed directions.
+    """Return samples on the 95 % ellipsoid of the fitted parameters: along its axes, and in fixed-seed directions.
 
-    Samples outside physics are moved to its edge (positive inertia, drag that damps, no negative delay).
+    Samples that are not physical are moved to the nearest limit (positive inertia, drag that damps, no negative delay).
     """
     values, vectors = np.linalg.eigh(covariance)
     used = values > 1e-9 * max(float(values[-1]), 1e-300)
@@ -81,7 +81,7 @@ def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
 
 
 def heavier(region: Region, factor: float) -> Region:
-    """Return the region with the model, and every sample, also *factor* times as heavy: a payload taken on."""
+    """Return the region extended by the model and every sample with *factor* times the inertia, as with a payload."""
     if factor <= 1.0:
         return region
     more = tuple(replace(m, alpha=factor * m.alpha) for m in (region.model, *region.samples))
@@ -105,16 +105,16 @@ def _physical(model: SingleDof, numbers: NDArray[np.float64]) -> NDArray[np.floa
 
 def _check(model: SingleDof, numbers: NDArray[np.float64]) -> None:
     if not np.all(np.isfinite(numbers)):
-        raise NoGainsMeetSpec(f"the {model.dof} model has numbers that are not finite. Identify again")
+        raise NoGainsMeetSpec(f"the {model.dof} model contains numbers that are not finite. Identify again")
     if numbers[0] <= 0.0:
         raise NoGainsMeetSpec(
-            f"in the {model.dof} model the craft moves against its output (inertia {numbers[0]:.3g}). "
-            "Check the actuator's direction (SERVOn_REVERSED, MOT_n_DIRECTION) before tuning"
+            f"in the {model.dof} model the craft moves against its output (inertia {numbers[0]:.3g}). Check the "
+            "actuator's direction (SERVOn_REVERSED, MOT_n_DIRECTION) before tuning"
         )
     if numbers[4] < 0.0:
         raise NoGainsMeetSpec(f"the {model.dof} model has a negative delay ({numbers[4]:.3g} s). Identify again")
     if abs(numbers[3]) >= 0.9:
         raise NoGainsMeetSpec(
-            f"a constant force (trim, wind, weight) uses {abs(numbers[3]):.0%} of the {model.dof} actuator. "
-            "Trim the craft first"
+            f"a constant force (trim, wind, weight) uses {abs(numbers[3]):.0%} of the {model.dof} actuator. Trim the "
+            "craft first"
         )

@@ -1,4 +1,5 @@
-"""Estimate the force that no cause explains from the filter: a curve over related quantities, and a description."""
+"""Estimate the force that no cause explains, with the filter: its dependence on related quantities, and a
+description."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from gcs_autotune.diagnose.result import MissingCurve, MissingForce, Waves
 from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.effects import force_unit
-from gcs_autotune.identify import NoisyFit, ProcessNoise, moves
+from gcs_autotune.identify.kalman import NoisyFit, ProcessNoise
+from gcs_autotune.sensor import moves
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["missing_of", "next_of", "words_of", "words_of_noise"]
@@ -22,21 +24,21 @@ __all__ = ["missing_of", "next_of", "words_of", "words_of_noise"]
 Array = NDArray[np.float64]
 
 BINS, FEWEST = 9, 8
-"""Number of points of a curve of the missing force, and the least number of samples at each."""
+"""BINS: number of points of a curve of the missing force. FEWEST: minimum number of samples at each point."""
 
 WAY_ON = 0.1
-"""Fraction of the largest speed that a craft must always exceed for a drift angle to be defined."""
+"""Least surge speed in a run, relative to the largest, for which a drift angle is calculated."""
 
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
 """Quantity that the missing force is plotted over -> its unit."""
 
 TOLD = 0.1
-"""Fraction of the missing force that a quantity must explain, predicted from other runs, to be reported."""
+"""Least fraction of the missing force that a quantity must predict in other runs to be reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Estimate:
-    """The missing force (n,) of one run at stamps (n,), its standard deviation, and what it may go with."""
+    """The missing force (n,) of one run at stamps (n,), its standard deviation, and the quantities it may depend on."""
 
     run: str
     t: Array
@@ -46,7 +48,10 @@ class _Estimate:
 
 
 def missing_of(search: NoiseSearch) -> MissingForce | None:
-    """Return the force that drifts in addition to the model, in the base model's units, over the whole record."""
+    """Return the drifting force beside the model, in the base model's units, over the whole record.
+
+    Return None if it cannot be estimated.
+    """
     data = search.problem.data_summary if search.whole is None else search.whole.data_summary
     unit, inertia = force_unit(search.dof, data), search.inertia
     estimates = _estimated(search, inertia)
@@ -119,7 +124,10 @@ def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
 
 
 def _places(x: Array) -> tuple[Array, Array]:
-    """Return the middles (b,) and the edges (b + 1,) of the places along *x*: its values, where they are few."""
+    """Return the centres (b,) and the edges (b + 1,) of bins along *x*.
+
+    If *x* has at most BINS different values, each of them is a centre.
+    """
     values = np.unique(x)
     if len(values) <= BINS:
         between = 0.5 * (values[1:] + values[:-1])
@@ -129,7 +137,10 @@ def _places(x: Array) -> tuple[Array, Array]:
 
 
 def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> MissingCurve | None:
-    """Return the mean missing force over *name*, and the fraction of it that the other runs (or halves) predict."""
+    """Return the mean missing force over *name*, and the fraction of it that the curve of the other runs predicts.
+
+    For a single run, each half predicts the other.
+    """
     pieces = [(e.beside[name], e.force, e.std) for e in estimates]
     alone = len(pieces) == 1
     if alone:
@@ -176,26 +187,29 @@ AXES: Mapping[str, str] = {
     "w": "the speed down",
     "drift": "the drift angle",
     "psi": "the heading",
-    "time": "the time since the start of the run",
+    "time": "the time since the run started",
 }
 
 TELLING: Mapping[str, str] = {
-    "command": "steps of four sizes to each side, each held until the rate is steady: a dependence on the command "
-    "points to the actuator",
-    "r": "turning circles at three rates each way, each held for a full turn: a dependence on the turn rate is damping",
-    "u": "the same zig-zag at slow, half and full speed, each begun at a steady speed",
-    "v": "pull-outs: a hard turn, then no command until the craft runs straight, at two speeds, with the sideways "
-    "speed recorded",
-    "drift": "turning circles at two rudder angles each way, with the sideways speed recorded, then pull-outs",
-    "w": "equal vertical commands up and down at two depths",
-    "psi": "two slow full turns, one each way: what depends on the heading is wind, current or the compass",
-    "time": "the first manoeuvre again at the end of the run: what changes with time is battery, fouling or wind",
+    "command": "fly steps of four sizes each way and hold each until the rate is steady. A force that depends on the "
+    "command is a fault of the actuator",
+    "r": "fly turning circles at three rates each way, a full turn at each. A force that depends on the turn rate "
+    "is damping",
+    "u": "fly the same zig-zag at slow, half and full speed. Start each at a steady speed",
+    "v": "fly pull-outs at two speeds: turn hard, then give no command until the craft runs straight. Record the "
+    "sideways speed",
+    "drift": "fly turning circles at two rudder angles each way, then pull-outs. Record the sideways speed",
+    "w": "send equal vertical commands up and down at two depths",
+    "psi": "make two slow full turns, one each way. A force that depends on the heading is wind, current or a "
+    "compass error",
+    "time": "repeat the first manoeuvre at the end of the run. A force that changes with time comes from the "
+    "battery, fouling or wind",
 }
-"""Quantity related to the missing force -> the manoeuvre that identifies the cause."""
+"""Quantity that the missing force depends on -> the manoeuvre that identifies the cause."""
 
 
 def words_of_noise(search: NoiseSearch) -> str:
-    """Return a description of size and time constant of the drifting force."""
+    """Return a description of the size and correlation time of the drifting force."""
     noise = search.fit.noise
     unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
     bursts = "" if math.isinf(noise.freedom) else ", in bursts"
@@ -203,14 +217,15 @@ def words_of_noise(search: NoiseSearch) -> str:
 
 
 def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
-    """Return a description of the missing force, and the causes that were rejected."""
+    """Return a description of the missing force, and why causes that fit the runs were rejected."""
     found = []
     if missing is not None:
         kind = "moment" if DOFS[missing.dof].angular else "force"
         share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of the command (rms)"
         found.append(
-            f"a {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) is missing in {missing.dof}; "
-            f"its correlation time is {missing.memory:.3g} s{_sure_of(missing)}"
+            f"a drifting {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) acts in "
+            f"{missing.dof} and is not in the model. Its correlation time is {missing.memory:.3g} "
+            f"s{_sure_of(missing)}"
         )
         if missing.waves is not None:
             found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
@@ -219,15 +234,16 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
             found.append(
-                f"{100.0 * curve.share:.0f} % of it depends on {AXES.get(curve.over, curve.over)}, "
-                f"predicted by {curve.predicted_by}: "
-                f"{curve.force[low]:+.3g} +- {curve.band[low]:.2g} at {curve.x[low]:.3g}{x}, "
-                f"{curve.force[high]:+.3g} +- {curve.band[high]:.2g} at {curve.x[high]:.3g}{x}"
+                f"{100.0 * curve.share:.0f} % of the drifting force depends on {AXES.get(curve.over, curve.over)}, "
+                f"as predicted by {curve.predicted_by}. It is {curve.force[low]:+.3g} +- {curve.band[low]:.2g} at "
+                f"{curve.x[low]:.3g}{x} and {curve.force[high]:+.3g} +- {curve.band[high]:.2g} at "
+                f"{curve.x[high]:.3g}{x}"
             )
         if not told:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
             found.append(
-                f"it depends on no recorded quantity{others}: it is waves, wind or current, or a quantity not recorded"
+                f"the drifting force depends on no recorded quantity{others}. It comes from waves, wind, current or "
+                "a quantity that was not recorded"
             )
     accepted = {key_of(a.effect) for a in search.accepted}
     last = {key_of(a.effect): a for step in search.steps for a in step.judged}  # beside all accepted before it
@@ -237,13 +253,13 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
 
 
 def _sure_of(missing: MissingForce) -> str:
-    """Return the 95 % intervals in words, and whether the force may be a constant; nothing where none is known."""
+    """Return the 95 % intervals in words, and whether the force may be a constant; empty if no interval is known."""
     (low, high), (soon, late) = missing.size95, missing.memory95
     if not math.isfinite(high):
         return ""
     until = f"{late:.3g} s" if math.isfinite(late) else "no limit"
-    words = f" (95 %: {low:.2g} to {high:.2g}, and {soon:.2g} s to {until})"
-    return words + "; these runs do not distinguish it from a constant force" * (late > missing.longest)
+    words = f" (95 % intervals: size {low:.2g} to {high:.2g}, time {soon:.2g} s to {until})"
+    return words + ". These runs do not distinguish it from a constant force" * (late > missing.longest)
 
 
 def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
@@ -251,9 +267,9 @@ def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
     swing = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
     kind = "moment" if DOFS[missing.dof].angular else "force"
     return (
-        f"it also oscillates with a period of {waves.period:.2g} s, as from waves or a loose sensor mount: "
-        f"{AXES.get(signal, signal)} by {swing}, driven by a {kind} of {waves.force:.2g} {_of(missing)} (standard "
-        "deviations); this is not counted as a cause"
+        f"{AXES.get(signal, signal)} also oscillates by {swing} with a period of {waves.period:.2g} s, as from waves "
+        f"or a loose sensor mount. The {kind} behind it is {waves.force:.2g} {_of(missing)}. Both sizes are standard "
+        "deviations. This is not counted as a cause"
     )
 
 
@@ -262,31 +278,31 @@ def _of(missing: MissingForce) -> str:
 
 
 def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
-    """Return, in words, why a candidate that fits the given runs is not reported."""
+    """Return, in words, why a candidate that fits the supplied runs is not reported."""
     candidate = f"{unnamed.effect.slug} of {unnamed.effect.place}"
     fits = f"{candidate} improves the log-likelihood of the fitted runs by {unnamed.gained:.1f}"
     if unnamed.unsound:
-        return f"{fits}, but {unnamed.unsound}: not reported as a cause"
+        return f"{fits}. It is rejected because {unnamed.unsound}"
     if unnamed.held_out_gain > 0.0 and unnamed.interval[0] < 0.0:
         low, high = unnamed.interval
         return (
-            f"{fits}, that of held-out runs by {unnamed.held_out_gain:+.1f} (90 % interval {low:+.1f} to {high:+.1f}): "
-            "too uncertain to report as a cause"
+            f"{fits} and that of the held-out runs by {unnamed.held_out_gain:+.1f} (90 % interval {low:+.1f} to "
+            f"{high:+.1f}). This is too uncertain to report it as a cause"
         )
     if unnamed.held_out_gain > 0.0:
-        together = f"that of all held-out runs by {unnamed.held_out_gain:+.1f}, but not of each"
-        return f"{fits}, {together}: not reported as a cause"
-    return f"{fits}, but lowers that of held-out runs ({unnamed.held_out_gain:+.1f}): rejected"
+        together = f"that of the held-out runs by {unnamed.held_out_gain:+.1f}, but not of every run"
+        return f"{fits} and {together}. It is not reported as a cause"
+    return f"{fits}, but lowers that of the held-out runs ({unnamed.held_out_gain:+.1f}). It is rejected"
 
 
 def next_of(missing: MissingForce | None) -> str | None:
-    """Return the manoeuvre that would identify the missing force."""
+    """Return the manoeuvre that would identify the missing force; None if there is no missing force to identify."""
     if missing is None or not missing.curves:
         return None
     best = next((c for c in missing.curves.values() if c.varies), None)
     if best is None or best.share <= TOLD:
         return (
-            f"repeat the manoeuvre in calm water, or four times as long: a drifting force of {missing.size:.2g} "
-            f"{_of(missing)} masks smaller effects"
+            "repeat the manoeuvre in calm water, or make it four times as long. A drifting force of "
+            f"{missing.size:.2g} {_of(missing)} hides smaller effects"
         )
     return TELLING.get(best.over, TELLING["command"])

@@ -1,4 +1,4 @@
-"""Effects of actuators that take time: delay, lag, rate limit, and a gain that drifts."""
+"""Dynamic actuator effects: delay, lag, rate limit, and a gain that drifts."""
 
 from __future__ import annotations
 
@@ -15,19 +15,22 @@ __all__ = ["ActuatorLag", "GainDrift", "InputDelay", "RateLimit"]
 
 
 LATEST = 1.0
-"""A delay [s] that is looked for however quick the craft is: radio, autopilot and a GPS know nothing of that."""
+"""Minimum upper bound of the delay [s], for a craft of any speed.
+
+Delays of the radio, the autopilot and a GPS do not depend on the craft's time constant.
+"""
 
 
 class InputDelay(SharedActuatorEffect):
-    """The command acts ``delay`` later, the first one before that; exact, as commands are held."""
+    """The command acts after ``delay``; before that, the first command acts. The result is exact for held commands."""
 
     slug = "input-delay"
     is_structural = True
-    meaning = "commands act later than they are sent: radio, autopilot loops, motor controller"
-    plain = "Your {craft} responds to {command} late; {simulation} responds at once."
+    meaning = "commands act later than they are sent, because of the radio, autopilot loops or the motor controller"
+    plain = "Your {craft} responds late to {command}, but {simulation} responds at once."
     parameters = (Quantity("delay", "s", "time from command to action"),)
     grows_with = ("delay",)
-    shown_by = "residual right after every change of command: the motion begins late, then keeps pace"
+    shown_by = "residual right after each change of command: the motion begins late, then keeps up"
     mistaken_for = (
         "actuator-lag",
         "measurement-delay",
@@ -36,22 +39,23 @@ class InputDelay(SharedActuatorEffect):
         "backlash",
     )
     separated_by = (
-        "full steps from rest with ten samples or more per time constant: a delay leaves the craft still, then starts "
-        "it at full pace; a lag starts it at once and gently. Inputs stepped one by one distinguish it from a clock "
-        "offset"
+        "full steps from rest, with ten or more samples per time constant. With a delay the craft stays still, then "
+        "starts abruptly. With a lag it starts at once but gradually. Step the inputs one at a time to exclude a "
+        "clock offset"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """From a sample to the craft's own pace."""
+        """Return delays from one sample to the craft's time constant."""
         return tuple({"delay": float(d)} for d in np.geomspace(*horizon(data), 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """None, to twice the craft's pace, a dozen samples or :data:`LATEST` at least."""
+        """Return zero to twice the craft's time constant, or to a dozen samples or :data:`LATEST` if these are
+        longer."""
         floor = min(max(12.0 * data.interval, LATEST), 0.25 * data.duration)
         return {"delay": (0.0, max(2.0 * horizon(data)[1], floor))}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Shift the changes of the channel; a lone channel keeps no other stamps."""
+        """Delay the changes of the channel; a single channel keeps no other stamps."""
 
         def later(u: Array) -> tuple[Array, Array]:
             changes = np.r_[True, np.diff(u) != 0.0]
@@ -62,46 +66,48 @@ class InputDelay(SharedActuatorEffect):
         return redrawn(drive, effect.place, later)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """A step, commanded and acting."""
+        """Return a step of the command and the delayed output."""
         t = np.linspace(-0.5, 2.5, 601) * max(effect["delay"], data.interval)
         acting, commanded = (t >= effect["delay"]).astype(float), (t >= 0.0).astype(float)
         return EffectCurve(
-            t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Input delay", plain=commanded
+            t, acting, "time [s]", f"{effect.place}, as a fraction of the step [1]", "Input delay", plain=commanded
         )
 
 
 class RateLimit(Gradual):
-    """The actuator runs after the command at ``rate`` until it has reached it; it starts at the first command."""
+    """The actuator follows the command at no more than ``rate``; it starts at the first command."""
 
     slug = "rate-limit"
-    meaning = "the actuator follows its command at a limited speed: a slow servo, a ramp in the motor controller"
-    plain = "On your {craft} {command} changes at a limited speed; in {simulation} it jumps."
-    parameters = (Quantity("rate", f"{INPUT}/s", "fastest change of what acts"),)
-    shown_by = "residual after changes of command: the larger the change, the longer it lasts"
+    meaning = (
+        "the actuator follows its command at a limited rate, as with a slow servo or a ramp in the motor controller"
+    )
+    plain = "On your {craft} {command} changes at a limited rate, but in {simulation} it jumps."
+    parameters = (Quantity("rate", f"{INPUT}/s", "largest rate of change of the actuator"),)
+    shown_by = "residual after each change of command: the larger the change, the longer the residual lasts"
     mistaken_for = ("actuator-lag", "input-delay", "saturation", "backlash")
     separated_by = (
-        "steps of a quarter of full command and full reversals: a rate limit makes large steps late in proportion and "
-        "small ones hardly, lag and delay make all equally late"
+        "steps of a quarter of full command, and full reversals. A rate limit delays large steps much more than "
+        "small ones. A lag or a delay affects all sizes equally"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """From zero to full in less than a sample to twice the craft's pace."""
+        """Return rates that reach full command within 0.6 samples to twice the craft's time constant."""
         shortest, longest = horizon(data)
         full = largest(place, data)
         return tuple({"rate": float(full / s)} for s in np.geomspace(0.6 * shortest, 2.0 * longest, 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """From zero to full in a fiftieth of a sample to ten times the craft's pace."""
+        """Return rates that reach full command within a fiftieth of a sample to ten times the craft's time constant."""
         shortest, longest = horizon(data)
         full = largest(place, data)
         return {"rate": (0.1 * full / longest, 50.0 * full / shortest)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Run after the command."""
+        """Apply the rate limit to the commands."""
         return redrawn(drive, effect.place, lambda u: limited(drive.t, u, effect["rate"], self.resolution(effect, u)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """A step from zero to full command, commanded and acting."""
+        """Return a step from zero to full command and the limited output."""
         full = largest(effect.place, data)
         t = np.linspace(-0.5, 2.0, 501) * full / effect["rate"]
         commanded = np.where(t >= 0.0, full, 0.0)
@@ -117,18 +123,18 @@ class RateLimit(Gradual):
 
 
 INSTANT = 1e-6
-"""A lag shorter than this [s] is none."""
+"""Time constant [s] below which a lag is ignored."""
 
 
 class ActuatorLag(Gradual):
-    """What acts follows the command with ``time_constant``; it starts at the first command."""
+    """The output follows the command as a first-order lag with ``time_constant``; it starts at the first command."""
 
     slug = "actuator-lag"
-    meaning = "thrust or rudder follows the command gradually: propeller and water take time to speed up"
-    plain = "On your {craft} {command} builds up gradually; in {simulation} it is there at once."
-    parameters = (Quantity("time_constant", "s", "time until 63 % of a step in command acts"),)
+    meaning = "thrust or rudder follows the command gradually, since propeller and water take time to speed up"
+    plain = "On your {craft} {command} builds up gradually, but in {simulation} it acts at once."
+    parameters = (Quantity("time_constant", "s", "time to reach 63 % of a step in command"),)
     grows_with = ("time_constant",)
-    shown_by = "residual after every change of command: the motion bends in gently where it should kink"
+    shown_by = "residual after each change of command: the motion starts gradually instead of abruptly"
     mistaken_for = (
         "input-delay",
         "rate-limit",
@@ -137,50 +143,50 @@ class ActuatorLag(Gradual):
         "mass-change",
     )
     separated_by = (
-        "full steps from rest, recorded ten times per time constant or faster, once more at half command: a lag bends "
-        "the start at once and equally at both sizes; a delay holds it still, a rate limit makes the larger step the "
-        "later one"
+        "full steps from rest, with ten or more samples per time constant, and the same at half command. A lag makes "
+        "both sizes start at once but gradually. A delay holds the craft still at first. A rate limit delays the "
+        "larger step more"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Start values from one sample up to the craft's own time constant."""
+        """Return time constants from one sample to the craft's own."""
         return tuple({"time_constant": float(T)} for T in np.geomspace(*horizon(data), 4))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """None, to five times the craft's pace."""
+        """Return zero to five times the craft's time constant."""
         return {"time_constant": (0.0, 5.0 * horizon(data)[1])}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Follow the command."""
+        """Apply the lag to the commands."""
         T = effect["time_constant"]
         if T < INSTANT:
             return drive
         return redrawn(drive, effect.place, lambda u: following(drive.t, u, T, self.resolution(effect, u)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """A step, commanded and acting."""
+        """Return a step of the command and the lagged output."""
         T = max(effect["time_constant"], INSTANT)
         t = np.linspace(-1.0, 5.0, 601) * T
         commanded = (t >= 0.0).astype(float)
         acting = -np.expm1(-np.maximum(t, 0.0) / T)
         return EffectCurve(
-            t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Actuator lag", plain=commanded
+            t, acting, "time [s]", f"{effect.place}, as a fraction of the step [1]", "Actuator lag", plain=commanded
         )
 
 
 LEAST_GAIN = 0.05
-"""What is left of the gain in the end."""
+"""Lower limit of the drifting gain, relative to the gain at the start."""
 
 
 class GainDrift(Gradual):
-    """Commands act times ``1 - rate (t - t_0)``, ``t_0`` the run's first stamp, never less than a twentieth."""
+    """Commands are multiplied by ``1 - rate (t - t_0)``, at least by a twentieth; ``t_0`` is the run's first stamp."""
 
     slug = "gain-drift"
-    meaning = "thrust weakens (or grows) during a run: the battery sags, a motor heats up"
-    plain = "On your {craft} {command} gets weaker or stronger during a run; in {simulation} it stays the same."
-    parameters = (Quantity("rate", "1/s", "fraction of the first gain lost per second"),)
+    meaning = "thrust weakens or grows during a run, because the battery sags or a motor heats up"
+    plain = "On your {craft} {command} gets weaker or stronger during a run, but not in {simulation}."
+    parameters = (Quantity("rate", "1/s", "fraction of the initial gain lost per second"),)
     grows_with = ("rate",)
-    shown_by = "residual against time: follows the command in the beginning and opposes it in the end"
+    shown_by = "residual against time: it follows the command at the beginning and opposes it at the end"
     mistaken_for = (
         "mass-change",
         "time-scale",
@@ -188,20 +194,20 @@ class GainDrift(Gradual):
         "speed-dependent-steering",
     )
     separated_by = (
-        "the same full steps at the beginning and at the end of one long run, and once more with a fresh battery: "
-        "with a weaker gain they start and end slower, with a larger mass they start slower and end equally fast"
+        "the same full steps at the beginning and end of one long run, and again with a fresh battery. A weaker gain "
+        "makes the steps start and end slower. A larger mass makes them start slower but reach the same speed"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A third and most of the gain lost within the longest run, and a third gained."""
+        """Return losses of 30 % and 80 % of the gain within the longest run, and an increase of 30 %."""
         return tuple({"rate": share / data.duration} for share in (0.3, 0.8, -0.3))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """From doubling within the longest run to running out in a third of it."""
+        """Return rates from a doubled gain at the end of the longest run to a zero gain after a third of it."""
         return {"rate": (-1.0 / data.duration, 3.0 / data.duration)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Let the commands fade."""
+        """Apply the drifting gain to the commands."""
         end = last_stamp(drive)
 
         def faded(u: Array) -> tuple[Array, Array]:
@@ -210,9 +216,14 @@ class GainDrift(Gradual):
         return redrawn(drive, effect.place, faded)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Gain over time."""
+        """Return gain over time."""
         t = np.linspace(0.0, data.duration, 201)
         gain = np.maximum(1.0 - effect["rate"] * t, LEAST_GAIN)
         return EffectCurve(
-            t, gain, "time in the run [s]", f"gain of {effect.place} [1]", "Gain drift", plain=np.ones_like(t)
+            t,
+            gain,
+            "time since the start of the run [s]",
+            f"gain of {effect.place} [1]",
+            "Gain drift",
+            plain=np.ones_like(t),
         )

@@ -1,4 +1,7 @@
-"""A vehicle class for Fossen's Python Vehicle Simulator (Fossen2021): ``dynamics(eta, nu, u_actual, u_control, h)``."""
+"""Export a model to Fossen's Python Vehicle Simulator (Fossen2021), as a vehicle class.
+
+The class has the method ``dynamics(eta, nu, u_actual, u_control, h)``.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ __all__ = ["to_fossen"]
 
 
 def to_fossen(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return a Python file with the class; it needs NumPy only. Everything in the equations is in it."""
+    """Return a Python file with the class; it needs NumPy only and contains all parts of the equations."""
     inputs = tuple(equations.inputs)
     rows = list(equations.rows)
     lines = "\n".join(f"        tau[{t.row}] += {t.text.replace('sin(', 'np.sin(').replace('cos(', 'np.cos(')}"

@@ -1,9 +1,9 @@
 """ArduRover 4.x: boats (MAV_TYPE 11) and ground rovers (10).
 
-Parameter names and documented ranges: ArduPilot's parameter metadata for Rover 4.5-4.7 (unchanged there).
-Channels: RCMAP defaults, steering on 1, throttle on 3. Outputs up to 3.1 ("APM:Rover", "ArduRover v2.46"): those of
-these channels, which RCMAP moves too; with SKID_STEER_OUT the left thruster is on the channel of steering and the
-right one on that of throttle (ArduRover 2.46 to 3.1, ``mix_skid_steering``).
+Parameter names and documented ranges: ArduPilot's parameter metadata for Rover 4.5-4.7 (unchanged there). Channels:
+RCMAP defaults, steering on 1, throttle on 3. Outputs up to 3.1 ("APM:Rover", "ArduRover v2.46") have the numbers of
+these channels, which RCMAP changes too. With SKID_STEER_OUT the left thruster is on the steering channel and the right
+one on the throttle channel (ArduRover 2.46 to 3.1, ``mix_skid_steering``).
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ _FAILSAFE_ACTIONS: Mapping[int, Sequence[str]] = {
     5: (DISARMS,),
     6: ("LOITER", "HOLD"),
 }
-"""FS_ACTION -> what it ends in."""
+"""FS_ACTION -> resulting mode or state."""
 _FAILSAFES = (
     Failsafe(
         "radio failsafe",
@@ -127,7 +127,10 @@ _FAILSAFES = (
         says="failsafe",
     ),
 )
-"""Both are silent in HOLD and RTL. That of the ground station was seen to call itself "Radio Failsafe" as well."""
+"""Failsafes of ArduRover.
+
+Neither acts in HOLD and RTL. The one for the ground station was also observed with the text "Radio Failsafe".
+"""
 
 FIRMWARE = Firmware(
     name="ArduRover",

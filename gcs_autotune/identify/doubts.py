@@ -1,6 +1,6 @@
-"""Reasons not to trust an identification, each with cause and remedy: one list, one set of constants.
+"""Collect reasons not to trust an identification, each with its cause and a remedy.
 
-:func:`collect` returns those of one axis for any method, about its runs and its parameters. Doubts about a
+:func:`collect` returns the doubts about the runs and parameters of one axis, for any method. Doubts about a
 maximum-likelihood solution, for any form and effects, are in ``solution_doubts``. Doubts of a single method
 (innovations of a filter, choice of a structure) are in that method's module.
 """
@@ -15,10 +15,11 @@ import numpy as np
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.solution import Solution
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.result import Decision, LimitCycle, Parameter
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import SingleDof
 
 __all__ = [
@@ -42,54 +43,61 @@ OF_THE_RUNS = (
     "time-unit",
     "dropped-rows",
 )
-"""Doubts about the runs themselves, for any model."""
+"""Slugs of the doubts about the runs themselves, which apply to any model."""
 
 WEAK = 0.30
 """Relative standard error above which a parameter counts as weakly excited."""
 
 POOR = 70.0
-"""Fit [%] of a signal below which it counts as unexplained."""
+"""Fit [%] of a signal below which the model counts as explaining it only in part."""
 
 COLOUR = 0.2
-"""Autocorrelation of residuals or innovations above which a doubt is raised; a smaller one hardly changes an
+"""Autocorrelation of residuals or innovations above which a doubt is raised. A smaller one hardly changes a confidence
 interval."""
 
 
 def once(doubts: Iterable[Doubt]) -> tuple[Doubt, ...]:
-    """Return *doubts* in their order, each slug and cause once."""
+    """Return *doubts* in their order, without repeats of the same slug and cause."""
     return tuple({(d.slug, d.cause): d for d in doubts}.values())
 
 
 def poor_fit(shares: Mapping[str, float]) -> Doubt | None:
-    """Return a doubt about a model that leaves much of a signal unexplained; *shares* [%] per signal."""
+    """Return a doubt about signals that the model explains only in part, or None.
+
+    shares : fit [%] per signal.
+    """
     poor = [f"{name} ({share:.0f} %)" for name, share in shares.items() if share < POOR]
     if not poor:
         return None
     return Doubt(
         "poor-fit",
         f"the model explains these signals only in part: {', '.join(poor)}",
-        "inspect the plot of the fit; check for wind, current, other axes, a missing term, a drifting clock or a "
+        "inspect the plot of the fit. Check for wind, current, other axes, a missing term, a drifting clock or a "
         "wrong input",
     )
 
 
 def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
-    """Return a doubt that a delay was fitted, with its *evidence* (difference of the criterion)."""
+    """Return a doubt that a delay was fitted, or None if none was.
+
+    evidence : decrease of the criterion with the delay.
+    """
     if evidence <= 0.0 or "delay" not in solution.free:
         return None
     return Doubt(
         "delay-fitted",
-        f"a delay of {solution.value('delay'):.2g} s between input and motion was fitted. It lowers BIC (misfit "
-        f"with a penalty per parameter) by {evidence:.0f}",
-        "supply --delay if it is known; if the actuator is slow, fit a form with 'lag' free instead",
+        f"a delay of {solution.value('delay'):.2g} s between input and motion was fitted. It lowers BIC (misfit with "
+        f"a penalty per parameter) by {evidence:.0f}",
+        "supply --delay if the delay is known. If the actuator is slow, fit a form with 'lag' free instead",
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """What the checks look at; ``noise`` is that of the main signal.
+    """Values that the checks use.
 
-    ``white``: the residuals are white noise, so that nothing is left to explain.
+    ``noise``: standard deviation of the noise in the main signal. ``white``: whether the residuals are white, so that
+    nothing is left to explain.
     """
 
     case: Case
@@ -103,12 +111,12 @@ class Findings:
 
     @property
     def relays(self) -> Sequence[LimitCycle]:
-        """Limit cycles of relays that were flown."""
+        """Limit cycles of the runs, empty if no relay was flown."""
         return self.case.cycles if self.case.relay_flown else ()
 
 
 def collect(findings: Findings) -> tuple[Doubt, ...]:
-    """Return the doubts of the records and of every check, in that order, each slug and cause once."""
+    """Return the doubts of the records, then those of every check, without repeats."""
     notes = [doubt for record in findings.case.records for doubt in record.notes]
     return once([*notes, *(d for check in _CHECKS if (d := check(findings)) is not None)])
 
@@ -116,9 +124,9 @@ def collect(findings: Findings) -> tuple[Doubt, ...]:
 REVERSED_INPUT = Doubt(
     "reversed-input",
     "a positive input turns or pushes against the SNAME convention, so the fitted parameters are negative",
-    "this is normal for a rudder angle; otherwise check wiring and sign of the channel",
+    "no action for a rudder angle, where this is normal. Otherwise check wiring and sign of the channel",
 )
-"""Doubt for one input and one motion with negative inertia."""
+"""Doubt for a model with negative inertia, which indicates an input of reversed sign."""
 
 
 def _few_periods(f: Findings) -> Doubt | None:
@@ -127,7 +135,7 @@ def _few_periods(f: Findings) -> Doubt | None:
     most = max(c.periods for c in f.relays)
     return Doubt(
         "few-periods",
-        f"only {most} full period(s) of self-oscillation; {PERIODS} are required",
+        f"only {most} full period(s) of self-oscillation were recorded, but {PERIODS} are required",
         "let the relay run longer",
     )
 
@@ -139,7 +147,7 @@ def _unsettled(f: Findings) -> Doubt | None:
     cause = "only one period" if np.isinf(worst) else f"maxima and minima scatter by {100 * worst:.0f} %"
     return Doubt(
         "unsettled",
-        f"the oscillation never settled ({cause}; the limit is {100 * SCATTER:.0f} %)",
+        f"the oscillation never settled ({cause}, but the limit is {100 * SCATTER:.0f} %)",
         "wait for calmer water, use a larger C (output) or x_a (switching value), or let the relay run longer",
     )
 
@@ -150,17 +158,17 @@ def _condition(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "not-self-oscillation",
-        f"{len(broken)} of {len(f.relays)} relay settings violate x_a* + |x_0| < X_m (Miskovic2010, eq. 7.12). "
-        "IS-O is not valid for them; the simulated fit is",
-        "use a larger C or a smaller x_a; trim away the constant force",
+        f"{len(broken)} of {len(f.relays)} relay settings violate x_a* + |x_0| < X_m (Miskovic2010, eq. 7.12). IS-O "
+        "is not valid for them, but the simulated fit is",
+        "use a larger C (output) or a smaller x_a (switching value). Trim the craft to remove the constant force",
     )
 
 
 PUSHES_BOTH_WAYS: Mapping[str, str] = {
-    "yaw": "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
+    "yaw": "fly a manoeuvre that pushes both ways, such as a relay or a zig-zag",
     "surge": "fly well-separated steps ahead (throttle-steps), or pulses ahead and astern (doublets)",
 }
-"""Degree of freedom -> what to fly if the input had one sign only; others need a relay or doublets."""
+"""Degree of freedom -> manoeuvre to fly if the input had only one sign. Those not listed need a relay or doublets."""
 
 
 def _one_sided(f: Findings) -> Doubt | None:
@@ -168,8 +176,8 @@ def _one_sided(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "one-sided-input",
-        "the input never changes sign: constant force and drag are poorly separated",
-        PUSHES_BOTH_WAYS.get(f.model.dof, "fly a manoeuvre that pushes both ways: a relay, doublets"),
+        "the input never changes sign, so constant force and drag are poorly separated",
+        PUSHES_BOTH_WAYS.get(f.model.dof, "fly a manoeuvre that pushes both ways, such as a relay or doublets"),
     )
 
 
@@ -182,7 +190,7 @@ def _saturated(f: Findings) -> Doubt | None:
     return Doubt(
         "saturated-input",
         f"the input is at full output for {100 * share:.0f} % of the time",
-        "use smaller inputs; the record does not show commands beyond the actuator's limit",
+        "use smaller inputs, because the record does not show commands beyond the actuator's limit",
     )
 
 
@@ -203,7 +211,7 @@ def _irregular(f: Findings) -> Doubt | None:
     return Doubt(
         "irregular-sampling",
         f"{100 * max(shares):.0f} % of the time steps differ from the median by more than half of it",
-        "request a lower, steadier message rate; the fit uses each timestamp unchanged",
+        "request a lower, steadier message rate. The fit uses each time stamp unchanged",
     )
 
 
@@ -224,7 +232,7 @@ def _dropped(f: Findings) -> Doubt | None:
     return Doubt(
         "dropped-rows",
         f"{f.case.dropped_rows} damaged row(s) at a file's end were left out",
-        "stop the recording before copying the file",
+        "stop the recording before you copy the file",
     )
 
 
@@ -234,8 +242,8 @@ def _quantised(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "quantised",
-        f"{f.case.records[0].main.name} is recorded in steps of {step:.3g} "
-        f"{f.case.records[0].dof.position_unit}, coarser than its noise",
+        f"{f.case.records[0].main.name} is recorded in steps of {step:.3g} {f.case.records[0].dof.position_unit}, "
+        "which is coarser than its noise",
         "use a finer sensor or message, or larger oscillations",
     )
 
@@ -250,8 +258,8 @@ def _weak(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "weakly-excited",
-        f"{', '.join(weak)}: standard error above {100 * WEAK:.0f} %",
-        f"record longer, with larger or more different inputs{' (a second relay with another C)' if f.relays else ''}",
+        f"these parameters have a standard error above {100 * WEAK:.0f} %: {', '.join(weak)}",
+        f"record longer, with larger or more varied inputs{' (a second relay with another C)' if f.relays else ''}",
     )
 
 
@@ -271,8 +279,8 @@ def _negative_drag(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "negative-drag",
-        f"{', '.join(bad)} is destabilising: the model diverges without input",
-        "check that input and output belong together and are synchronous; check for current or a course-unstable hull",
+        f"{', '.join(bad)} is destabilising, so the model diverges without input",
+        "check that input and output belong together and are synchronous. Check for current or a course-unstable hull",
     )
 
 
@@ -313,4 +321,4 @@ _CHECKS: tuple[Callable[[Findings], Doubt | None], ...] = (
     _poor,
     _disagreement,
 )
-"""Of one axis, in the order in which they are listed."""
+"""Checks of one axis, in the order in which their doubts are listed."""

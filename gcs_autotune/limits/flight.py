@@ -1,4 +1,4 @@
-"""Numbers of flights: steps and relay experiments of a tune, per axis, and every manoeuvre."""
+"""Limits for flights: steps and relay experiments of a tune, per axis, and every manoeuvre."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of the link and of desk work."""
+"""Limits for the link and for work without a vehicle."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ _ACK, _NACK = 128, 129
 _END_OF_FILE = 6
 _PIECE, _PAYLOAD = 239, 251
 _ABREAST = 5
-"""Pieces requested at once. Chosen: about what the buffer of a slow radio holds."""
+"""Number of pieces requested at once, about what the buffer of a slow radio can store. Project choice."""
 _REPLY = 1.0
 """Seconds after which a request is repeated. Chosen."""
 _TRIES = 3
@@ -87,7 +87,7 @@ class _Exchange:
         Raises
         ------
         NoReply
-            It is not.
+            It was not answered.
         """
         for _ in range(_TRIES):
             self.replies.clear()

@@ -14,7 +14,7 @@ __all__ = ["OnboardLog", "fetch_log", "list_logs"]
 _PIECE = 90
 """Bytes in one LOG_DATA."""
 _STRETCH = 128 * _PIECE
-"""Bytes requested at once. Chosen: some seconds on a slow radio."""
+"""Number of bytes requested at once, a few seconds on a slow radio. Project choice."""
 _QUIET = 1.0
 """Seconds without new data after which missing data is requested again. Chosen."""
 _TRIES = 5
@@ -37,7 +37,7 @@ def list_logs(session: Session) -> tuple[OnboardLog, ...]:
     Raises
     ------
     NoReply
-        The vehicle does not tell.
+        The vehicle does not answer.
     """
     entries: dict[int, OnboardLog] = {}
     told: list[int] = []
@@ -80,12 +80,12 @@ def _ask_list(session: Session) -> None:
 def fetch_log(
     session: Session, log: OnboardLog, progress: Callable[[int, int], object] = lambda done, whole: None
 ) -> bytes:
-    """Return the bytes of *log*; ``progress(done, size)`` is called as they come.
+    """Return the bytes of *log*; ``progress(done, size)`` is called as they arrive.
 
     Raises
     ------
     NoReply
-        They stopped coming. BadFile: it is too large. OperatorStopped: the operator did not want to wait.
+        The data stopped arriving. BadFile: it is too large. OperatorStopped: the operator stopped the download.
     """
     if log.size > _LARGEST:
         raise BadFile(f"log {log.number} has {log.size} bytes, too many for the link. Copy the log from the SD card")

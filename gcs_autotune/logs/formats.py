@@ -1,7 +1,7 @@
-"""The table of kinds of files: those read here, and those that are named, with the way to convert them.
+"""The table of file types: those that can be read, and those that are recognised with advice on how to convert them.
 
-A file is known by its content, whatever its name. Only where its content shows nothing (a log damaged from its start)
-does the suffix count. Whatever is left is read as a CSV table.
+A file is recognised by its content, whatever its name. The suffix counts only if the content shows nothing (a log
+damaged from its start). Any other file is read as a CSV table.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["FORMATS", "LOG_SUFFIXES", "format_of"]
 
 FIRST_FRAMES = 3
-"""Chosen: MAVLink frames behind each other that show what a file is."""
+"""Number of consecutive MAVLink frames by which a file is recognised. Project choice."""
 YEARS = (946_684_800_000_000, 4_102_444_800_000_000)
-"""Stamps of telemetry logs [us since 1970] of 2000 to 2099."""
+"""Range of valid stamps of telemetry logs [us since 1970]: the years 2000 to 2099."""
 EXPORT = "export it as CSV (comma separated, UTF-8), with a header line like t[s],psi[deg],N[N m]"
 
 
@@ -46,13 +46,13 @@ def _of_text(fits: Callable[[str], bool]) -> Callable[[Head], bool]:
 
 
 def _is_stamped(head: Head) -> bool:
-    """Whether a file begins with a stamp and a MAVLink frame, as telemetry logs do."""
+    """Return whether a file begins with a stamp and a MAVLink frame, as telemetry logs do."""
     stamp = int.from_bytes(head.data[:8], "big")
     return head.data[8:9] in (b"\xfd", b"\xfe") and YEARS[0] < stamp < YEARS[1]
 
 
 def _is_raw(head: Head) -> bool:
-    """Whether a file begins with MAVLink frames right behind each other, without stamps."""
+    """Return whether a file begins with consecutive MAVLink frames without stamps."""
     data, at = head.data, 0
     for count in range(FIRST_FRAMES):
         if data[at : at + 1] not in (b"\xfd", b"\xfe"):
@@ -69,7 +69,7 @@ def _is_dataflash(head: Head) -> bool:
 
 
 def _zipped(fits: Callable[[Sequence[str]], bool]) -> Callable[[Head], bool]:
-    """Return whether a file is a zip archive whose members' names fit; an archive that cannot be read has none."""
+    """Return whether a file is a zip archive with matching member names. An unreadable archive does not match."""
 
     def is_such(head: Head) -> bool:
         return head.data.startswith(b"PK\x03\x04") and fits(_members(head.path))
@@ -173,14 +173,14 @@ FORMATS: tuple[Format, ...] = (
         advice="use it with --parameters, together with its log",
     ),
 )
-"""Kinds of files, tried in this order by content and then by suffix. A format is one file and one line here."""
+"""File types, tested in this order by content and then by suffix. To add a format, add a file and a line here."""
 
 LOG_SUFFIXES = tuple(s for f in FORMATS if f.record or f.runs for s in f.suffixes if s not in (".log", ".db3"))
-"""Suffixes of the logs that are looked for in a folder."""
+"""Suffixes of the logs that are searched for in a folder."""
 
 
 def format_of(path: Path) -> Format | None:
-    """Return the type of the file at *path*, None for a table of columns (CSV) or an ordinary folder.
+    """Return the type of the file at *path*; None for a table of columns (CSV) or an ordinary folder.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def format_of(path: Path) -> Format | None:
 
 
 def _by_suffix(head: Head) -> Format | None:
-    """Return what a file is by its name, unless it is a table of text called something else."""
+    """Return the type of a file by its name, unless it is a text table with a misleading name."""
     if head.path.is_dir() or wide_encoding(head.data):
         return None
     first = next((line for line in head.text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")

@@ -1,4 +1,4 @@
-"""Renaming of columns and channels by ``--columns``."""
+"""Rename columns and channels as requested by ``--columns``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ __all__ = ["parse_columns", "renamed"]
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Read ``"t_sim=t[s],heading_deg=psi[deg]"`` as name in the file -> ``channel[unit]``.
+    """Parse ``"t_sim=t[s],heading_deg=psi[deg]"`` into name in the file -> ``channel[unit]``.
 
     Raises
     ------
     UsageError
-        A piece is not of the form ``name=channel[unit]``, or a name comes twice.
+        A piece is not of the form ``name=channel[unit]``, or a name occurs twice.
     """
     found: dict[str, str] = {}
     for piece in (p.strip() for p in text.split(",")):
@@ -34,14 +34,14 @@ def parse_columns(text: str) -> dict[str, str]:
 
 
 def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
-    """Return *trial* with channels renamed; values of a channel without unit are converted to SI on the way.
+    """Return *trial* with channels renamed. Values of a channel without a unit are converted to SI.
 
     mapping : present name -> ``channel[unit]``.
 
     Raises
     ------
     UsageError
-        A name the trial does not have, a new name it already has, or a unit for a channel that has another one.
+        A name does not exist, a new name already exists, or the unit differs from the channel's own unit.
     """
     missing = [name for name in mapping if name not in trial]
     if missing:

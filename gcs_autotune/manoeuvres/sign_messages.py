@@ -1,4 +1,4 @@
-"""What a sign check found, in words that name the cure."""
+"""Messages with the result of a sign check and its remedy."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ __all__ = [
 ]
 
 _NOTHING = 0.1
-"""Fraction of the command below which an output counts as unmoved. Chosen."""
+"""Fraction of the command below which an output counts as unmoved. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outlet:
-    """A servo output (1-based) that drives a force: pulse [us] at rest, and how much more full output makes it."""
+    """A servo output (1-based) that drives a force: pulse [us] at rest, and the change [us] for full output."""
 
     channel: int
     trim: float
@@ -90,7 +90,7 @@ def unclear(seen: PulseResponse, signal: str, force: str, outlets: Sequence[Outl
 
 
 def _drifting(seen: PulseResponse, signal: str) -> str:
-    """Return the drift without command, if it is as large as the required response."""
+    """Return a sentence on the drift without command, if it is as large as the required response."""
     if not abs(seen.drift) * seen.forward.seconds >= seen.threshold:
         return ""
     if SIGNALS[signal].angular:

@@ -1,5 +1,8 @@
-"""The table of manoeuvres: what ``gcs-autotune fly``, ``tune`` and ``experiment`` fly, previews show and
-``identify --plan-next`` weighs, by the names that records carry."""
+"""The table of manoeuvres, by the names that records contain.
+
+``gcs-autotune fly``, ``tune`` and ``experiment`` fly them, previews simulate them, and ``identify --plan-next`` ranks
+them.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +30,11 @@ def _relay(title: str, signal: str, force: str, hysteresis: float) -> Preset:
 
 
 _OF_EXPERIMENT = OptionNames("--relay-output (of `experiment`)", "--relay-hysteresis (of `experiment`)")
-"""`fly relay` finds both by itself; `experiment`, the same relay for one axis, takes them."""
+"""Names of the two options that ``experiment`` has for a relay. `fly relay` determines both values itself."""
 
 
 def _relay_of(force: str) -> ManoeuvreKind:
-    """Return the row for a relay of one *force*, which finds its own size."""
+    """Return the row for a relay on one *force*, which determines its own size."""
     d = next((e for e in EXCITATIONS.values() if e.names.force == force), None)
     if d is None:
         raise UsageError(f"a relay can drive N, X, Y or Z, not {force}")
@@ -175,4 +178,4 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         _CALM_CHECK,
     )
 }
-"""Name -> kind; adding one is one file (its class and its row) and one line here."""
+"""Name -> manoeuvre. To add one, add a file with its class and its row, and a line here."""

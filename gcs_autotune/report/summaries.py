@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from gcs_autotune.identify import CONTRADICTION, Agreement, PlanResult
+from gcs_autotune.identify import CONTRADICTION
+from gcs_autotune.identify.plan import Agreement, PlanResult
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, bullets
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
@@ -34,13 +35,14 @@ __all__ = [
 
 
 MESSAGES = 12
-"""Most kinds of messages shown; the most frequent first. Chosen."""
+"""Most kinds of messages shown, the most frequent first. Project choice."""
 
 CHANGES = 8
-"""Most changes of mode or arming shown per boot. Chosen."""
+"""Most changes of mode or arming shown per boot. Project choice."""
 
 AT_ONCE = 2.0
-"""States first reported within this time [s] of a log's start count as initial; heartbeats come once a second."""
+"""Time [s] from the start of a log within which first reported states count as initial, because heartbeats arrive once
+a second."""
 
 
 def log_document(told: Mapping[str, Any]) -> Document:
@@ -132,7 +134,7 @@ def _look(look: Mapping[str, Any]) -> str:
 
 
 def plan_document(result: PlanResult) -> Document:
-    """Return the result of a plan: steps with validation, agreement, parameters, final validation, doubts."""
+    """Return the result of a plan: steps with validation, agreement, parameters, final validation and doubts."""
     step_doubts = (f"{s.step.name}: {doubt_sentence(d)}" for s in result.steps for d in s.fit.doubts)
     return Document(
         title=f"Plan {result.plan.name}: {result.plan.title}",
@@ -197,7 +199,7 @@ _VERDICTS = {"meets": "met", "fails": "FAILED", "open": "too close"}
 
 
 def sheets_document(sheets: Sequence[Sheet]) -> Document:
-    """Return the report of ship figures: per manoeuvre its figures, verdict and doubts."""
+    """Return the report of ship figures: for each manoeuvre its figures, verdict and doubts."""
     return Document(
         title="Ship figures",
         contradictions=tuple(dict.fromkeys(c for sheet in sheets for c in contradictions_in(sheet.doubts))),
@@ -210,7 +212,7 @@ def sheets_document(sheets: Sequence[Sheet]) -> Document:
 
 
 def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mapping[str, Any] | None = None) -> Section:
-    """Return the figures of a manoeuvre with its verdict, and its *doubts* if they stand nowhere else."""
+    """Return the figures of a manoeuvre with its verdict, and its *doubts* if they are not shown elsewhere."""
     verdict = f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
     about = tuple(bullets(doubt_sentences(sheet.doubts))) if doubts else ()
     parts = (sheet_table(sheet), Note(verdict), Section(f"{slug}-doubts", "Doubts about the figures", about))
@@ -218,7 +220,7 @@ def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mappi
 
 
 def sheet_table(sheet: Sheet) -> Table:
-    """Return the figures with standard errors, the IMO criterion and whether it is met."""
+    """Return a table of the figures with standard errors, the IMO criterion and whether it is met."""
     return Table(("figure", "value ± std", "unit", "IMO limit", ""), "lrlrl", tuple(_row(f) for f in sheet.figures))
 
 
@@ -245,7 +247,7 @@ _MEANING = {
 }
 
 SHOWN = 5
-"""Most rival structures shown. Chosen."""
+"""Most rival structures shown. Project choice."""
 
 _POINTS = 9
 """Number of rows of the compensation table. Chosen."""
@@ -308,7 +310,7 @@ def _thruster_parameters(fit: ThrusterFit) -> Table:
 
 
 def _force_left(fit: ThrusterFit, rms: float) -> str:
-    """Return the residual scatter of a map [N]; for exact data only rounding."""
+    """Return the residual scatter of a map [N]; for exact data it is only rounding."""
     return format_number(rms if rms > EXACT * max(abs(float(f)) for f in fit.pulls.force) else 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Is this machine fit for a tune? Its programs, clock, disk, caches and ports; who talks on them. Nothing is sent."""
+"""Check whether this computer can run a tune: programs, clock, disk, caches, ports and traffic. Nothing is sent."""
 
 from __future__ import annotations
 
@@ -24,22 +24,28 @@ __all__ = ["Finding", "examine", "listened_to"]
 
 NEEDED = ("pymavlink", "mavsdk", "pyserial", "numpy", "scipy", "numba", "matplotlib", "control", "rich")
 OPTIONAL = ("pandas", "xarray", "MAVProxy", "starlette", "uvicorn")
-"""Distributions whose versions are told, the second only where they are installed."""
+"""Python distributions whose versions are reported.
+
+Those of the second group are optional and reported only if installed.
+"""
 LEAST_DISK = 200e6
-"""Chosen: free bytes below which it is said: a tune leaves some 20 MB, a day of them ten times that."""
+"""Free disk space [bytes] below which a warning is shown.
+
+A tune writes about 20 MB, and a full day of tunes ten times that.
+"""
 LEAST_SYNC = 1.0
-"""Chosen: seconds that a journal's write to the disk may take before a control tick is at risk of being late."""
+"""Time [s] for a journal write to disk above which control ticks may be late. Project choice."""
 LATEST_TICK = 0.02
-"""Chosen: seconds by which a wait may be late: half a tick of a 25 Hz relay."""
+"""Delay of a timed wait [s] above which a warning is shown: half a tick of a 25 Hz relay."""
 WAITS, WAIT = 60, 0.005
-"""Waits timed, and how long each [s]."""
+"""Number of timed waits, and the length of each [s]."""
 UDP = "udpin:0.0.0.0:14550"
-"""Where ground stations listen: BlueOS, companions and MAVProxy send here."""
+"""Address on which ground stations usually listen: BlueOS, companion computers and MAVProxy send to it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One check: fine, noteworthy ("note"), or an obstacle to a tune ("wrong"), with the remedy."""
+    """Result of one check: fine, noteworthy ("note") or an obstacle to a tune ("wrong"), with the remedy."""
 
     what: str
     state: Literal["fine", "note", "wrong"]
@@ -48,9 +54,9 @@ class Finding:
 
 
 def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
-    """Yield what is to be said of this machine, one thing at a time, all but its ports.
+    """Yield the findings on this computer, one at a time, except those on its ports.
 
-    folder : where run directories would be made. config : the settings file in force.
+    folder : where run directories would be made. config : the settings file in use.
     """
     yield from _journals()
     yield _programs()
@@ -63,9 +69,9 @@ def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
 
 
 def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[tuple[str, Overheard]]:
-    """Yield each port with what was heard on it within *seconds* [s]; nothing is sent.
+    """Listen on each port for *seconds* [s] and yield what was received. Nothing is sent.
 
-    uris : links to listen to instead of every serial port (at the usual speeds) and UDP 14550.
+    uris : links to listen on instead of every serial port (at the usual speeds) and UDP 14550.
     """
     if uris is not None:
         for uri in uris:
@@ -82,7 +88,7 @@ def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[t
 
 
 def _journals() -> Iterator[Finding]:
-    """Yield the runs of this machine that are open, before anything else: a vehicle may hold trial gains."""
+    """Yield the unfinished runs of this computer first, because a vehicle may still have trial gains."""
     for run in open_runs():
         cure = "wait until this run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
         yield Finding("run", "note" if run.is_going_on else "wrong", str(run), cure)
@@ -111,8 +117,8 @@ def _packages() -> Iterator[Finding]:
 
 
 def _date() -> Finding:
-    """Check the date: a machine without a battery clock (a Raspberry Pi) may be years off, and run directories sort
-    wrongly."""
+    """Check the date. A computer without a battery-backed clock (a Raspberry Pi) may be years off, and run directories
+    would sort wrongly."""
     now, ours = time.time(), Path(gcs_autotune.__file__).stat().st_mtime
     told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
     if now < ours:
@@ -126,7 +132,7 @@ def _date() -> Finding:
 
 
 def _synchronised() -> bool | None:
-    """Return whether the system reports a clock set by the network; None if unknown."""
+    """Return whether the system clock is synchronised by the network; None if unknown."""
     if shutil.which("timedatectl") is None:
         return None
     asked = ["timedatectl", "show", "--property=NTPSynchronized", "--value"]
@@ -138,7 +144,7 @@ def _synchronised() -> bool | None:
 
 
 def _ticks() -> Finding:
-    """Measure how late this machine wakes up, which limits the control tick."""
+    """Measure how late this computer wakes from a wait, which limits the control tick."""
     late = 0.0
     for _ in range(WAITS):
         begun = time.monotonic()
@@ -175,7 +181,7 @@ def _disk(folder: Path) -> Finding:
 
 
 def _cache() -> Finding:
-    """Check the cache of compiled kernels (NUMBA_CACHE_DIR); without it each run compiles again."""
+    """Check the cache of compiled functions (NUMBA_CACHE_DIR). Without it each run compiles them again."""
     package = Path(gcs_autotune.__file__).parent
     named = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(named) if named else package

@@ -1,4 +1,4 @@
-"""Where a flight may go: the area of the user, and the vehicle's own fence."""
+"""Where a flight may go: the area set by the user, and the vehicle's own fence."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from gcs_autotune.observer import Observer
 __all__ = ["area_of_flight"]
 
 _FAR = 10e3
-"""Chosen [m]: a vehicle so far from the area suggests swapped coordinates."""
+"""Distance [m] from the area above which swapped coordinates are suspected. Project choice."""
 
 
 def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) -> Area | None:
-    """Return where *craft* may be, in metres around it: in the user's area *given* and its own fence; None: anywhere.
+    """Return the permitted area in metres around *craft*: the user's area *given* within its own fence. None: no
+    limit.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Resuming a run that ended early: its completed trials are used if nothing has changed since.
+"""Resume a run that ended early. Its completed trials are reused if nothing has changed since.
 
 A trial is valid for one vehicle with one set of parameters. So the board (or the fingerprint), the firmware and the
 parameters must be the recorded ones; axis and settings must be those of that run. The sign check and the dive, which
@@ -24,9 +24,9 @@ from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 __all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "same_options", "way_on"]
 
 SETTING_OUT = "setting_out.json"
-"""File of a run directory with the settings, vehicle and parameters that the run started with."""
+"""File of a run directory with the settings, vehicle and parameters at the start of the run."""
 USED_AGAIN = ("step-before", "relay-1", "relay-2", "throttle-1", "throttle-2")
-"""Trials that a later run may use."""
+"""Trials that a later run may reuse."""
 _SHAPING = (
     *("axis", "step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed", "control_rate"),
     *("full_scale", "stop_rule"),
@@ -42,7 +42,7 @@ def _shape(settings: CommonSettings) -> dict[str, Any]:
 def note_setting_out(
     record: RunDirectory, settings: CommonSettings, craft: MavlinkCraft, own: Mapping[str, float]
 ) -> None:
-    """Write down, before anything moves, what a run that goes on from this one must find the same."""
+    """Save, before anything moves, the state that a run resuming this one must match."""
     vehicle = craft.session.vehicle
     record.save_json(
         SETTING_OUT,
@@ -56,14 +56,15 @@ def note_setting_out(
 
 
 def same_options(error: BaseException) -> str:
-    """Return a text on the options to continue with after *error*. A limit that ended the run must be changed."""
+    """Return a sentence on the options to continue with after *error*. A limit that ended the run must be changed."""
     tripped = error.guard if isinstance(error, GuardTripped) else ""
     option = next((guard.option for guard in GUARDS if guard.name == tripped), "")
     return f"change --{option} and keep the other options" if option else "use the same options"
 
 
 def way_on(settings: TuneSettings, finished: list[str], error: BaseException) -> str:
-    """Return how to continue after *error* from the *finished* trials of a run; empty if none can be used again."""
+    """Return a sentence on how to continue after *error* from the *finished* trials of a run; empty if none can be
+    reused."""
     kept = [name for name in USED_AGAIN if name in finished]
     if not kept:
         return ""
@@ -75,7 +76,7 @@ def way_on(settings: TuneSettings, finished: list[str], error: BaseException) ->
 
 
 class _SetOut(Struct, frozen=True):
-    """What :func:`note_setting_out` writes."""
+    """The record that :func:`note_setting_out` writes."""
 
     settings: dict[str, float | str | bool | None] = {}
     vehicle: dict[str, int | str | None] = {}
@@ -84,7 +85,7 @@ class _SetOut(Struct, frozen=True):
 
 
 class Earlier:
-    """The completed trials called *names* of an earlier run (``settings.resume``); none without it.
+    """Completed trials called *names* of an earlier run (``settings.resume``); none without such a run.
 
     alike : whether the settings must be the same, since its trials replace those of this run.
 
@@ -140,20 +141,20 @@ class Earlier:
         return [name for name in self._names if name in self._trials]
 
     def take(self, name: str) -> Trial | None:
-        """Return the trial of that *name*, if it was flown to its end, and give it out no more."""
+        """Return the completed trial of that *name*, and do not return it a second time."""
         return self._trials.pop(name, None)
 
     def has(self, name: str) -> bool:
-        """Whether :meth:`take` would return one."""
+        """Return whether :meth:`take` would return a trial."""
         return name in self._trials
 
     def verify_same_vehicle(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
-        """Check that vehicle and parameters are those of that run (*own*: name -> value now).
+        """Check that the vehicle and its parameters match those of the earlier run (*own*: name -> present value).
 
         Raises
         ------
         WrongVehicle, PreconditionFailed
-            It is another, or has other parameters.
+            It is another vehicle, or its parameters differ.
         """
         if self._run is None:
             return

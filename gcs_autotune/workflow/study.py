@@ -1,18 +1,17 @@
-"""An identification from end to end: runs, fits by one or all methods, validation, next manoeuvres."""
+"""A complete identification: runs, fits by one or all methods, validation, and recommended manoeuvres."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import (
-    FREE,
     METHODS,
     AxisFit,
     Fit,
@@ -21,15 +20,13 @@ from gcs_autotune.identify import (
     Structure,
     Validation,
     fit,
-    fit_surge,
     form_of,
     is_of_one_axis,
-    join,
     model_file_of,
     moved_too,
     validate,
-    whole_model,
 )
+from gcs_autotune.identify.thrust import fit_surge
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import MethodOutcome, RunRow, Study
@@ -52,33 +49,35 @@ from gcs_autotune.workflow.study_sections import (
 __all__ = ["study", "study_of"]
 
 HELD_BACK = 0.3
-"""Share of a single run held out for validation: its end."""
+"""Fraction of a single run, at its end, that is held out for validation."""
 
 MOST_FOLDS = 8
-"""Most runs held out one at a time; more are held out in groups."""
+"""Largest number of runs that are held out one at a time. More runs are held out in groups."""
 
 ALL = "all"
 
+DRAGS: Mapping[str, Structure] = {str(n): n for n in get_args(Structure)}
+
 
 Stage = Callable[[str, int, int], None]
-"""Receives the present step, how many pieces of it are done, and of how many."""
+"""Callback that receives the present step, the number of pieces done, and their total."""
 
 
 def _unheard(stage: str, done: int, total: int) -> None:
-    """Ignore progress."""
+    """Ignore progress: the default callback."""
 
 
 def study(
     runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, when: str, stage: Stage = _unheard
 ) -> Study:
-    """Identify from *runs* and validate on *unseen* ones; without any, on parts of *runs* held out in turn.
+    """Identify from *runs* and validate on the *unseen* runs; without these, on parts of *runs* held out in turn.
 
-    stage : told how far it is, before each piece of work.
+    stage : receives the progress before each piece of work.
 
     Raises
     ------
     AutotuneError
-        What the method asked for raised; with ``method="all"`` only when every method refused.
+        The requested method failed; with ``method="all"``, every method failed.
     """
     forms = Weighed()
     if not settings.effects and settings.begin is None:
@@ -99,7 +98,7 @@ def study(
     answer = outcomes[0]
     assert answer.fit is not None
     drags = Weighed()
-    plain = whole_model(answer.fit) is answer.fit.model
+    plain = answer.fit.whole_model is answer.fit.model
     if settings.check and is_of_one_axis(answer.fit) and settings.structure is None and plain:
         stage("comparing damping structures", 0, 1)
         drags = drags_weighed(answer.fit, runs)
@@ -131,7 +130,7 @@ def study(
 
 
 def _naming_what_moved_too(answer: MethodOutcome, runs: Sequence[Trial]) -> MethodOutcome:
-    """Return *answer* with a doubt for degrees of freedom that moved but are not in its model."""
+    """Return *answer* with a doubt for each degree of freedom that moved but is not in its model."""
     if not is_of_one_axis(answer.fit):
         return answer
     doubts = (*answer.fit.doubts, *moved_too(runs, (answer.fit.dof,)))
@@ -151,7 +150,7 @@ def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Stud
 
 
 def _other_model(settings: StudySettings, runs: Sequence[Trial], stage: Stage) -> ModelFile:
-    """Return the model to compare with, fitted to the same runs if a method was named."""
+    """Return the model to compare with. If a method was requested, its model is fitted to the same runs."""
     if isinstance(settings.compare, ModelFile):
         return settings.compare
     method = str(settings.compare)
@@ -162,7 +161,7 @@ def _other_model(settings: StudySettings, runs: Sequence[Trial], stage: Stage) -
 
 
 class _Pieces:
-    """Counts the pieces of work of a study for its progress."""
+    """Counts the pieces of work of a study, for the progress report."""
 
     def __init__(self, stage: Stage, total: int) -> None:
         self._stage = stage
@@ -185,7 +184,7 @@ def _checks(runs: Sequence[Trial], unseen: Sequence[Trial]) -> int:
 
 
 def structure_of(settings: StudySettings) -> str | Path | Form | None:
-    """Return the requested structure, with known constants."""
+    """Return the requested structure with the known constants."""
     if not settings.known:
         return settings.structure
     if settings.begin is not None:
@@ -199,7 +198,7 @@ def structure_of(settings: StudySettings) -> str | Path | Form | None:
 
 
 def _methods(settings: StudySettings) -> list[str]:
-    """Return the requested method, or all that fit this kind of model."""
+    """Return the requested method, or all methods for this kind of model."""
     if settings.method != ALL:
         return [settings.method]
     if settings.effects or settings.begin is not None:
@@ -255,14 +254,13 @@ def _outcome(
 def _shows_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
     """Return whether the runs were flown to identify thrust over throttle, and no other structure is requested."""
     flown = all(t.meta.get("thrust_curve") is True for t in trials)
-    drag = settings.structure is None or (isinstance(settings.structure, str) and settings.structure in FREE)
+    drag = settings.structure is None or (isinstance(settings.structure, str) and settings.structure in DRAGS)
     plain = not (settings.effects or settings.begin or settings.known or settings.use or settings.options)
     return flown and drag and plain and settings.dof in (None, "surge") and settings.loss == "linear"
 
 
 def _drag(settings: StudySettings) -> Structure | None:
-    by_name: dict[str, Structure] = {str(n): n for n in FREE}
-    return by_name.get(str(settings.structure))
+    return DRAGS.get(str(settings.structure))
 
 
 def _check(
@@ -272,7 +270,7 @@ def _check(
     unseen: Sequence[Trial],
     begin: Callable[[], None],
 ) -> tuple[Validation | None, list[str]]:
-    """Return the prediction of held-out data, if there was any, and what could not be validated and why."""
+    """Return the validation on held-out data if there was any, what could not be validated, and why."""
     parts: list[Validation] = []
     objections: list[str] = []
     for model, held in _folds(found, identify, runs, unseen):
@@ -281,25 +279,25 @@ def _check(
             parts.append(validate(model(), held))
         except AutotuneError as error:
             objections.append(str(error))
-    return (join(parts) if parts else None), objections
+    return (Validation.joined(parts) if parts else None), objections
 
 
 def _folds(
     found: Fit[Model], identify: Callable[[Sequence[Trial]], Fit[Model]], runs: Sequence[Trial], unseen: Sequence[Trial]
 ) -> Iterator[tuple[Callable[[], Any], Sequence[Trial]]]:
-    """Yield a function that fits, and the runs that its model must predict."""
+    """Yield pairs of a fit function and the runs that its model has to predict."""
     if unseen:
         for run in unseen:
-            yield (lambda: whole_model(found)), [run]
+            yield (lambda: found.whole_model), [run]
         return
     if len(runs) == 1:
         run = runs[0]
         cut = run.end - HELD_BACK * run.duration
         held_back = run.between(cut, run.end)
-        whole = whole_model(found)
+        whole = found.whole_model
         if isinstance(whole, ExtendedModel):
             held_back = _with_what_went_before(held_back, run, whole)
-        yield (lambda: whole_model(identify([run.between(run.start, cut)]))), [held_back]
+        yield (lambda: identify([run.between(run.start, cut)]).whole_model), [held_back]
         return
     folds = min(len(runs), MOST_FOLDS)
     for k in range(folds):
@@ -309,13 +307,13 @@ def _folds(
 
 
 def _with_what_went_before(rest: Trial, run: Trial, model: ExtendedModel) -> Trial:
-    """Return *rest* with the commands of the whole run: backlash, lag and drift continue across the cut."""
+    """Return *rest* with the commands of the whole run, because backlash, lag and drift continue across the cut."""
     commands = {n: run[n] for n in model.base.form.inputs if n in run}
     return replace(rest, channels={**rest.channels, **commands})
 
 
 def _model_of(identify: Callable[[Sequence[Trial]], Fit[Model]], runs: Sequence[Trial]) -> Any:
-    return whole_model(identify(runs))
+    return identify(runs).whole_model
 
 
 def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) -> str:

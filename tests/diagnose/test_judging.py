@@ -33,12 +33,12 @@ from gcs_autotune.diagnose.score import (
 )
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.base_model import plain_form
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.likelihood import Residual
-from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.base_model import plain_form
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.likelihood import Residual
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.signals.preparation import prepare_as_recorded
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.models.coupled.form import Form
 
@@ -295,10 +295,10 @@ def samples_of(parts: Sequence[Segment]) -> list[tuple[str, float]]:
 @pytest.mark.parametrize(
     ("runs", "in_blocks", "kind", "folds", "words"),
     [
-        (1, False, "blocks", 4, "4 blocks of the run left out in turn"),
-        (3, False, "runs", 3, "each of 3 runs left out in turn"),
-        (6, False, "runs", 4, "4 groups of runs in turn"),
-        (3, True, "blocks", 4, "4 blocks of every run left out in turn"),
+        (1, False, "blocks", 4, "4 blocks of the run held out in turn"),
+        (3, False, "runs", 3, "each of 3 runs held out in turn"),
+        (6, False, "runs", 4, "4 groups of runs held out in turn"),
+        (3, True, "blocks", 4, "4 blocks of every run held out in turn"),
     ],
 )
 def test_what_is_tested_was_not_fitted_and_every_sample_is_tested_once(
@@ -324,7 +324,7 @@ def test_runs_kept_apart_are_only_ever_tested() -> None:
     parts = parts_of(problem_of(own[:2]), own[2:])
     (fold,) = parts.folds
     assert (parts.kind, fold.train, fold.test) == ("apart", tuple(own[:2]), tuple(own[2:]))
-    assert parts.words == "runs not used for fitting: run2"
+    assert parts.words == "held-out runs: run2"
     _starts_belong(parts)
 
 

@@ -17,7 +17,8 @@ from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import blocked_cv
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify.problems import fit_base, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 
 pytestmark = pytest.mark.slow
 
@@ -53,7 +54,7 @@ def test_where_no_run_is_foretold_by_the_others_blocks_of_every_run_are_left_out
     assert judged.accepted is not None
     assert judged.accepted.effect.slug == "saturation"
     assert blocks.parts.kind == "blocks"
-    assert blocks.parts.words == "4 blocks of every run left out in turn"
+    assert blocks.parts.words == "4 blocks of every run held out in turn"
     assert all({s.run for s in fold.test} == {"run0", "run1"} for fold in blocks.parts.folds)
     assert blocked_cv(blocks, replace(step, accepted=None)) is None
     assert begun.parts.kind == "runs", "a state never changes"

@@ -16,7 +16,7 @@ __all__ = ["SerialPort", "cause_and_cure"]
 
 _WRITE_TIMEOUT = 2.0
 _LONGEST_QUEUE = 0.5
-"""Seconds of unsent bytes after which a message is dropped, since a late command is harmful. Chosen."""
+"""Time [s] of unsent bytes above which a message is dropped, because a late command is harmful. Project choice."""
 _BITS_PER_BYTE = 10
 
 _CURES = {
@@ -54,7 +54,7 @@ class SerialPort(ReconnectingTransport):
 
     @property
     def trouble(self) -> str:
-        """Report of dropped messages."""
+        """Text that reports dropped messages; empty if there are none."""
         return (
             (f"{self.dropped} messages were dropped: the serial line is too slow. Use a higher baud rate")
             if self.dropped

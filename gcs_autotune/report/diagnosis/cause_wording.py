@@ -15,7 +15,7 @@ __all__ = ["cause_notes", "cause_title", "evidence_notes", "not_distinguished"]
 
 
 def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
-    """Return the heading of a cause; a hypothesis is marked as one."""
+    """Return the heading of a cause. A hypothesis is marked as such."""
     text = f"{base_words(diagnosis)} lacks {named(cause)}" if cause.is_structural else named(cause)
     if cause.is_slight:
         text = f"slight: {text}"
@@ -27,7 +27,7 @@ STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "posit
 
 
 def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
-    """Yield how much a cause explains, its evidence, and the best alternative."""
+    """Yield sentences on how much a cause explains, on its evidence, and on the best alternative."""
     if cause.gain is not None and cause.is_slight:
         text = "The cause is slight: adding it to the model hardly changes the prediction. "
         yield Note(text + gain_sentence(cause.gain), "Effect in practice")
@@ -46,7 +46,7 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
 
 
 def _strength(ranked: Ranked) -> str:
-    """Return the strength of evidence for a candidate in words, and its origin."""
+    """Return a text with the strength of evidence for a candidate, and its origin."""
     gained = 0.5 * ranked.evidence
     word = next((w for least, w in STRENGTHS.items() if gained > least), "weak")
     if not ranked.unseen:
@@ -64,7 +64,7 @@ def _rival_words(rival: Ranked | None, cause: Cause) -> str:
 
 
 def cause_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
-    """Yield the meaning of the effect, its evidence, and the effects it is easily mistaken for."""
+    """Yield sentences on the meaning of the effect, its evidence, and the effects it is easily mistaken for."""
     yield Note(sentence(cause.meaning), "Meaning")
     yield from evidence_notes(diagnosis, cause)
     entry = EFFECTS.get(cause.effect.slug)

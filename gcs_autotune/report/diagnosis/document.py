@@ -72,10 +72,10 @@ __all__ = ["MODEL_FILE", "diagnosis_document"]
 
 
 MOST_RUNS = 2
-"""Most runs plotted of the main signal; one of every other signal. Chosen."""
+"""Most runs plotted for the main signal. For every other signal one run is plotted. Project choice."""
 
 MOST_SIGNALS = 6
-"""Most signals plotted; chosen so that the page stays small."""
+"""Most signals plotted, so that the page stays small. Project choice."""
 
 MOST_CURVES = 2
 """Most curves of the missing force plotted, the most informative first. Chosen."""
@@ -83,7 +83,7 @@ MOST_CURVES = 2
 MODEL_FILE = "model.json"
 
 _SURE = 0.05
-"""Fraction of a residual, beyond chance, below which a view is not plotted. Chosen."""
+"""Fraction of a residual, beyond chance, below which a view is not plotted. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +100,8 @@ def diagnosis_document(
 ) -> Document:
     """Return the report of a diagnosis.
 
-    when : ISO 8601 moment. directory : of the diagnosis, for commands to copy. runs : the runs examined, whose inputs
+    when : ISO 8601 moment. directory : folder of the diagnosis, for commands to copy. runs : the runs examined, whose
+        inputs
     and tracks are plotted.
     """
     model_file = f"{directory}/{MODEL_FILE}" if directory else MODEL_FILE
@@ -282,7 +283,7 @@ SECTIONS = (
     _use,
     _basis,
 )
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""
 
 
 # -- figures
@@ -295,14 +296,14 @@ def _misfit(trace: Trace) -> float:
 
 
 def _shown(portraits: tuple[Portrait, ...]) -> Iterator[Trace]:
-    """Yield the traces to plot: the worst few of the first signal, the worst one of each other."""
+    """Yield the traces to plot: the worst few of the first signal, and the worst one of each other signal."""
     for k, portrait in enumerate(portraits[:MOST_SIGNALS]):
         worst = sorted((t for t in portrait.traces if len(t.t) > 1), key=_misfit, reverse=True)
         yield from worst[: MOST_RUNS if k == 0 else 1]
 
 
 def _ordered(diagnosis: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait, ...]:
-    """Return the portraits, that of the main signal first."""
+    """Return the portraits, with that of the main signal first."""
     first = first_gain(diagnosis)
     return tuple(sorted(portraits, key=lambda p: first is None or p.signal != first.signal))
 
@@ -314,7 +315,7 @@ def _flight(examined: _Examined, name: str, caption: str, before: Trace, after: 
 
 
 def _before(examined: _Examined) -> tuple[Figure, ...]:
-    """Return measurement and simulation; one figure if others compare it with the extended model."""
+    """Plot measurement and simulation. If other figures compare it with the extended model, only one is plotted."""
     diagnosis = examined.diagnosis
     figures = tuple(
         _flight(
@@ -330,7 +331,7 @@ def _before(examined: _Examined) -> tuple[Figure, ...]:
 
 
 def _after(examined: _Examined) -> tuple[Figure, ...]:
-    """Return measurement, simulation and extended model."""
+    """Plot measurement, simulation and extended model."""
     diagnosis = examined.diagnosis
     extended = {(t.run, t.signal): t for p in diagnosis.after for t in p.traces}
     figures = []
@@ -351,7 +352,10 @@ def _gains_figure(diagnosis: Diagnosis) -> Iterator[Figure]:
 
 
 def _views(diagnosis: Diagnosis) -> Iterator[Figure]:
-    """Yield per cause the view of the residual that shows it, if any; without causes the strongest views."""
+    """Yield the view of the residual that shows each cause, if there is one.
+
+    Without causes, yield the strongest views.
+    """
     views: list[tuple[View, str]] = []
     for cause in diagnosis.causes:
         view = most_informative_view(diagnosis.before, EFFECTS.get(cause.effect.slug), cause.effect.place)

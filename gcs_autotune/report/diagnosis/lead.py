@@ -1,4 +1,4 @@
-"""What a diagnosis begins with, in words of whoever owns the boat, and its hints."""
+"""The first sentences of a diagnosis and its hints, in words for the owner of the boat."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gcs_autotune.sname import DOFS
 __all__ = ["FILLED", "hint_notes", "hint_title", "lead_sentence", "plain_sentence"]
 
 FILLED = frozenset({"craft", "simulation", "motion", "command", "signal"})
-"""Words in braces that the sentence of an effect may have."""
+"""Placeholders in braces that the sentence of an effect may contain."""
 
 MOTIONS: Mapping[str, str] = {
     "surge": "moving ahead",
@@ -38,7 +38,7 @@ COMMANDS: Mapping[str, str] = {
     "force_right": "right thrust",
 }
 OWNERS: Mapping[str, str] = {"u": "speed ahead", "v": "sideways speed", "w": "diving speed", "r": "turn rate"}
-"""Signals that whoever owns a boat calls otherwise than :data:`.SIGNALS`."""
+"""Signals with a more common name than in :data:`.SIGNALS`, for the owner of the boat."""
 
 UNITS: Mapping[str, tuple[str, float]] = {
     "rad": ("degrees", 180.0 / math.pi),
@@ -46,13 +46,13 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("metres", 1.0),
     "m/s": ("metres per second", 1.0),
 }
-"""SI unit -> (unit in words, factor)."""
+"""SI unit -> (unit as text, factor)."""
 
 MORE = ("", "one more", "two more", "three more", "four more", "five more")
 
 
 def lead_sentence(diagnosis: Diagnosis) -> str:
-    """Return what the simulation gets wrong and by how much, in one or two sentences without a technical word."""
+    """Return one or two sentences on what the simulation gets wrong and by how much, without technical words."""
     craft, simulation = _craft(diagnosis), _simulation(diagnosis)
     if diagnosis.verdict == "unfinished":
         return f"The search was stopped before it could show what {simulation} gets wrong."
@@ -71,7 +71,7 @@ def lead_sentence(diagnosis: Diagnosis) -> str:
 
 
 def plain_sentence(diagnosis: Diagnosis, cause: Cause | Hint) -> str:
-    """Return what a cause means for whoever owns the boat."""
+    """Return a sentence on what a cause means for the owner of the boat."""
     slug, place = (cause.cause, cause.place) if isinstance(cause, Hint) else (cause.effect.slug, cause.effect.place)
     entry = EFFECTS.get(slug)
     if entry is None or not entry.plain:
@@ -120,7 +120,7 @@ def _error(diagnosis: Diagnosis) -> str:
 
 
 def _difference(gain: ErrorReduction | None, begin: str) -> str:
-    """Return the errors on data left out before and after, as a sentence; or that there is no such gain."""
+    """Return a sentence with the errors on held-out data before and after, or one that there is no improvement."""
     if gain is None or not (math.isfinite(gain.before) and math.isfinite(gain.after)):
         return "The improvement on runs not used for the fit was not measured."
     ahead = f" {gain.metric.removeprefix('error ')}" if gain.metric.endswith(" s ahead") else ""
@@ -133,7 +133,7 @@ def _difference(gain: ErrorReduction | None, begin: str) -> str:
 
 
 def _both(one: float, other: float, unit: str) -> tuple[str, str]:
-    """Return two errors with the unit after the first, in digits enough to see the difference."""
+    """Return two errors as text, with the unit after the first and enough digits to show the difference."""
     words, factor = UNITS.get(unit, (unit, 1.0))
     texts = [format_number(factor * one, 2), format_number(factor * other, 2)]
     if texts[0] == texts[1] and one != other:
@@ -158,12 +158,12 @@ LACKS: Mapping[Lack, str] = {
 
 
 def hint_title(hint: Hint) -> str:
-    """Return the effect and its place, with the others of its group: those these runs do not distinguish from it."""
+    """Return the effect and its place, with the other effects that these runs do not distinguish from it."""
     return _begun(" or ".join([f"{effect_words(hint.cause)} ({hint.place})", *map(effect_words, hint.alike)]))
 
 
 def hint_notes(diagnosis: Diagnosis, hint: Hint) -> tuple[Note, ...]:
-    """Return what a hint would mean, its evidence, and what settles it."""
+    """Return what a hint would mean, its evidence, and how to decide the question."""
     numbers = ", ".join(f"{n} {value_words(v, n)}" for n, v in hint.parameters.items())
     means = plain_sentence(diagnosis, hint) + (f" Estimate: {numbers}." if numbers else "")
     return (

@@ -111,7 +111,7 @@ def _record(check: LoopCheck, run: Trial | None) -> Iterator[Section]:
 
 
 SECTIONS = (_metrics, _record)
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""
 
 
 def _numbers(check: LoopCheck) -> Table:
@@ -140,7 +140,7 @@ def _row(name: str, unit: str, factor: float, now: float, then: float, std: floa
 
 
 def _response(axis: str, run: Trial) -> Iterator[Figure]:
-    """Yield the plot of command and response, relative to the course."""
+    """Yield the plot of command and response, relative to the initial course."""
     signal = axis_kind(axis).stepped
     commanded = [(m.t, float(m.detail[f"{signal}_ref"])) for m in run.marks if f"{signal}_ref" in m.detail]
     if signal in run and commanded:

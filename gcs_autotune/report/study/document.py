@@ -1,4 +1,4 @@
-"""The report of an identification: of a whole study, and of a single fit. One function per section."""
+"""The report of an identification, of a complete study or a single fit. One function per section."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ __all__ = ["damping_section", "fit_document", "method_list", "model_section", "s
 
 
 MOST_TRACES = 12
-"""Most traces plotted of each kind; chosen so that the page stays small."""
+"""Most traces plotted of each kind, so that the page stays small. Project choice."""
 
 _HOW_TO_READ_STD = (
     "Rounded to the standard error. The bound (Cramér-Rao) is the smallest standard error of any unbiased method on "
@@ -55,7 +55,7 @@ _HOW_TO_READ_STD = (
 
 
 def study_document(study: Study) -> Document:
-    """Return the report of an identification; its JSON form is that of the selected fit, with what was checked."""
+    """Return the report of an identification. Its JSON form is that of the selected fit, with the validation."""
     fit, unseen = study.fit, study.answer.unseen
     return Document(
         title=study.title,
@@ -82,7 +82,7 @@ def fit_document(fit: Fit[Model]) -> Document:
 
 
 def model_section(fit: Fit[Model], slug: str = "model") -> Section:
-    """Return the parameters of a fit, and how certain they are."""
+    """Return the section with the parameters of a fit and their uncertainty."""
     return Section(
         slug,
         structure_title(fit),
@@ -141,13 +141,13 @@ def _trace(study: Study, trace: Trace, name: str, caption: str) -> Figure:
 
 
 def damping_section(fit: Fit[Model], *, detail: bool = False) -> Iterator[Section]:
-    """Yield how the damping of one axis was chosen."""
+    """Yield the explanation how the damping of one axis was chosen."""
     if is_of_one_axis(fit) and (parts := damping_parts(fit)):
         yield Section("damping", "Choice of damping", parts, detail, facts=IN_RESULT)
 
 
 def _structure(study: Study) -> Iterator[Section]:
-    """Yield the choice of structure by held-out data, and that of the damping by the fits."""
+    """Yield the choice of structure by held-out data, and the choice of the damping by the fits."""
     if not study.choice:
         yield from damping_section(study.fit)
         return
@@ -258,7 +258,7 @@ SECTIONS = (
     _more,
     _runs,
 )
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""
 
 
 def method_list(methods: Iterable[Method]) -> Document:

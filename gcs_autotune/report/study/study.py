@@ -1,4 +1,4 @@
-"""The record of an identification: one or several fits of the same runs, and their sentences."""
+"""The record of an identification: one or several fits of the same runs, and sentences about them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class RunRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodOutcome:
-    """The result of one method: a fit with its held-out prediction, or the reason for its refusal."""
+    """The result of one method: a fit with its prediction of held-out data, or the reason why it failed."""
 
     method: str
     fit: Fit[Model] | None
@@ -102,7 +102,7 @@ class Study:
 
 
 def comparison_sentences(study: Study) -> tuple[str, ...]:
-    """Return steady state and rise time of both models, two sentences per degree of freedom."""
+    """Return the steady state and the rise time of both models, two sentences per degree of freedom."""
     return tuple(s for c in study.comparisons for s in _compared(c, study.compared_with))
 
 
@@ -159,7 +159,7 @@ def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
 
 
 def verdict_of(fit: Fit[Model], unseen: Validation | None = None) -> Verdict:
-    """Return how well a fit explains the motion, of held-out data if it predicted any, and what it is."""
+    """Return how well a fit explains the motion, or predicts held-out data if available, and what kind of fit it is."""
     percent = fit.fit_percent if unseen is None else unseen.fit_percent
     said = explained_sentence(fit.fit_percent)
     if unseen is not None:

@@ -9,17 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
-from gcs_autotune.identify import (
-    SCATTER,
-    AxisFit,
-    IsoEstimate,
-    LimitCycle,
-    Parameter,
-    Remainder,
-    StructureFit,
-    Trace,
-    label_of,
-)
+from gcs_autotune.identify import AxisFit, IsoEstimate, LimitCycle, Parameter, Remainder, StructureFit, Trace
+from gcs_autotune.identify.relay import SCATTER
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.document import Note, Part, Table
 from gcs_autotune.report.toolkit.wording import (
@@ -60,7 +51,7 @@ _STRUCTURES: Mapping[str, str] = {
     "nonlinear": "quadratic damping",
     "affine": "linear and quadratic damping",
 }
-"""Structure -> its name in the field (Miskovic2010: linear and nonlinear model)."""
+"""Structure -> its usual name (Miskovic2010: linear and nonlinear model)."""
 
 _DAMPING: Mapping[str, str] = {
     "linear": "Linear damping: drag is proportional to speed.",
@@ -76,15 +67,16 @@ def structure_words(structure: str) -> str:
 
 
 def model_words(fit: AxisFit) -> str:
-    """Return the parts of a model: its damping and its actuator effects."""
+    """Return the text of the parts of a model: its damping and its actuator effects."""
     found = listed([_effect_title(e) for e in fit.effects]) if fit.effects else ""
     return structure_words(fit.structure) + (f", with {found}" if found else "")
 
 
 def decision_sentence(fit: AxisFit) -> str:
-    """Return the two-experiment decision (Miskovic2010, eq. (7.1)-(7.2)) in words, and what decided instead.
+    """Return a sentence with the two-experiment decision (Miskovic2010, eq. (7.1)-(7.2)), and with the actual
+    criterion.
 
-    The criterion is advisory; the structure is chosen from the fits to the whole records.
+    The two-experiment criterion is advisory; the structure is chosen from the fits to the whole records.
     """
     decision = fit.decision
     assert decision is not None  # asked by the caller
@@ -112,7 +104,7 @@ def decision_sentence(fit: AxisFit) -> str:
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
-    """Return the model in words: damping, lag, speed at the largest output flown, actuator, residual."""
+    """Return sentences on the model: damping, lag, speed at the largest output flown, actuator, residual."""
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
@@ -137,7 +129,10 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
 
 
 _MUCH = 0.02
-"""Difference between full output and the table's unit of force that gets a sentence. Chosen."""
+"""Relative difference between full output and the table's unit of force above which a sentence states it.
+
+Project choice.
+"""
 
 
 def _top_speed(fit: AxisFit, unit: str) -> list[str]:
@@ -157,10 +152,10 @@ def _top_speed(fit: AxisFit, unit: str) -> list[str]:
 
 
 def _by_shape(fit: AxisFit, top: float) -> float:
-    """Return the standard error of a steady speed *top* from the shape of damping, which the fit takes as known.
+    """Return the standard error of a steady speed *top* due to the shape of damping, which the fit treats as known.
 
-    Up to the fastest motion flown the runs determine it. Beyond, damping may be linear or quadratic; the speed lies
-    between the two results.
+    Up to the fastest motion flown, the runs determine the shape. At higher speeds damping may be linear or quadratic,
+    and the speed is between the two results.
     """
     fastest = max((_fastest(trace, fit.model.axis.velocity) for trace in fit.traces), default=math.nan)
     if not 0.0 < fastest < top:
@@ -174,7 +169,7 @@ def _by_shape(fit: AxisFit, top: float) -> float:
 
 
 def _fastest(trace: Trace, velocity: str) -> float:
-    """Return the largest speed the model has on a trace, of its velocity or of its position."""
+    """Return the largest model speed on a trace, from its velocity or its position."""
     if trace.signal == velocity:
         return float(np.max(np.abs(trace.fitted), initial=0.0))
     dt = np.diff(trace.t)
@@ -183,7 +178,7 @@ def _fastest(trace: Trace, velocity: str) -> float:
 
 
 def _most_flown(fit: AxisFit) -> float:
-    """Return the largest output flown, 1 if unknown; beyond it the thrust curve is an extrapolation.
+    """Return the largest output flown, 1 if unknown. Above it the thrust curve is an extrapolation.
 
     A BlueBoat turned at 33.7 deg/s at full output in a spiral, where doublets of 63 % predicted 36.3: its thrusters
     are weaker astern.
@@ -212,7 +207,8 @@ def _acting(effects: Sequence[EffectInstance], output: float) -> float:
 
 
 def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance]], float]) -> tuple[float, float]:
-    """Return *told* of the model and its actuator effects, with its standard error to first order."""
+    """Return *told*, a number computed from the model and its actuator effects, with its standard error to first
+    order."""
     fields = ("alpha", "beta", "beta_quadratic", "delta", "delay")
     value, slopes = told(fit.model, fit.effects), np.zeros(len(fit.parameters))
     for k, (name, own) in enumerate(fit.parameters.items()):
@@ -230,7 +226,7 @@ def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance
 
 def _moved(effect: EffectInstance, label: str, by: float) -> EffectInstance:
     """Return *effect* with the parameter of that *label* shifted, if it has one."""
-    return effect.with_values({n: v + by for n, v in effect.values.items() if label_of(effect, n) == label})
+    return effect.with_values({n: v + by for n, v in effect.values.items() if effect.label_of(n) == label})
 
 
 def explains(percent: float) -> str:
@@ -241,12 +237,12 @@ def explains(percent: float) -> str:
 
 
 def explained_sentence(percent: float, motion: str = "the motion used for the fit", also: str = "") -> str:
-    """Return how much of a *motion* a model explains in a free run; *also* is added to it."""
+    """Return a sentence on how much of a *motion* a model explains in a free run; *also* is appended."""
     return f"Simulated from the inputs alone, the model {explains(percent)} {motion}{also}."
 
 
 def remainder_sentence(left: Remainder, unit: str) -> str:
-    """Return the residual in words: white noise, and the correlated, unexplained part."""
+    """Return a sentence on the residual: white noise, and the correlated, unexplained part."""
     rms = format_error(left.rms, unit, 2)
     if not math.isfinite(left.rms):
         return ""
@@ -257,10 +253,10 @@ def remainder_sentence(left: Remainder, unit: str) -> str:
 
 
 def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
-    """Return an actuator effect in words, its number rounded to its standard error."""
+    """Return a sentence on an actuator effect, with its number rounded to its standard error."""
 
     def number(name: str) -> str:
-        found = fit.parameters.get(label_of(own, name))
+        found = fit.parameters.get(own.label_of(name))
         return format_value(own[name], math.nan if found is None else found.std)
 
     if own.slug == "quadratic-actuator":
@@ -316,7 +312,7 @@ def meanings(fit: AxisFit) -> dict[str, str]:
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
     found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
     for own in fit.effects:
-        found |= {label_of(own, q.name): q.meaning for q in EFFECTS[own.slug].parameters}
+        found |= {own.label_of(q.name): q.meaning for q in EFFECTS[own.slug].parameters}
     return found
 
 
@@ -381,7 +377,10 @@ def candidate_table(fit: AxisFit) -> Table:
 
 
 def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str, taken: float) -> tuple[str, ...]:
-    """Return a row; if it fits better than the one *chosen* (BIC *taken*), with the reason it was not chosen."""
+    """Return the row of a candidate.
+
+    If it fits better than the *chosen* one (BIC *taken*), add why it was not chosen.
+    """
     pushes = min(candidate.model.beta, candidate.model.beta_quadratic) * candidate.model.alpha < 0.0
     passed_over = "negative damping" if pushes and candidate.bic < taken else ""
     return (

@@ -55,13 +55,13 @@ class Curve:
 
 
 def finite(t: Array, y: Array) -> Curve:
-    """Return the samples where both are finite."""
+    """Return the samples at which both are finite."""
     keep = np.isfinite(t) & np.isfinite(y)
     return Curve(t[keep], y[keep])
 
 
 def thin(curve: Curve, most: int = 600) -> Curve:
-    """Return about *most* samples at most, with the minimum and maximum of every bucket."""
+    """Return about *most* samples at most, keeping the minimum and maximum of every bucket."""
     n = len(curve)
     if n <= most:
         return curve
@@ -77,13 +77,13 @@ def thin(curve: Curve, most: int = 600) -> Curve:
 COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
 
 LEAST_TRACK = 5.0
-"""Shortest track worth plotting [m]; below, receiver noise dominates. Chosen."""
+"""Shortest track that is plotted [m]; below it receiver noise dominates. Project choice."""
 
 MOST_INPUTS = 3
 """Most inputs plotted of one run. Chosen."""
 
 WIDEST = 100.0
-"""Widest interval plotted [% of the value]; a wider one includes zero."""
+"""Widest interval plotted [% of the value]. A wider one includes zero."""
 
 
 def inputs_of(model: object, trial: Trial | None) -> tuple[str, ...]:
@@ -99,7 +99,10 @@ def inputs_of(model: object, trial: Trial | None) -> tuple[str, ...]:
 
 
 def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, end: float) -> None:
-    """Plot the inputs of a run from *start* to *end* [s, its timestamps], held between samples; time from *start*."""
+    """Plot the inputs of a run from *start* to *end* [s by its timestamps], held between samples.
+
+    The time axis begins at *start*.
+    """
     units = []
     for name, colour in zip(names, (INK, *COLOURS), strict=False):
         channel = trial[name]
@@ -114,7 +117,7 @@ def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, en
 
 
 def draw_track(runs: Mapping[str, Trial]) -> Figure | None:
-    """Plot the track over ground, north up, equal scales; None if the craft hardly moved."""
+    """Plot the track over ground, north up, with equal scales. Return None if the craft hardly moved."""
     tracks = []
     for label, trial in runs.items():
         if "x" in trial and "y" in trial and len(trial["x"]) > 1 and len(trial["y"]) > 1:
@@ -140,12 +143,12 @@ def draw_track(runs: Mapping[str, Trial]) -> Figure | None:
 
 
 def is_bent(actuator: Actuator | None) -> bool:
-    """Return whether force is not proportional to output."""
+    """Return whether the force is not proportional to the output."""
     return actuator is not None and not actuator.is_plain
 
 
 def draw_thrust(actuator: Actuator, flown: Sequence[float] = ()) -> Figure:
-    """Plot force over output, both in percent of full; *flown*: normalised outputs of the experiments."""
+    """Plot force over output, both in percent of full. *flown*: normalised outputs of the experiments."""
     figure, (axes,) = new_axes((2.4,), share=False)
     u = np.linspace(-1.0, 1.0, 401)
     ahead_only = bool(flown) and min(flown) >= 0.0
@@ -166,7 +169,7 @@ def draw_thrust(actuator: Actuator, flown: Sequence[float] = ()) -> Figure:
 
 
 def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
-    """Plot the 95 % interval of every fitted parameter in percent of its value; None if none is known."""
+    """Plot the 95 % interval of every fitted parameter in percent of its value. Return None if none is known."""
     known = [p for p in parameters.values() if p.status in ("fitted", "at_bound") and p.value and p.std > 0.0]
     known = [p for p in known if math.isfinite(p.std)]
     if not known:

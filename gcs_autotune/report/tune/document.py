@@ -69,11 +69,11 @@ from gcs_autotune.report.tune.wording import (
 __all__ = ["tune_document"]
 
 MOST_PARAMETERS = 24
-"""Most parameters listed without folding them. Chosen."""
+"""Most parameters listed without folding them. Project choice."""
 
 
 def tune_document(story: TuneStory) -> Document:
-    """Return the report of a tune, as far as it got; its JSON form is ``summary.json``."""
+    """Return the report of a tune as far as it was completed. Its JSON form is ``summary.json``."""
     fit = story.fit
     doubts = (*story.doubts, *(() if fit is None else doubt_sentences(fit.doubts)))
     return Document(
@@ -149,7 +149,7 @@ def _proof(story: TuneStory) -> Iterator[Section]:
 
 
 def _undo(story: TuneStory) -> Iterator[Section]:
-    """Yield the command that restores the old parameters; on the terminal only where new gains stay."""
+    """Yield the command that restores the old parameters. On the terminal it is shown only if new gains stay."""
     if story.parameters_before:
         command = Note(undo_command(story), undo_sentence(story), kind="command")
         yield Section("undo", "How to undo", (command,), detail=story.ending != "kept", facts=IN_RESULT)
@@ -246,4 +246,4 @@ SECTIONS = (
     _parameters,
     _files,
 )
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""

@@ -1,7 +1,7 @@
 """The figures of a tune: step before and after, relay experiments, limit cycles, model and measurement.
 
-A figure draws nothing if the tune did not get that far. Matplotlib is imported with the first that is drawn. Angles
-are in degrees here, and only here.
+A figure is empty if the tune did not reach its stage. Matplotlib is imported with the first plot. Only this module uses
+angles in degrees.
 """
 
 from __future__ import annotations
@@ -69,12 +69,12 @@ __all__ = [
 
 
 MOST_PERIODS = 60
-"""Most periods of a relay experiment plotted. Chosen: twice what an experiment may last."""
+"""Most periods of a relay experiment plotted: twice the number that an experiment may have. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepLeg:
-    """A step, or the step back: times from its command [s], positions from where the step began [rad or m]."""
+    """A step, or the step back: times from its command [s], positions from the start of the step [rad or m]."""
 
     position: Curve
     target: Curve
@@ -83,7 +83,7 @@ class StepLeg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepSeries:
-    """The legs flown of a step trial: the step of ``size`` [rad or m] and the step back."""
+    """The completed parts of a step trial: the step of ``size`` [rad or m] and the step back."""
 
     legs: tuple[StepLeg, ...]
     size: float
@@ -106,7 +106,7 @@ class RelaySeries:
 
 
 def step_series(trial: Trial | None, watched: PlottedSignals, windows: Sequence[float] = ()) -> StepSeries | None:
-    """Return the step in *trial*, None if it has none (never flown, or ended before it).
+    """Return the step in *trial*; None if it contains none, because it was never flown or ended earlier.
 
     The marks ``target`` with ``value`` [rad or m] and ``phase`` (``hold``, ``step``, ``back``) locate it.
     windows : seconds of each leg to plot; without one, the whole leg.
@@ -132,7 +132,7 @@ def step_series(trial: Trial | None, watched: PlottedSignals, windows: Sequence[
 def _leg(
     trial: Trial, watched: PlottedSignals, start: float, window: float, base: float, target: tuple[float, float]
 ) -> StepLeg | None:
-    """Return *window* [s] of *trial* from *start* [s] on, with two seconds before it; None with fewer than two samples.
+    """Return *window* [s] of *trial* from *start* [s], with two seconds before it. None for fewer than two samples.
 
     target : the reference before and from *start*, relative to the *base* [rad or m].
     """
@@ -146,7 +146,7 @@ def _leg(
 
 
 LEAD = 2.0
-"""Seconds plotted before a command. Chosen."""
+"""Time [s] plotted before a command. Project choice."""
 
 
 def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
@@ -156,7 +156,7 @@ def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
 
 
 def relay_series(trial: Trial, watched: PlottedSignals, periods: int = 5) -> RelaySeries | None:
-    """Return the last :data:`MOST_PERIODS` periods in *trial*, None if it has no usable position."""
+    """Return the last :data:`MOST_PERIODS` periods in *trial*; None if it has no usable position."""
     if watched.position not in trial:
         return None
     start = trial.start
@@ -199,7 +199,7 @@ def _from(channel: Channel, start: float, base: float) -> Curve:
 
 
 MOST_RELAYS = 6
-"""Most relay experiments and fit traces plotted; chosen so that the page stays small."""
+"""Most relay experiments and fit traces plotted, so that the page stays small. Project choice."""
 
 
 def step_figure(story: TuneStory) -> Iterator[Figure]:
@@ -330,7 +330,7 @@ def _draw_step(story: TuneStory) -> Drawing | None:
 
 
 def _draw_targets(axes: Axes, legs: Sequence[tuple[StepLeg, str]], story: TuneStory) -> None:
-    """Plot the target of each leg; coinciding targets once, in grey."""
+    """Plot the target of each leg. Coinciding targets are plotted once, in grey."""
     targets = [(leg.target, colour) for leg, colour in legs]
     if not targets and story.proposal is not None:
         targets = [(_predicted(story.proposal.after, "target"), FAINT)]
@@ -342,7 +342,7 @@ def _draw_targets(axes: Axes, legs: Sequence[tuple[StepLeg, str]], story: TuneSt
 
 
 def _draw_predictions(top: Axes, bottom: Axes, size: float | None, story: TuneStory) -> None:
-    """Plot the predicted step, over a measured step of the same *size*, or alone (None)."""
+    """Plot the predicted step, either over a measured step of the same *size* or alone (None)."""
     if story.proposal is None:
         return
     old, new = story.proposal.before, story.proposal.after

@@ -83,7 +83,7 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
 
 
 def turn_rates(before: StepMetrics, after: StepMetrics) -> str:
-    """Return one sentence on the turn-rate step that was flown with the same gains."""
+    """Return one sentence on the turn-rate step flown with the same gains."""
     old, new = (format_share(max(1.0 - m.steady_error, 0.0)) for m in (before, after))
     return (
         f"Turn-rate step with the same gains (measured): tracking error {_change_words(before.itae, after.itae)}; "
@@ -92,7 +92,7 @@ def turn_rates(before: StepMetrics, after: StepMetrics) -> str:
 
 
 def as_it_is(now: StepMetrics) -> str:
-    """Return one sentence on the step that was flown with gains that stay."""
+    """Return one sentence on the step flown with gains that stay."""
     return (
         f"Step response with these gains (measured): overshoot {format_share(now.overshoot)}; {_settling_words(now)}."
     )
@@ -107,7 +107,7 @@ def _settling_words(metrics: StepMetrics) -> str:
 
 
 def settling_cell(metrics: StepMetrics) -> str:
-    """Return the settling time, or why there is none, for a table cell."""
+    """Return the settling time, or the reason why there is none, for a table cell."""
     return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else "not reached")
 
 
@@ -121,7 +121,7 @@ def _change_words(before: float, after: float) -> str:
 
 
 def safety(proposal: Proposal) -> str:
-    """Return whether the loop with the new gains is stable, at the model and over its uncertainty."""
+    """Return a sentence on whether the loop with the new gains is stable, for the model and over its uncertainty."""
     margins, worst = proposal.margins, proposal.worst_margins
     if not margins.stable:
         return "NOT SAFE: the identified loop is unstable with the new gains. Do not use them."
@@ -144,7 +144,7 @@ def _margin_words(margins: Margins) -> str:
 
 
 def parameters_sentence(story: TuneStory) -> str:
-    """Return the known state of the vehicle's parameters at the end."""
+    """Return a sentence on the known state of the vehicle's parameters at the end."""
     if not story.parameters_before:
         return "No parameter was read, and none was written."
     if not story.changes or story.ending in ("dry-run", "declined", "unchanged"):
@@ -189,7 +189,7 @@ def proof_command(story: TuneStory) -> str:
 
 
 def bound_sentence(bound: tuple[float, float]) -> str:
-    """Return the stability bound of Miskovic2010, eq. (8.22)-(8.27), evaluated."""
+    """Return a sentence with the stability bound of Miskovic2010, eq. (8.22)-(8.27), evaluated."""
     left, right = bound
     if math.isnan(left) or math.isnan(right):
         return (

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import BadFile, NotInformative, UnknownName
-from gcs_autotune.identify import load_plan, run_plan
-from gcs_autotune.identify.plan import PLANS, plan_from
+from gcs_autotune.identify.plan import load_plan, run_plan
 from gcs_autotune.identify.plan.combine import StepEstimate, agreements, combined
+from gcs_autotune.identify.plan.plan import PLANS, plan_from
 from gcs_autotune.manoeuvres import MANOEUVRES
 from gcs_autotune.trial import Channel, Trial
 
@@ -57,10 +57,10 @@ def test_a_plan_takes_the_constants_of_another_craft():
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('runs = ["line*"]', "", "name the runs with"),
+        ('runs = ["line*"]', "", "select the runs with"),
         ('held = ["m"]', 'held = ["m", "X_uu"]', "X_uu is held, but no earlier step"),
         ('held = ["m"]', 'held = ["m", "X_u"]', "both held and identified"),
-        ('dofs = ["surge"]', 'dofs = ["yaw"]', "equation that is not among"),
+        ('dofs = ["surge"]', 'dofs = ["yaw"]', "equation of a degree of freedom that the form lacks"),
         ('shared = ["X_udot"]', 'shared = ["X_udto"]', "X_udto"),
         ("coriolis = false", "corioli = false", "corioli"),
         ("[[step]]", "[[stpe]]", "stpe"),
