@@ -9,7 +9,7 @@ __all__ = ["Doubt"]
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A reason not to trust a result, with its possible cause and the remedy."""
+    """A reason not to trust a result, with its probable cause and a remedy."""
 
     slug: str
     cause: str

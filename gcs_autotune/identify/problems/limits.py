@@ -1,4 +1,4 @@
-"""Smallest and largest values that parameters may have."""
+"""Lower and upper limits of parameters."""
 
 from __future__ import annotations
 
@@ -17,24 +17,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Smallest and largest value allowed per parameter name; unlimited where not named."""
+    """Lower and upper limit per parameter name; parameters not listed are unlimited."""
 
     low: Mapping[str, float]
     high: Mapping[str, float]
 
     @classmethod
     def physical(cls, form: Form) -> Limits:
-        """Return the limits that keep inertia positive and let every drag damp."""
+        """Return the limits that keep inertia positive and drag damping."""
         sides = {n: _physical_side(n) for n in form.free}
         return cls({n: 0.0 for n, s in sides.items() if s > 0}, {n: 0.0 for n, s in sides.items() if s < 0})
 
     def of(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Return both (p,) in the order of *names*."""
+        """Return the lower and the upper limits (p,) in the order of *names*."""
         low = np.array([self.low.get(n, -np.inf) for n in names])
         return low, np.array([self.high.get(n, np.inf) for n in names])
 
     def within(self, other: Limits) -> Limits:
-        """Return the limits that respect both, these first where they contradict each other."""
+        """Return limits that satisfy these and *other*.
+
+        Where they contradict each other, these limits apply.
+        """
         low, high = dict(self.low), dict(self.high)
         for name in {*other.low, *other.high}:
             least = max(self.low.get(name, -np.inf), other.low.get(name, -np.inf))
@@ -45,7 +48,7 @@ class Limits:
 
 
 def _physical_side(name: str) -> int:
-    """Return -1 for what is negative by nature, 1 for what is positive, 0 for what may be either."""
+    """Return the sign of a parameter that physics requires: -1, 1, or 0 for either sign."""
     if name in ("m", "I_x", "I_y", "I_z"):
         return 1
     if name in RIGID_BODY or "_" not in name or name[0] not in FORCES:

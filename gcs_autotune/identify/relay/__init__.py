@@ -1,4 +1,4 @@
-"""Self-oscillation: limit cycles of a relay and their first harmonic (IS-O, Miskovic2010, ch. 5-7).
+"""Identify from the limit cycles of a relay and their first harmonic (IS-O, Miskovic2010, ch. 5-7).
 
 ``limit_cycle`` reads cycles from a record; its :class:`LimitCycleMonitor` decides when to stop an experiment. ``iso``
 identifies one degree of freedom from a cycle, and decides its drag from two. ``linear_process`` identifies any linear
