@@ -77,8 +77,8 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative also if the runs are too short for
-        a single point.
+        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative also if the runs are too short
+        for a single point.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     records = [record for trial in runs for record in prepare(trial, dof)]
