@@ -1,8 +1,7 @@
-"""Which drag does one degree of freedom have? Three witnesses side by side: Miskovic2010, criterion, data left out.
+"""Select the drag law of one degree of freedom by three criteria: Miskovic2010, Bayesian, held-out error.
 
-The fit brings the two-experiment decision (Miskovic2010 (7.1)-(7.2)) and the Bayesian criterion of its candidates;
-this adds
-the free-run error on runs (or blocks of one run) that were left out.
+The fit contains the two-experiment decision (Miskovic2010 (7.1)-(7.2)) and the Bayesian criterion of its candidates.
+This module adds the free-run error on left-out runs (or blocks of one run).
 """
 
 from __future__ import annotations
@@ -22,16 +21,16 @@ from gcs_autotune.trial import Trial
 __all__ = ["AxisChoice", "ScoredDrag", "weigh_drags"]
 
 ALIKE = 0.02
-"""Relative difference of the errors on data left out below which they are called alike."""
+"""Relative difference of held-out errors below which they count as equal."""
 
 
 WORDS = {"linear": "linear damping", "nonlinear": "quadratic damping", "affine": "linear and quadratic damping"}
-"""Structure -> what it means."""
+"""Structure -> its description."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoredDrag:
-    """One drag structure: its criterion (NaN when the method gives none) and its rms error on data left out [SI]."""
+    """One drag structure: its criterion (NaN if the method has none), and its held-out rms error [SI]."""
 
     structure: Structure
     bic: float
@@ -41,7 +40,7 @@ class ScoredDrag:
 
 @dataclass(frozen=True, slots=True)
 class AxisChoice:
-    """The structure of ``fit`` and the result of each criterion; ``signal``: that of the errors."""
+    """The structure of ``fit`` and the result of each criterion; ``signal``: the signal of the errors."""
 
     chosen: Structure
     decision: Decision | None
@@ -50,7 +49,7 @@ class AxisChoice:
     reasons: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the choice as plain data for a JSON file."""
         rows = [{"structure": r.structure, "bic": r.bic, "left_out": r.left_out} for r in self.table]
         verdict = None if self.decision is None else self.decision.verdict
         return {
@@ -63,10 +62,10 @@ class AxisChoice:
 
 
 def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
-    """Return what speaks for each drag structure, the fit's own choice beside it.
+    """Return the scores of each drag structure, with the fit's own choice.
 
-    Every structure is fitted by output error with the delay of *fit* to all but one run (or a quarter of the only one)
-    and let loose on what was left out.
+    Every structure is fitted by output error, with the delay of *fit*, to all but one run (or to three quarters of a
+    single one). The rest is then simulated freely.
 
     Raises
     ------
@@ -98,17 +97,19 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
         d = fit.decision
         verdict = "undecided" if d.verdict == "undecided" else f"indicates {WORDS[d.verdict]}"
         said.append(
-            f"two experiments (Miskovic2010, 7.2): linear damping scatters by {d.sigma_beta:.1f} %, quadratic by "
-            f"{d.sigma_beta_quadratic:.1f} %, margin {d.margin:.1f} %: {verdict}"
+            f"two experiments (Miskovic2010, 7.2): the linear damping differs by {d.sigma_beta:.1f} %, the quadratic "
+            f"by {d.sigma_beta_quadratic:.1f} % (margin {d.margin:.1f} %): {verdict}"
         )
     best = min(table, key=lambda row: row.left_out)
     own = next(row for row in table if row.structure == fit.structure)
     what = f"held-out data ({signal_meaning(signal, fit.dof).split(',')[0]})"
     if best.left_out < (1.0 - ALIKE) * own.left_out:
-        said.append(f"{what}: {WORDS[best.structure]} predicts best, better than {WORDS[own.structure]}")
+        said.append(f"{what}: {WORDS[best.structure]} predicts better than {WORDS[own.structure]}")
     else:
         said.append(f"{what}: {WORDS[own.structure]} predicts best")
     known = [row for row in table if np.isfinite(row.bic)]
     if known:
-        said.append(f"Bayesian criterion (BIC): lowest with {WORDS[min(known, key=lambda row: row.bic).structure]}")
+        said.append(
+            f"Bayesian information criterion (BIC): best with {WORDS[min(known, key=lambda row: row.bic).structure]}"
+        )
     return tuple(said)

@@ -1,10 +1,10 @@
 """Profile likelihood of one parameter: the best fit as the parameter moves away from its estimate.
 
-At every value all other parameters and initial states are fitted again; the rise of minus twice the log-likelihood
-over its minimum is chi-squared with one degree of freedom (Wilks), so the values below 3.84 make the 95 % interval. It
-need not be symmetric, and it need not close: a side on which the fit does not degrade enough is reported as open
-(Raue2009, "practically non-identifiable"). For coloured residuals the deviance is
-divided by the square of the factor on the fit's standard error.
+At every value all other parameters and initial states are fitted again. The rise of minus twice the log-likelihood over
+its minimum is chi-squared with one degree of freedom (Wilks). The values below 3.84 therefore form the 95 % interval.
+It need not be symmetric or closed. A side on which the fit does not degrade enough is reported as open (Raue2009,
+"practically non-identifiable"). For coloured residuals the deviance is divided by the square of the factor on the fit's
+standard error.
 """
 
 from __future__ import annotations
@@ -28,24 +28,25 @@ __all__ = ["Profile", "profile"]
 Array = NDArray[np.float64]
 
 ROUNDS = 4
-"""Rounds of parameters, then noise, for the fit the profile starts from."""
+"""Iterations of parameters, then noise, in the fit that the profile starts from."""
 
 FARTHEST = 20.0
-"""Distance, in sizes of the parameter, at which a side is given up as open."""
+"""Distance, in sizes of the parameter, beyond which a side counts as open."""
 
 GROWTH, FIRST = 1.6, 0.5
-"""Steps outwards grow by this factor, from this many standard errors on."""
+"""Steps away from the estimate: ratio of successive steps, and first step in standard errors."""
 
 POLISH, CLOSE = 12, 0.01
-"""Most steps to locate an interval's end, and its tolerance relative to the parameter. Chosen."""
+"""Maximum number of steps to locate an interval's end, and its tolerance relative to the parameter."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """``values`` (k,) increasing and ``deviance`` (k,) over the minimum; the interval at ``level``.
+    """Profile of one parameter.
 
-    ``low`` or ``high`` infinite: that side is open, the runs do not bound the parameter there. ``estimate`` is where
-    the likelihood is largest.
+    ``values`` (k,): increasing. ``deviance`` (k,): over the minimum. ``low``, ``high``: the interval at ``level``; an
+    infinite end means that the runs do not bound the parameter there. ``estimate``: the value with the largest
+    likelihood.
     """
 
     name: str
@@ -65,14 +66,14 @@ class Profile:
 
     @property
     def words(self) -> str:
-        """One sentence."""
+        """The interval in one sentence."""
         if self.closed:
             return f"{self.name} is between {self.low:.4g} and {self.high:.4g} {self.unit} ({100 * self.level:.0f} %)"
         if not (math.isfinite(self.low) or math.isfinite(self.high)):
             return f"{self.name} is not bounded by these runs"
         side, bound = ("above", self.low) if math.isfinite(self.low) else ("below", self.high)
         other = "upwards" if side == "above" else "downwards"
-        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs do not bound it {other}"
+        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs give no bound {other}"
 
 
 def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, level: float = 0.95) -> Profile:
@@ -104,14 +105,14 @@ def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, leve
 
 @dataclass(slots=True)
 class _Walker:
-    """Moves one parameter and fits all the rest."""
+    """Move one parameter step by step and fit all others."""
 
     likeliest: MostLikely
     place: int
     raised: float
 
     def walk(self, estimate: float, step: float, size: float, threshold: float) -> tuple[float, dict[float, float]]:
-        """Return the end of the interval on one side (infinite: open) and the points visited."""
+        """Return the end of the interval on one side (infinite: open) and the points evaluated."""
         points: dict[float, float] = {}
         begin = (self.likeliest.subject.theta, self.likeliest.subject.initial)
         state: tuple[Array, tuple[Array, ...]] | None = begin
@@ -144,7 +145,7 @@ class _Walker:
     def at(
         self, value: float, near: tuple[Array, tuple[Array, ...]]
     ) -> tuple[float, tuple[Array, tuple[Array, ...]] | None]:
-        """Return the deviance with the parameter at *value* (infinite when no fit runs), and the fit."""
+        """Return the deviance with the parameter at *value* (infinite if no fit converges), and the fit."""
         found = self.likeliest.holding(self.place, value, *near)
         if found is None:
             return math.inf, None
@@ -153,7 +154,7 @@ class _Walker:
 
 
 def _crossing(inner: tuple[float, float], outer: tuple[float, float], threshold: float) -> float:
-    """Return where the square root of the deviance, nearly a straight line, meets that of the threshold."""
+    """Return the crossing of the threshold, from linear interpolation of the square root of the deviance."""
     (a, below), (b, above) = inner, outer
     if not math.isfinite(above):
         return 0.5 * (a + b)

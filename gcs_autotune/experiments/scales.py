@@ -1,8 +1,8 @@
-"""How much of a parameter would be felt: the measure against which a standard error is large or small.
+"""Size of a parameter with a noticeable effect, with which its standard error is compared.
 
-A derivative is as large as its value, or as what would change the balance of its equation by :data:`FELT` of the
-largest force in it at the motion the runs have seen, whichever is larger: a coefficient that is nearly zero and acts on
-nothing should not rule what is flown next.
+The size of a derivative is the larger of two: its value, and the change that alters its equation by :data:`FELT` of the
+largest force, at the motion in the runs. A coefficient near zero without effect should not determine the next
+manoeuvre.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ __all__ = ["FELT", "Scales", "scales_of"]
 Array = NDArray[np.float64]
 
 FELT = 0.05
-"""Fraction of an equation's largest force that is noticeable to pilots and controllers. Chosen."""
+"""Fraction of an equation's largest force that is noticeable to pilots and controllers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scales:
-    """Per fitted parameter: ``size`` (p,) what its error is measured against, ``felt`` (p,) the amount that would be
-    felt in the motion seen (infinite where nothing excites it), both in the parameter's unit.
+    """Scales of the fitted parameters, in the parameter's unit.
+
+    ``size`` (p,): with which its error is compared. ``felt`` (p,): change with a noticeable effect in the motion of the
+    runs; infinite if nothing excites it.
     """
 
     size: Array
@@ -35,12 +37,12 @@ class Scales:
 
 
 def scales_of(subject: FittedModel) -> Scales:
-    """Return the scales of the subject's fitted parameters.
+    """Return the size and the noticeable change of each fitted parameter.
 
     Raises
     ------
     NotInformative
-        The model runs away on its runs.
+        The model diverges on its runs.
     """
     strongest, effects = _forces(subject)
     values, felt = np.abs(subject.values), np.full(len(subject.free), np.inf)
@@ -57,7 +59,7 @@ def scales_of(subject: FittedModel) -> Scales:
 
 
 def _forces(subject: FittedModel) -> tuple[Array, Mapping[str, Array]]:
-    """Return the largest force (k,) per equation, and per parameter the largest effect (k,) of one unit of it."""
+    """Return the largest force (k,) of each equation, and the largest effect (k,) of one unit of each parameter."""
     form = subject.form
     motions = [subject.recorded_motion(i) for i in range(len(subject.records))]
     zero = np.where([n in SPECIAL for n in form.parameters], subject.theta, 0.0)

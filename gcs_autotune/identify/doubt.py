@@ -1,4 +1,4 @@
-"""A reason not to trust a result."""
+"""Define a doubt: a reason not to trust a result."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ __all__ = ["MOVED_TOO", "dof_option", "moved_besides", "moved_too"]
 Array = NDArray[np.float64]
 
 MOVED_TOO = "moved-too"
-"""Slug of the doubt about motion that was not examined."""
+"""Slug of the doubt about motion in degrees of freedom that the model does not include."""
 
 CLEAR = 3.0
 """Ratio of a velocity's standard deviation to that of its noise, above which it counts as motion."""
@@ -80,7 +80,7 @@ def moved_too(runs: Sequence[Trial], dofs: Collection[str]) -> list[Doubt]:
     return [
         Doubt(
             MOVED_TOO,
-            f"only {' and '.join(dofs)} was examined; {names} moved too",
+            f"only {' and '.join(dofs)} was analysed, but {names} moved too",
             f"repeat the command with --dof {option}" if option else f"record their inputs ({inputs})",
         )
     ]

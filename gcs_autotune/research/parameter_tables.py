@@ -1,9 +1,11 @@
-"""Tables of identified parameters, a row per experiment: do they describe one craft, and if not, what is in the way?
+"""Test whether a table of identified parameters, one row per experiment, describes one craft.
 
-A craft has one inertia and one drag law, whatever was commanded. Where rows contradict each other the pattern tells the
-kind of cause: inertia and drag off alike are a thrust that is not what it was said to be (both are force over motion),
-inertia alone is another load or a slow actuator, drag alone another drag law. All tests are of logarithms (differences
-are shares); rows at one input are a group; what the scatter hides is told as "cannot tell".
+A craft has one inertia and one drag law, whatever was commanded. If rows contradict each other, the pattern indicates
+the kind of cause. Equal deviations of inertia and drag indicate a thrust other than stated, because both are force over
+motion. Inertia alone indicates another load or a slow actuator. Drag alone indicates another drag law.
+
+All tests use logarithms, so that differences are relative. Rows at one input are a group. A difference that the scatter
+may hide is reported as "cannot tell".
 """
 
 from __future__ import annotations
@@ -30,11 +32,14 @@ __all__ = [
 ]
 
 ALIKE = 0.5
-"""Shares are alike when the smaller is at least this part of the larger, and of one sign."""
+"""Ratio of the smaller to the larger deviation above which two deviations of equal sign count as equal."""
 
 
 def reading_of_level(shares: Mapping[str, float], answers: Mapping[str, str], *, smallest: bool) -> str:
-    """Return what it means that *shares* of inertia and drag are off at one input level."""
+    """Return the interpretation of deviations of inertia and drag at one input level.
+
+    shares : relative deviation of each quantity.
+    """
     off = [n for n, a in answers.items() if a == "yes"]
     if not off:
         hidden = [n for n, a in answers.items() if a == "cannot tell"]
@@ -44,65 +49,78 @@ def reading_of_level(shares: Mapping[str, float], answers: Mapping[str, str], *,
         if both[0] > 0.0:
             lost = 1.0 - 1.0 / (1.0 + sum(both) / 2.0)
             cause = "dead zone or static friction" if smallest else "saturation, sagging voltage, a stalled propeller"
-            return f"inertia and drag alike: {100 * lost:.0f} % of the stated thrust does not arrive ({cause})"
-        return "inertia and drag alike: more thrust than stated (wrong calibration of this level)"
+            return f"inertia and drag deviate equally: {100 * lost:.0f} % of the stated thrust is missing ({cause})"
+        return "inertia and drag deviate equally: the thrust is larger than stated (wrong calibration of this level)"
     if off == ["inertia"]:
         return (
-            "inertia alone: another load or trapped water in these runs, or an actuator that needs longer to reverse "
-            "at this input (rate limit); not the thrust, or drag would be off alike"
+            "only inertia deviates: another load or trapped water in these runs, or a rate limit of the actuator. A "
+            "thrust error would change the drag equally"
         )
     if off == ["drag"]:
         more = shares["drag"] > 0.0
         if smallest and more:
-            return "drag alone: a linear share of drag, or friction, that the quadratic law does not have"
-        return "drag alone: another drag law than assumed, or water that moved in these runs"
-    return "inertia and drag deviate in different ways: no single known cause explains both"
+            return "only drag deviates: there is linear drag or friction that the quadratic law does not include"
+        return "only drag deviates: the drag law is different from the assumed one, or the water moved in these runs"
+    return "inertia and drag deviate in different ways, so no single known cause explains both"
 
 
 def reading_of_sign(shares: Mapping[str, float], answers: Mapping[str, str]) -> str:
-    """Return what a dependence on the input's sign means."""
+    """Return the interpretation of a dependence on the input's sign."""
     off = [n for n, a in answers.items() if a == "yes"]
     if not off:
         return "no significant asymmetry in these pairs"
     both = [shares["inertia"], shares["drag"]]
     if len(off) == 2 and both[0] * both[1] > 0.0:
-        return "inertia and drag alike: the actuator pushes less one way (asymmetric thrust)"
+        return "inertia and drag deviate equally: the actuator pushes less one way (asymmetric thrust)"
     if off == ["drag"]:
-        return "drag alone: a steady moment (trim, tether, current) or a hull that is not symmetric"
-    return "inertia alone, which no asymmetric thrust does: how the transient was read, or a steady moment"
+        return "only drag deviates: there is a steady moment (trim, tether, current), or the hull is not symmetric"
+    return (
+        "only inertia deviates, which asymmetric thrust does not cause: check the evaluation of the transient, "
+        "or a steady moment"
+    )
 
 
 def reading_of_order(order: float, half: float) -> str:
-    """Return what the exponent of rate in the drag force means."""
-    told = f"the drag force goes as rate to the power {order:.2f} +- {half:.2f}: "
+    """Return the interpretation of the exponent of rate in the drag force."""
+    told = f"drag force is proportional to the rate to the power {order:.2f} +- {half:.2f}: "
     if abs(order - 2.0) <= half and abs(order - 1.0) <= half:
-        return told + "linear or quadratic: these rows do not distinguish them"
+        return told + "linear or quadratic drag, which these rows do not distinguish"
     if abs(order - 2.0) <= half:
         return told + "quadratic drag"
     if abs(order - 1.0) <= half:
         return told + "linear drag"
     if 1.0 < order < 2.0:
-        return told + "a linear and a quadratic share; either alone varies with the input"
-    return told + "neither linear nor quadratic"
+        return told + "a mixture of linear and quadratic drag, so the coefficient of either alone varies with the input"
+    return told + "neither linear nor quadratic drag"
 
 
 def reading_of_trend(slopes: Mapping[str, float], answers: Mapping[str, str]) -> str:
-    """Return what it means that inertia or drag go with the size of the input."""
+    """Return the interpretation of a dependence of inertia or drag on the size of the input."""
     off = [n for n, a in answers.items() if a == "yes"]
     if not off:
         return "no significant trend over these levels"
     if len(off) == 2 and slopes["inertia"] * slopes["drag"] > 0.0:
         if slopes["drag"] < 0.0:
-            return "both fall with the input: part of small commands does not arrive (dead zone, static friction)"
-        return "both rise with the input: the thrust falls behind the command (saturation, thrust not linear)"
+            return (
+                "inertia and drag fall as the input grows: part of small commands has no effect (dead zone, "
+                "static friction)"
+            )
+        return (
+            "inertia and drag rise as the input grows: the thrust grows less than the command (saturation, "
+            "non-linear thrust)"
+        )
     if "drag" in off and slopes["drag"] < 0.0:
-        told = "the quadratic drag falls with the input: a linear share, or friction, that its law does not have"
-        return told if off == ["drag"] else told + "; the inertia rises: a delay or lag not accounted for"
+        told = "quadratic drag falls as the input grows: there is linear drag or friction that its law does not include"
+        return (
+            told if off == ["drag"] else told + ". Inertia rises: there is a delay or lag that the fit does not include"
+        )
     if "drag" in off:
-        return "the drag rises with the input: a law steeper than assumed, or thrust that falls behind the command"
+        return (
+            "drag rises as the input grows: its law is steeper than assumed, or the thrust grows less than the command"
+        )
     if slopes["inertia"] > 0.0:
-        return "the inertia rises with the input: an actuator that needs longer for larger reversals (rate limit)"
-    return "the inertia falls with the input: part of small commands does not arrive, or a drag law that shifts the fit"
+        return "inertia rises as the input grows: the actuator needs longer for larger reversals (rate limit)"
+    return "inertia falls as the input grows: part of small commands has no effect, or a wrong drag law affects the fit"
 
 
 Array = NDArray[np.float64]
@@ -110,25 +128,25 @@ Array = NDArray[np.float64]
 Answer = Literal["yes", "no", "cannot tell"]
 
 LEAST = 4
-"""Fewest rows of a table that anything is said about."""
+"""Minimum number of rows of a table."""
 
 SURE = 0.01
-"""Chance of calling something off that is not, over all levels (or rows) of one question."""
+"""False-alarm probability of one question, over all its levels (or rows)."""
 
 POOLED = 0.25
-"""Chance above which levels count as differing by no more than their rows do (Bancroft1964, sometimes-pooling)."""
+"""p-value above which levels count as not differing more than their rows do (Bancroft1964, sometimes-pooling)."""
 
 MATTERS = 0.1
-"""Share below which a difference that could still be there would not matter: then the answer is "no"."""
+"""Relative difference that does not matter; a quantity that cannot differ by more is reported as "no"."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterTable:
-    """What was identified, a row per experiment.
+    """Identified parameters, one row per experiment.
 
-    level : (n,) input, its sign where it has one. inertia, drag : (n,) in any unit; ``drag`` is that of the law the
-    table assumes (usually quadratic). rate : (n,) a typical rate of turn or speed, and linear_drag : (n,) the
-    equivalent linear drag there; both for the order of the drag law.
+    level : (n,) input, with its sign if it has one. inertia, drag : (n,) in any unit; ``drag`` is that of the assumed
+    law (usually quadratic). rate : (n,) a typical rate of turn or speed. linear_drag : (n,) the equivalent linear drag
+    at that rate; both serve to find the order of the drag law.
     """
 
     name: str
@@ -140,7 +158,7 @@ class ParameterTable:
 
     @property
     def quantities(self) -> Mapping[str, Array]:
-        """What should be constant."""
+        """The quantities that should be constant."""
         return {"inertia": self.inertia, "drag": self.drag}
 
 
@@ -148,8 +166,9 @@ class ParameterTable:
 class TableFinding:
     """The answer to one question about a table.
 
-    ``share`` how much more the quantity is there than elsewhere (0.2: 20 %; of ``drag-order`` the exponent of rate in
-    the drag force), ``ci95`` its interval, ``p`` the chance of so much by scatter alone (over all levels tried).
+    ``share``: relative difference of the quantity there from elsewhere (0.2: 20 %); for ``drag-order`` the exponent of
+    rate in the drag force. ``ci95``: its interval. ``p``: probability of such a difference by scatter alone (over all
+    levels tried).
     """
 
     question: str
@@ -163,7 +182,9 @@ class TableFinding:
 
 
 def diagnose_table(table: ParameterTable) -> tuple[TableFinding, ...]:
-    """Ask a table whether its rows are of one craft: each level, the smallest input, the sign, single rows, drag law.
+    """Test whether the rows of a table describe one craft.
+
+    The questions are each level, the smallest input, the sign, single rows, and the drag law.
 
     Raises
     ------
@@ -172,7 +193,7 @@ def diagnose_table(table: ParameterTable) -> tuple[TableFinding, ...]:
     """
     if len(table.level) < LEAST:
         raise NotInformative(
-            f"table '{table.name}' has {len(table.level)} rows: at least {LEAST} can contradict each other"
+            f"table '{table.name}' has {len(table.level)} rows, but a check for contradictions needs at least {LEAST}"
         )
     bad = [n for n, v in table.quantities.items() if not np.all(v > 0.0)]
     if bad:
@@ -181,7 +202,10 @@ def diagnose_table(table: ParameterTable) -> tuple[TableFinding, ...]:
 
 
 def _levels(table: ParameterTable) -> Iterator[TableFinding]:
-    """Yield for every input level how far it is from the others, the smallest first; what departs spoils no mean."""
+    """Yield the deviation of every input level from the others, the smallest level first.
+
+    Levels that deviate are excluded from the mean of the others.
+    """
     size = np.abs(table.level)
     levels = np.unique(size).tolist()
     if len(levels) < 3:
@@ -207,7 +231,10 @@ def _levels(table: ParameterTable) -> Iterator[TableFinding]:
 
 
 def _departing(y: Array, size: Array) -> set[float]:
-    """Return the levels that depart from all others, the clearest first, each judged without those before it."""
+    """Return the levels that deviate from all others, the most significant first.
+
+    Each is judged without the levels before it.
+    """
     found: set[float] = set()
     tried = len(np.unique(size))
     while len(np.unique(size)) > 3:
@@ -222,7 +249,7 @@ def _departing(y: Array, size: Array) -> set[float]:
 
 
 def _trend(table: ParameterTable, kept: Mapping[str, NDArray[np.bool_]]) -> Iterator[TableFinding]:
-    """Yield how the level means go with the input: the share by which doubling it changes them."""
+    """Yield the trend of the level means: their relative change if the input doubles."""
     size = np.abs(table.level)
     found = {}
     for name, values in table.quantities.items():
@@ -239,9 +266,9 @@ def _trend(table: ParameterTable, kept: Mapping[str, NDArray[np.bool_]]) -> Iter
 
 
 def _apart(y: Array, size: Array, level: float) -> tuple[float, float, float]:
-    """Return how far the mean at one level is from the others' mean, half its 95 % interval, and its probability.
+    """Return the deviation of one level's mean from the others' mean, half its 95 % interval, and its p-value.
 
-    The variance has two parts: rows about their level's mean, and levels (but this one) about theirs.
+    The variance has two parts: that of rows about their level's mean, and that of the other levels about their mean.
     """
     others = [y[size == s] for s in np.unique(size) if s != level]
     own = y[size == level]
@@ -266,7 +293,7 @@ def _apart(y: Array, size: Array, level: float) -> tuple[float, float, float]:
 
 
 def _t(off: float, variance: float, freedom: int) -> tuple[float, float]:
-    """Return half the 95 % interval of a mean and the probability that it is zero."""
+    """Return half the 95 % interval of a mean, and the p-value of a mean of zero."""
     if freedom < 1 or variance <= 0.0:
         return math.inf, 1.0
     s = math.sqrt(variance)
@@ -287,7 +314,7 @@ def _finding(
 
 
 def _sign(table: ParameterTable) -> Iterator[TableFinding]:
-    """Yield how positive inputs differ from negative ones of the same size."""
+    """Yield the difference between positive and negative inputs of the same size."""
     size = np.abs(table.level)
     both = [s for s in np.unique(size) if np.any(table.level == s) and np.any(table.level == -s) and s > 0.0]
     if len(both) < 3:
@@ -301,11 +328,13 @@ def _sign(table: ParameterTable) -> Iterator[TableFinding]:
         found[name] = (mean, half, p, _answer(mean, half, p))
     reading = reading_of_sign({n: math.expm1(f[0]) for n, f in found.items()}, {n: f[3] for n, f in found.items()})
     for name, (mean, half, p, answer) in found.items():
-        yield _finding("sign", name, f"{len(both)} pairs of + and -", answer, mean, half, p, reading)
+        yield _finding(
+            "sign", name, f"{len(both)} pairs of positive and negative inputs", answer, mean, half, p, reading
+        )
 
 
 def _rows(table: ParameterTable) -> Iterator[TableFinding]:
-    """Yield rows that contradict all others of their level: deleted studentised residuals."""
+    """Yield rows that contradict all others of their level (deleted studentised residuals)."""
     size = np.abs(table.level)
     for name, values in table.quantities.items():
         y = np.log(values)
@@ -320,12 +349,12 @@ def _rows(table: ParameterTable) -> Iterator[TableFinding]:
             if p < SURE:
                 where = f"row {i + 1} (input {table.level[i]:.4g})"
                 off = float(residual[i] / share[i])
-                reading = "this row contradicts the others at its input: repeat that experiment"
+                reading = "this row contradicts the other rows at its input. Repeat that experiment"
                 yield _finding("row", name, where, "yes", off, half, p, reading)
 
 
 def _order(table: ParameterTable) -> Iterator[TableFinding]:
-    """Yield the power of rate that the drag force goes with: 1 plus that of the equivalent linear drag."""
+    """Yield the exponent of rate in the drag force: 1 plus that of the equivalent linear drag."""
     if table.rate is None or table.linear_drag is None or np.ptp(np.log(table.rate)) < math.log(1.3):
         return
     fit = scipy_stats().linregress(np.log(table.rate), np.log(table.linear_drag))

@@ -1,6 +1,6 @@
 """Sea trials: figures of zig-zags, turning circles, spirals and pull-outs.
 
-==============  ===============================================================================
+==============  ===================================================================================
 figures         recognition of the manoeuvre, and its sheet of figures
 criteria        the sheet, and the criteria of MSC.137(76)
 zigzag          overshoot angles, times, initial turning, K and T
@@ -8,7 +8,7 @@ turning_circle  advance, transfer, tactical diameter, the steady turn, the curre
 spiral          directional stability: direct and reverse spirals, pull-outs
 closed_loop     natural frequency and damping of the heading loop from relays on its set-point
 stopping        track reach, head reach and time after thrust is removed or reversed
-==============  ===============================================================================
+==============  ===================================================================================
 
 Models are fitted to the same runs by the methods ``step`` and ``zig-zag`` (:mod:`gcs_autotune.identify.open_loop`).
 """

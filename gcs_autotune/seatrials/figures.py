@@ -1,4 +1,4 @@
-"""What manoeuvre is this, and its figures as IMO and ITTC name them."""
+"""Recognise the manoeuvre of a run and calculate its figures as defined by IMO and ITTC."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     ----------
     run : with psi and delta (or N); r, x, y, u, v, U are used if present.
     ship : for figures in ship lengths and the criteria that depend on L/V.
-    manoeuvre : one of :data:`MANOEUVRES`; None recognises it (a reverse spiral or a stop only if requested, or from
-        the run's meta data).
+    manoeuvre : one of :data:`MANOEUVRES`; None: it is recognised (a reverse spiral or a stop only if requested, or
+        from the run's meta data).
 
     Raises
     ------
@@ -52,7 +52,7 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     MissingChannel, BadFile
         As :func:`gcs_autotune.identify.open_loop.ship_log.ship_log`.
     UnknownName
-        No such manoeuvre.
+        There is no such manoeuvre.
     """
     doubts = tuple(Doubt(CONTRADICTION, c.cause, c.cure) for c in contradictions(run))
     return tuple(replace(sheet, doubts=(*doubts, *sheet.doubts)) for sheet in _figures(run, ship, manoeuvre))
@@ -73,7 +73,7 @@ def _figures(run: Trial, ship: Particulars | None, manoeuvre: str | None) -> tup
 
 
 def _all_of(names: Sequence[str], run: Trial, ship: Particulars) -> tuple[list[Sheet], list[str]]:
-    """Return the sheets of those manoeuvres that are in a run, and what the others miss."""
+    """Return the sheets of the manoeuvres in a run, and the reasons why the others are not recognised."""
     found: list[Sheet] = []
     missing: list[str] = []
     for name in names:
@@ -92,7 +92,7 @@ def _turning_sheet(run: Trial, ship: Particulars) -> Sheet:
     unit = log.steering.unit
     figures = known(
         judged("helm", "helm", Reading(abs(c.rudder), NAN, unit)),
-        judged("turned", "total change of heading", Reading(c.turned, NAN, "rad")),
+        judged("turned", "total heading change", Reading(c.turned, NAN, "rad")),
         judged("advance", "advance", c.advance),
         judged("advance-lengths", "advance", in_lengths(c.advance, ship), ADVANCE, "5.3.1"),
         judged("transfer", "transfer", c.transfer),
@@ -145,10 +145,12 @@ _WAYS: Mapping[float, str] = {0.0: "", 1.0: ", raised", -1.0: ", lowered"}
 
 def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     figures = known(
-        judged("residual-rate", "residual yaw rate, rudder amidships", s.residual_rate),
-        judged("loop-width", "width of the loop", s.width),
+        judged("residual-rate", "residual yaw rate with rudder amidships", s.residual_rate),
+        judged("loop-width", "width of the hysteresis loop", s.width),
         judged(
-            "slope", "yaw rate per rudder angle, amidships", Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit))
+            "slope",
+            "yaw rate per rudder angle at amidships",
+            Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit)),
         ),
         *(
             judged(
@@ -174,8 +176,8 @@ def _pull_out_sheet(run: Trial, ship: Particulars) -> Sheet:
         judged("turning", "yaw rate of the turns", p.turning),
         judged("after-starboard", "residual rate after a turn to starboard", p.after_starboard),
         judged("after-port", "residual rate after a turn to port", p.after_port),
-        judged("residual-rate", "half their difference", p.residual),
-        judged("offset", "their mean (trim, wind)", p.offset),
+        judged("residual-rate", "half the difference of the residual rates", p.residual),
+        judged("offset", "mean of the residual rates (trim, wind)", p.offset),
     )
     return Sheet(log.name, "pull-out", "pull-out", figures, _STABILITY[p.verdict], p.doubts)
 
@@ -190,7 +192,7 @@ MANOEUVRES: Mapping[str, Callable[[Trial, Particulars], Sheet]] = {
     "set-point-relay": closed_loop_sheet,
     "hand-release": free_decay_sheet,
 }
-"""Name -> reader."""
+"""Name of a manoeuvre -> function that returns its sheet."""
 
 ENDS_IN: Mapping[str, Sequence[str]] = {"turning-circle": ("pull-out",)}
-"""Manoeuvre -> those it ends in when it is flown whole."""
+"""Manoeuvre -> manoeuvres that a complete run of it ends with."""

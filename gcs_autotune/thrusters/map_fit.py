@@ -1,6 +1,7 @@
-"""Thruster mapping: the characteristic of Miskovic2010, eq. (2.8) fitted to a pull test; dead zone, shape.
+"""Thruster mapping: the characteristic of Miskovic2010, eq. (2.8) fitted to a pull test.
 
-Each candidate structure is fitted by least squares with a map that rises; the Bayesian information criterion decides.
+Each candidate structure (dead zone, shape) is fitted by least squares with a monotonically rising map. The Bayesian
+information criterion selects one.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ __all__ = ["MapCandidate", "ThrusterFit", "fit_thruster", "map_doubts"]
 Array = NDArray[np.float64]
 
 SURE = 1e-3
-"""Chance of a false alarm below which a test raises a doubt."""
+"""False-alarm probability of each test; a lower p-value raises a doubt."""
 
 
 def map_doubts(
@@ -36,12 +37,21 @@ def map_doubts(
     structure: MapStructure,
     noise: float,
 ) -> tuple[Doubt, ...]:
-    """Return the doubts; *fitted* (n,) are the forces the map gives for the pulls, *noise* [N]."""
+    """Return the doubts about a map.
+
+    fitted : (n,) forces of the map for the pulls. noise : standard deviation of one pull [N].
+    """
     found: list[Doubt] = []
     error = pulls.force - fitted
     if not (structure.ahead and structure.astern):
         side, other = ("ahead", "astern") if structure.ahead else ("astern", "ahead")
-        found.append(Doubt("one-sided", f"pulls only {side}; the map has no force {other}", f"pull {other} too"))
+        found.append(
+            Doubt(
+                "one-sided",
+                f"the test contains only pulls {side}, so the map has no force {other}",
+                f"pull {other} too",
+            )
+        )
     low, high = thruster.dead_zone
     edge_error = max(parameters["x_f"].std, parameters["x_b"].std)
     if structure.dead != "none" and 4.0 * edge_error > high - low:
@@ -57,8 +67,8 @@ def map_doubts(
         found.append(
             Doubt(
                 "lack-of-fit",
-                f"repeated pulls agree better with each other than with the map (chance {chance:.1g})",
-                "check the residuals for voltage sag, a kink of the speed controller, or a tank that is too small",
+                f"repeated pulls agree with each other better than with the map (probability by chance {chance:.1g})",
+                "check the residuals for voltage sag, a kink of the speed controller, or a test tank that is too small",
             )
         )
     chance = _uneven(fitted, error) if noise > resolution(pulls.force) else 1.0
@@ -73,12 +83,14 @@ def map_doubts(
     outlying = np.flatnonzero(np.abs(error) > 5.0 * max(1.4826 * float(np.median(np.abs(error))), 1e-3 * noise))
     if noise > 0.0 and len(error) >= 10 and 0 < len(outlying) <= 0.1 * len(error):
         commands = ", ".join(f"{pulls.command[i]:.4g}" for i in outlying[:5])
-        found.append(Doubt("outlying-pulls", f"pulls at {commands} are far from the map", "repeat them, or omit them"))
+        found.append(
+            Doubt("outlying-pulls", f"pulls at commands {commands} are far from the map", "repeat or omit these pulls")
+        )
     return tuple(found)
 
 
 def _lack_of_fit(pulls: PullTest, error: Array, parameters: int) -> float:
-    """Return the chance of the residuals' structure, by the F test on repeated commands; 1 without repetitions."""
+    """Return the p-value of structure in the residuals, from an F test on repeated commands; 1 without repetitions."""
     levels, place = np.unique(pulls.command, return_inverse=True)
     counts = np.bincount(place)
     means = np.bincount(place, error) / counts
@@ -92,7 +104,7 @@ def _lack_of_fit(pulls: PullTest, error: Array, parameters: int) -> float:
 
 
 def _uneven(fitted: Array, error: Array) -> float:
-    """Return the chance that scatter does not depend on the size of the force (rank correlation of the two)."""
+    """Return the p-value of scatter that depends on the size of the force (rank correlation)."""
     if len(error) < 12 or float(np.ptp(np.abs(error))) == 0.0:
         return 1.0
     chance = float(scipy_stats().spearmanr(np.abs(fitted), np.abs(error)).pvalue)
@@ -100,15 +112,18 @@ def _uneven(fitted: Array, error: Array) -> float:
 
 
 STARTS = 3
-"""Best places of the grid of edges from which the search starts; the cost has kinks where an edge passes a pull."""
+"""Number of best points of the grid of edges at which a search starts.
+
+Several are needed because the cost has kinks where an edge passes a pull.
+"""
 
 GRID = (1, 21, 13)
-"""Places each edge parameter may start from, when there are none, one and two of them."""
+"""Number of start values of each edge parameter, for no, one and two edge parameters."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapCandidate:
-    """One structure fitted: what the decision rests on. ``rms`` [N]."""
+    """One fitted structure, with the numbers for the selection; ``rms`` [N]."""
 
     structure: str
     rms: float
@@ -120,8 +135,8 @@ class MapCandidate:
 class ThrusterFit:
     """A thruster map with its uncertainty.
 
-    ``covariance`` (7, 7) in the order of ``parameters``: ``a_f b_f a_b b_b x_f x_b offset``; ``offset`` is the
-    dynamometer's zero [N], no part of the map; ``noise`` the standard deviation of one pull [N].
+    ``covariance`` (7, 7): in the order of ``parameters``, ``a_f b_f a_b b_b x_f x_b offset``. ``offset``: the
+    dynamometer's zero [N], which is not part of the map. ``noise``: the standard deviation of one pull [N].
     """
 
     map: ThrusterMap
@@ -135,7 +150,7 @@ class ThrusterFit:
     pulls: PullTest
 
     def to_dict(self) -> dict[str, object]:
-        """Return the JSON form."""
+        """Return the fit as plain data for a JSON file."""
         return {
             "schema": 1,
             "source": self.pulls.name,
@@ -173,9 +188,9 @@ def fit_thruster(
 
     Parameters
     ----------
-    neutral : command of no force, when it is known; else 0 for commands of both signs, and found by the fit for others
+    neutral : command of zero force, if known. Otherwise it is 0 for commands of both signs, and fitted for others
         (pulse widths).
-    structure : taken as it is; decided by evidence when None.
+    structure : structure of the map; None: it is selected by evidence.
 
     Raises
     ------
@@ -192,8 +207,8 @@ def fit_thruster(
     solved = [s for s in (_solve(x, pulls.force, w, scale) for w in wanted if w.count + 2 <= len(pulls)) if s]
     if not solved:
         raise NotInformative(
-            f"pull test '{pulls.name}': {len(pulls)} pulls are too few to fit and judge a map; "
-            "pull at ten or more commands"
+            f"pull test '{pulls.name}': {len(pulls)} pulls are too few to fit and test a map. Pull at ten or more "
+            "commands"
         )
     best = min(solved, key=lambda s: s.bic)
     return _fit(pulls, x, direction, best, solved)
@@ -205,13 +220,13 @@ def _direction(pulls: PullTest) -> int:
 
 
 def _sides(force: Array) -> tuple[bool, bool]:
-    """Return whether the thruster was pulled ahead and astern: by at least a tenth of its strongest pull."""
+    """Return whether the thruster was pulled ahead and astern; each needs at least a tenth of the strongest pull."""
     strongest = float(np.max(np.abs(force)))
     return bool(np.max(force) > 0.1 * strongest), bool(np.min(force) < -0.1 * strongest)
 
 
 def _model(x: Array, s: MapStructure, theta: Array, reach: tuple[float, float]) -> tuple[Array, Array]:
-    """Return the forces (n,) and their derivatives by theta (n, p)."""
+    """Return the forces (n,) and their derivatives by the parameters (n, p)."""
     c, k = s.slopes.shape[1], s.edges.shape[1]
     slopes, edges = s.slopes @ theta[:c], s.edges @ theta[c : c + k] + (s.neutral or 0.0)
     value, by_slopes, by_edges = np.zeros(len(x)), np.zeros((len(x), 4)), np.zeros((len(x), 2))
@@ -229,7 +244,7 @@ def _model(x: Array, s: MapStructure, theta: Array, reach: tuple[float, float]) 
 
 
 def _solve(x: Array, force: Array, s: MapStructure, scale: float) -> _Solved | None:
-    """Fit one structure from the best places of a grid of edges."""
+    """Fit one structure from the best points of a grid of edges."""
     c, k = s.slopes.shape[1], s.edges.shape[1]
     low = np.full(s.count, -np.inf)
     low[:c] = 0.0
@@ -256,7 +271,7 @@ def _solve(x: Array, force: Array, s: MapStructure, scale: float) -> _Solved | N
 
 
 def _starts(x: Array, force: Array, s: MapStructure) -> list[tuple[Array, tuple[float, float]]]:
-    """Return start vectors: linear least squares at each place of a grid of edges, the best few."""
+    """Return start vectors: the best few linear least-squares fits over a grid of edges."""
     c, k = s.slopes.shape[1], s.edges.shape[1]
     lowest, highest = float(x.min()), float(x.max())
     span = highest - lowest
@@ -322,7 +337,7 @@ def _fit(pulls: PullTest, x: Array, direction: int, best: _Solved, solved: list[
 
 
 def _to_named(s: MapStructure, reach: tuple[float, float]) -> Array:
-    """Return (7, p): ``a_f b_f a_b b_b x_f x_b offset`` by the fit's own parameters."""
+    """Return the derivatives (7, p) of ``a_f b_f a_b b_b x_f x_b offset`` by the fit's own parameters."""
     c, k = s.slopes.shape[1], s.edges.shape[1]
     turn = np.zeros((7, s.count))
     for side, far in enumerate(reach):

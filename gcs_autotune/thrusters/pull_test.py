@@ -1,4 +1,4 @@
-"""Pull tests: command against force, read off a dynamometer (Miskovic2010, 4.1)."""
+"""Pull tests: command against force, as measured with a dynamometer (Miskovic2010, 4.1)."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ __all__ = [
 Array = NDArray[np.float64]
 
 COMMANDS = ("n", "command", "pwm", "voltage", "throttle")
-"""Column names taken for the command, in this order."""
+"""Column names of the command, in order of preference."""
 
 FORCES = ("T", "force", "thrust", "X", "Z")
-"""Column names taken for the force, in this order."""
+"""Column names of the force, in order of preference."""
 
 MIN_PULLS = 5
-"""Fewest pulls a map is fitted to."""
+"""Minimum number of pulls for a map."""
 
 SLACK, GRID = 0.2, 0.1
-"""Fraction of a bollard run that a load cell's log may lack, and the step of the clock search [s]. Chosen."""
+"""SLACK: fraction of a bollard run that a load cell's log may lack. GRID: step of the clock search [s]."""
 
 _RAW = {"us": "us", "pwm": "us"}
-"""Command units left as they are: a pulse width is a name for a position of the stick, not a duration."""
+"""Command units that are not converted; a pulse width denotes a stick position, not a duration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ class PullTest:
         different = len(np.unique(self.command))
         if different < MIN_PULLS:
             raise NotInformative(
-                f"pull test '{self.name}' has {different} different commands. Measure at {MIN_PULLS} or more, "
+                f"pull test '{self.name}' has only {different} different commands. Measure at {MIN_PULLS} or more, "
                 "including small ones"
             )
         if np.ptp(self.force) == 0.0:
@@ -80,7 +80,7 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
     Raises
     ------
     BadFile
-        Not readable, no rows, a cell that is no number, an unknown unit.
+        The file is not readable, has no rows, a cell that is no number, or an unknown unit.
     """
     cells = cells_of(path)
     try:
@@ -91,7 +91,8 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
     table = numbers_of(cells)
     if table.dropped:
         raise BadFile(
-            f"{path}, row {cells.first + len(cells.rows) - 1}: incomplete, or with a cell that is not a number"
+            f"{path}, row {cells.first + len(cells.rows) - 1}: the row is incomplete, or a cell is not a number. "
+            "Correct or remove it"
         )
     return {heads[i][0]: (units[i][0], table.values[:, k] * units[i][1]) for k, i in enumerate(table.columns)}
 
@@ -99,14 +100,14 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
 def read_pull_test(
     path: Path, *, command: str | None = None, force: str | None = None, pulls: Sequence[float] | None = None
 ) -> PullTest:
-    """Read a pull test from CSV: one row a pull, or a recording with a ``t`` column.
+    """Read a pull test from CSV: one row per pull, or a recording with a ``t`` column.
 
-    A recording's consecutive rows of one command are one pull (their mean force): samples within a pull do not stand
-    for themselves. Rows without either value are left out.
+    Consecutive rows of a recording with one command are one pull (their mean force), because samples within a pull are
+    not independent. Rows without either value are omitted.
 
     Parameters
     ----------
-    command, force : column names; the first of :data:`COMMANDS` and of :data:`FORCES` found when None.
+    command, force : column names; None: the first of :data:`COMMANDS` and of :data:`FORCES` in the file.
     pulls : forces [N] of the rows, instead of those in the file.
 
     Raises
@@ -121,7 +122,9 @@ def read_pull_test(
     else:
         f_unit, f = "N", np.asarray(pulls, dtype=np.float64)
         if len(f) != len(n):
-            raise NotInformative(f"{path} has {len(n)} rows, but {len(f)} forces are given. Give one force per row")
+            raise NotInformative(
+                f"{path} has {len(n)} rows, but {len(f)} forces were supplied. Supply one force per row"
+            )
     if f_unit not in ("N", "1"):
         raise BadFile(f"{path}: a force in [{f_unit}] cannot be used. Convert it to N, kN or kgf")
     keep = np.isfinite(n) & np.isfinite(f)
@@ -136,9 +139,9 @@ def read_pull_test(
 def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple[list[float], float]:
     """Return the pull [N] of each level of a flown *table* (:func:`write_pulls`) in a load cell's *log*.
 
-    And by how many seconds the log's clock is off the vehicle's: where command, linear and squared, explains most of
-    what the cell showed, found to a tenth of a second. A level's pull is the mean from its middle to shortly before its
-    end; NaN where the log has none of it.
+    Also return the offset [s] of the log's clock from the vehicle's. It is the one for which command and squared
+    command explain most of the measured force, to a tenth of a second. A level's pull is the mean from its middle to
+    shortly before its end; NaN if the log does not cover it.
 
     Raises
     ------
@@ -149,7 +152,7 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
     for path, columns, wanted in ((table, levels, ("from", "to")), (log, cell, ("t",))):
         if not set(wanted) <= columns.keys():
             heads = " and ".join(f"{n}[s]" for n in wanted)
-            raise MissingChannel(f"{path} has no times: it needs {heads}; it has {', '.join(columns)}")
+            raise MissingChannel(f"{path} has no time column. It needs {heads}. Its columns are {', '.join(columns)}")
     starts, ends, t = levels["from"][1], levels["to"][1], cell["t"][1]
     _, _, F = _column(log, cell, force, FORCES, "force")
     good = np.isfinite(t) & np.isfinite(F)
@@ -157,14 +160,14 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
     slack = SLACK * float(ends[-1] - starts[0])
     if len(t) < MIN_PULLS or t[-1] - t[0] < ends[-1] - starts[0] - slack or np.ptp(F) == 0.0:
         raise NotInformative(
-            f"{log} does not match {table}: the load cell's log must cover {ends[-1] - starts[0]:.0f} s of levels with "
-            "a changing force"
+            f"{log} does not match {table}. The load cell's log must cover the {ends[-1] - starts[0]:.0f} s of "
+            "command levels, with a changing force"
         )
     _, _, command = _column(table, levels, None, COMMANDS, "command")
     shapes = np.column_stack([np.ones_like(command), command, command * np.abs(command)])
 
     def unexplained(offset: float) -> float:
-        """Return the fraction of the force's variance that the commands do not explain at that offset."""
+        """Return the fraction of the force's variance that the commands do not explain, for one clock offset."""
         level = np.searchsorted(starts + offset, t, side="right") - 1
         used = (level >= 0) & (t <= ends[-1] + offset)
         if t[used].size < MIN_PULLS or np.ptp(t[used]) < ends[-1] - starts[0] - slack or np.ptp(F[used]) == 0.0:
@@ -185,8 +188,8 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
 def write_pulls(run: Trial, force: str, path: Path) -> None:
     """Write the levels of a bollard run as a table of pulls, to be completed with the forces.
 
-    ``command`` is the actuator output (its mean over the later half of the level), from ``from`` to ``to``
-    [s] on the vehicle's clock.
+    ``command``: the actuator output, as the mean over the second half of the level. ``from`` and ``to`` [s]: begin and
+    end of the level on the vehicle's clock.
 
     Raises
     ------
@@ -225,7 +228,7 @@ def read_open_water(path: Path) -> OpenWaterTest:
 
 
 def resolution(values: Array) -> float:
-    """Return the decimal place *values* were written with (0.01 for 1.25 and 3.40), 0 when there is none."""
+    """Return the decimal place of *values* (0.01 for 1.25 and 3.40); 0 if there is none."""
     largest = float(np.max(np.abs(values)))
     for digits in range(-2, 7):
         step = 10.0**-digits
@@ -241,6 +244,6 @@ def _column(
     if name is None or name not in columns:
         asked = f"'{wanted}'" if wanted is not None else " or ".join(known)
         raise MissingChannel(
-            f"{path} has no {what} column {asked}; it has {', '.join(columns)}. Select one with --{what}"
+            f"{path} has no {what} column {asked}. Its columns are {', '.join(columns)}. Select one with --{what}"
         )
     return (name, *columns[name])

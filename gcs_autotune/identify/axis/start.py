@@ -29,13 +29,13 @@ POINTS = 14
 the nearest one."""
 
 SLOWEST = 60.0
-"""Longest time constant tried [s]."""
+"""Longest time constant that the scan tries [s]."""
 
 FASTEST = 50.0
 """Largest drag rate fitted [1/s]. No hull responds within 20 ms."""
 
 DELAYS = (0.0, 0.3)
-"""Delays tried [s]. If only zero were tried, a long delay could hide the time constant."""
+"""Delays that the scan tries [s]. If only zero were tried, a long delay could hide the time constant."""
 
 SAMPLES = 400
 """Maximum number of samples per stretch in the scan, which is enough for a start."""

@@ -85,9 +85,9 @@ class Searched:
 
 
 def box_of(ground: InitialGuess, limits: Limits) -> Box:
-    """Return a wide box, scaled by the sizes of forces and motions.
+    """Return a wide search box for the free parameters.
 
-    Inertia is positive. The box is cut to *limits*.
+    Its size follows from the forces and motions. Inertia is positive. The box is cut to *limits*.
     """
     form, scales = ground.form, dict(zip(ground.regression.names, ground.regression.scales, strict=True))
     speed = max(float(np.max(np.abs(m.X))) for m in ground.motions)
@@ -229,12 +229,12 @@ BUDGET = 150
 """Default budget of both searches together: simulations of all records per free parameter."""
 
 LEAST = 50
-"""Smallest budget [simulations of all records]."""
+"""Smallest budget that is accepted [simulations of all records]. A smaller one raises UsageError."""
 
 OPTIONS = (
     *LIMIT_OPTIONS,
     ("budget", f"number of simulations of the search (default: {BUDGET} per free parameter)"),
-    ("seed", "seed of the random numbers; the same seed gives the same result"),
+    ("seed", "seed of the random numbers. The same seed gives the same result"),
 )
 """Options of ``fit`` that this method reads, with a line of help each."""
 
@@ -258,7 +258,7 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     seed = int(case.options.get("seed", 0))
     budget = int(case.options.get("budget", BUDGET * len(form.free)))
     if budget < LEAST:
-        raise UsageError(f"a budget of {budget} simulations is too small: use {LEAST} or more")
+        raise UsageError(f"a budget of {budget} simulations is too small. Use {LEAST} or more")
     limits = limits_of(form, case)
     records = tuple(r.after(form.known.get("delay", 0.0)) for r in case.records)
     ground = initial_guess_of(form, records)
@@ -266,7 +266,7 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     polished = solve_form(form, records, found.theta, ground.initial, limits, levels=ground.levels, robust=case.robust)
     if polished is None:
         raise NotInformative(
-            f"no model '{form.name}' could be simulated on run '{records[0].run}': both global searches found only "
+            f"no model '{form.name}' could be simulated on run '{records[0].run}'. Both global searches found only "
             "diverging motions. Narrow the bounds or increase the budget"
         )
     told = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}

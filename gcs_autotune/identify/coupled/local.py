@@ -31,14 +31,14 @@ HOPELESS = 10.0
 """Misfit of a signal, in multiples of its noise, above which a fit counts as failed. Short pieces are then fitted."""
 
 SKETCH = Effort(15, exact=False, astray=HOPELESS)
-"""Effort for each start. Only the best one is fitted until it converges."""
+"""Effort for the fit from each start. Only the best of these fits is continued until it converges."""
 
 MISFIT = Effort(25, exact=False)
 """Effort for the final fit if its residual is far above the noise. More accuracy is useless if the model misses a term.
 """
 
 PATIENT = Effort(25, exact=False)
-"""Effort if only whole runs are allowed. The fit then continues whatever its residual."""
+"""Effort for the fit from each start if only whole runs are allowed. The fit then continues whatever its residual."""
 
 BETTER = 3.0
 """Factor by which the misfit of short pieces must be smaller than that of whole runs."""
@@ -93,8 +93,8 @@ def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust:
             return LocalFit(cut, pieces, pieces=True)
     if best is None:
         raise NotInformative(
-            f"no model '{form.name}' could be simulated on run '{records[0].run}': every start diverged. Supply "
-            "start values in the form, or check that inputs and outputs belong together"
+            f"no model '{form.name}' could be simulated on run '{records[0].run}', because the motion diverged from "
+            "every start. Supply start values in the form, or check that inputs and outputs belong together"
         )
     effort = THOROUGH if _excess(best, ground.rough) < GOOD else MISFIT
     last = solve_form(form, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort)

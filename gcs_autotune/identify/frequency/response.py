@@ -137,7 +137,7 @@ class Sampled:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the record [s]."""
         return self.dt * len(self.nu)
 
 

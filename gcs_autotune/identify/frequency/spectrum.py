@@ -54,11 +54,11 @@ ROUNDS = 3
 """Number of times the model is fitted and subtracted. The third round changes a gain by less than its error."""
 
 STRONG = 1e-4
-"""Smallest input power, relative to the strongest point, of points used to fit the model."""
+"""Smallest input power of the points to which the first-order model is fitted, relative to the strongest point."""
 
 
 BLOCKS = 4
-"""Number of pieces of a record for which the balance of mean forces is calculated."""
+"""Number of pieces of each record in which the mean forces are balanced, to estimate the constant force."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +87,7 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     omega, count = _grid(duration, max(run.dt for run in series), tapers)
     if len(omega) == 0:
         raise NotInformative(
-            f"{duration:.3g} s of record are too short for a frequency response with {tapers} tapers. Record longer"
+            f"a record of {duration:.3g} s is too short for a frequency response with {tapers} tapers. Record longer"
         )
     raw = _spectra(series, omega, count)
     found = _response(omega, raw, raw, np.zeros(len(omega)))

@@ -18,10 +18,11 @@ __all__ = ["NoisyFit", "Tangent"]
 Array = NDArray[np.float64]
 
 HALF_WIDTH = 1.96
-"""Half-width of a 95 % interval in standard errors."""
+"""Half-width of a 95 % confidence interval of a Gaussian, in standard errors."""
 
 WIDEST = 10.0
-"""Half-width of the 95 % interval of a logarithm, above which the quantity counts as unknown."""
+"""Largest half-width of the 95 % interval of a parameter's logarithm. A parameter with a wider one counts as unknown.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,7 +34,7 @@ rounding, one fit ended 1.3 nats early and its errors were half the true ones.
 """
 
 LONGEST_MOVE = 2.0
-"""Largest change of a logarithm in one step."""
+"""Largest change of the logarithm of a noise parameter in one step of the search."""
 
 LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
 """Limits of the time constant of a smoother, in sampling intervals of the record."""
@@ -58,17 +58,17 @@ class Point:
 
     @property
     def cost(self) -> float:
-        """Minus twice the log-likelihood."""
+        """Minus twice the log-likelihood of the innovations."""
         return -2.0 * self.total
 
     @property
     def gradient(self) -> Array:
-        """Half the gradient (q,) of the cost."""
+        """Half the gradient (q,) of the cost by the unknowns."""
         return self._slopes[0]
 
     @property
     def curvature(self) -> Array:
-        """Expected information (q, q)."""
+        """Expected information (q, q) on the unknowns."""
         return self._slopes[1]
 
     @cached_property
@@ -137,7 +137,7 @@ class NoisyObjective(FreeNumbers):
         return *self.unpack_shared(x), replace(self.noise, **levels)
 
     def clipped(self, x: Array) -> Array:
-        """Return *x* (q,) clipped to its bounds."""
+        """Return *x* (q,), clipped to the bounds of the unknowns."""
         inside: Array = np.clip(x, self.low, self.high)
         return inside
 

@@ -38,13 +38,13 @@ the run decide. It is narrow enough to linearise a nonlinear equation.
 """
 
 ROUNDS = 30
-"""Maximum number of scoring rounds."""
+"""Maximum number of scoring rounds of a fit, which are the steps that lower its cost."""
 
 MOST_TRIALS = 10_000
 """Maximum number of trials of a fit. In practice the number of scoring rounds or the damping ends it first."""
 
 ENOUGH = 2e-2
-"""Expected gain of the log-likelihood below which a search ends."""
+"""Expected gain of the log-likelihood below which a fit ends."""
 
 
 class NoisyProblem(NoiseFilter):

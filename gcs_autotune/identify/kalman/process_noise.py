@@ -77,7 +77,7 @@ class ProcessNoise:
 
     @property
     def is_band(self) -> bool:
-        """Whether the damping ratio of the waves is within its limits: at a limit they are no band."""
+        """Whether the damping ratio is within its limits, so that the waves are a narrow band."""
         return 1.01 * LEAST_DAMPING < self.wave_damping < 0.99 * MOST_DAMPING
 
     @property

@@ -92,12 +92,15 @@ def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None
 
 @dataclass(frozen=True, slots=True)
 class RunLikelihoods:
-    """The likelihoods of all runs together."""
+    """Likelihoods of the constant force and thrust of all runs."""
 
     runs: tuple[RunLikelihood, ...]
 
     def offsets(self, force: float, thrust: float) -> tuple[RunOffset, ...]:
-        """Return each run's own constant force and thrust, for a prior with zero means and these deviations."""
+        """Return each run's own constant force and thrust, for a prior with zero means.
+
+        force, thrust : standard deviations of the prior.
+        """
         return tuple(one.day(force, thrust) for one in self.runs)
 
     def gain(self, force: float, thrust: float) -> float:

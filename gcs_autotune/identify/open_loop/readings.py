@@ -140,7 +140,7 @@ class Hold:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the hold [s]."""
         return self.end - self.start
 
 

@@ -30,7 +30,7 @@ ENOUGH = 3.0
 """
 
 LEAST = 6
-"""Smallest number of samples in a fit."""
+"""Smallest number of samples to which a line or a polynomial is fitted."""
 
 KNEE = 1.0 - math.exp(-1.0)
 """Fraction of the change of velocity at which its time is read, (4.33). The change is 63.2 % complete after one time
@@ -64,12 +64,12 @@ class StepReading:
 
     @property
     def has_lag(self) -> bool:
-        """Whether the velocity error is known."""
+        """Whether the lag was read, which requires a measured position."""
         return math.isfinite(self.lag.value)
 
     @property
     def has_knee(self) -> bool:
-        """Whether the time constant is known."""
+        """Whether the time to the knee was read, which requires a measured velocity."""
         return math.isfinite(self.knee.value)
 
 

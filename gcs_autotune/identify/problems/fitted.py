@@ -66,7 +66,7 @@ class Fitted(ModelFit):
 
     @property
     def parameters(self) -> int:
-        """Number of fitted values without initial states."""
+        """Number of fitted parameters, without initial states."""
         return len(self.free) + len(self.free_effects)
 
     @property

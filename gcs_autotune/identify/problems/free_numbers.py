@@ -62,7 +62,7 @@ class ModelProblem:
 
     @property
     def known(self) -> tuple[object, ...]:
-        """All data that define the problem."""
+        """All data that define the problem, from which :attr:`fingerprint` is calculated."""
         return self.form, self.segments, self.summary, self.limits, self.free, self.held
 
     @cached_property
@@ -133,7 +133,7 @@ class StampedProblem(ModelProblem):
 
     @property
     def known(self) -> tuple[object, ...]:
-        """All data that define the problem."""
+        """All data that define the problem, including the prior of the stamps."""
         return *super().known, self.stamps
 
     @property

@@ -52,7 +52,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 WIDTHS = (5, 11, 25, 61)
-"""Numbers of samples that a local polynomial may cover."""
+"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal."""
 
 MOST = 400
 """Maximum number of stamps per record at which the equations are evaluated."""
@@ -67,7 +67,7 @@ An equation without inputs keeps its weight, because zero parameters would satis
 """
 
 LEAST = 1e-3
-"""Smallest residual used to weight an equation, relative to the largest known force."""
+"""Smallest residual that is used to weight an equation, relative to the largest known force."""
 
 PIECES = 15
 """Maximum number of pieces of a record in the search for a start. Each piece starts at the measured state, so that none
@@ -80,14 +80,14 @@ TRIALS, ROUGH = 25, 1e-4
 """Number of trials on the pieces, and relative decrease of the cost that ends them. A start need not be exact."""
 
 FEW = 2
-"""Number of trials after which forms are compared on the pieces."""
+"""Number of trials on the pieces after which the misfits of different forms are compared."""
 
 LIGHTEST = 0.02
 """Smallest inertia of a start, relative to the inertia at which the measured acceleration would need all known forces.
 """
 
 SHARE = 0.1
-"""Initial noise level, relative to a signal's standard deviation."""
+"""Initial noise level of a signal, as a fraction of its standard deviation."""
 
 
 class SpecialStart(NamedTuple):

@@ -142,7 +142,7 @@ class Objective(FreeNumbers):
         return [sizes[i][name] for i, name in self.free_effects]
 
     def pack(self) -> Array:
-        """Return the vector (q,) of the current values."""
+        """Return the vector (q,) of the current values of all free parameters and states."""
         states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
         return np.concatenate([self.pack_shared(), *states, [self.shift] if self.dated else []])
 

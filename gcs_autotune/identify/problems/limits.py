@@ -1,4 +1,4 @@
-"""Lower and upper limits of parameters."""
+"""Lower and upper limits of the parameters of a model."""
 
 from __future__ import annotations
 

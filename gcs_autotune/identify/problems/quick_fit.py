@@ -15,7 +15,8 @@ __all__ = ["first_levels", "first_states", "quanta_of", "roughness"]
 Array = NDArray[np.float64]
 
 SAME_GRID = 0.02
-"""Largest deviation of one segment's grid of values from another's, in steps."""
+"""Largest deviation between the grids of sensor values in two segments, in sensor steps, for both to count as one grid.
+"""
 
 
 def first_levels(segments: Sequence[Segment]) -> dict[str, float]:

@@ -26,7 +26,7 @@ NOISE_ROUNDS = 4
 """Number of rounds of noise estimation if two kinds of signal are weighted against each other."""
 
 SETTLED = 0.01
-"""Relative change of the noise levels below which the rounds end."""
+"""Relative change of the noise levels below which the rounds of estimation end."""
 
 MAD = 1.4826
 """Ratio of standard deviation to median magnitude for a Gaussian. The median magnitude hardly depends on outliers."""

@@ -61,7 +61,7 @@ class Switches:
 
     @property
     def finite(self) -> bool:
-        """Whether no simulation diverged."""
+        """Whether all simulations for the derivatives succeeded."""
         return all(bool(np.isfinite(table).all()) for table in self.by.values())
 
 

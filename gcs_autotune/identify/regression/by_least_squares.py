@@ -48,7 +48,10 @@ __all__ = [
     "solve_physical",
 ]
 
-OPTIONS = (*RECIPE_OPTIONS, ("physical", "True: M and D(nu) held positive definite (constrained least squares)"))
+OPTIONS = (
+    *RECIPE_OPTIONS,
+    ("physical", "True: M and D(nu) are constrained to be positive definite (constrained least squares)"),
+)
 """Options of ``fit`` that this method reads, with a line of help each."""
 
 
@@ -109,7 +112,7 @@ def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
 
 
 fit_axis_by_least_squares = for_axis(lambda case: refusing_runaways(fit_by_least_squares(case)))
-"""Least squares for one degree of freedom, with ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine`` drag."""
+"""Fit one degree of freedom by least squares, with ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine`` drag."""
 
 
 Array = NDArray[np.float64]
@@ -225,7 +228,7 @@ def feasible_start(form: Form, theta: Array, visited: Array) -> Array:
 
 METHOD = Method(
     "least-squares",
-    "the equations of motion as a linear regression",
+    "linear regression of the equations of motion",
     axis=fit_axis_by_least_squares,
     coupled=fit_by_least_squares,
     options=OPTIONS,

@@ -18,7 +18,8 @@ TOO_MUCH = 100.0
 others."""
 
 SHARE = 0.3
-"""Smallest component in the worst direction for which a parameter is listed."""
+"""Smallest component of a parameter in the least observable direction for which the parameter is listed in the doubt.
+"""
 
 
 def inflation_factors(information: Array) -> Array:
@@ -59,7 +60,7 @@ def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
             Doubt(
                 "collinear",
                 f"the terms of {terms} are collinear in these runs (variance inflation {largest:.0f})",
-                "fly other speeds and turn rates as well, or omit one of the terms",
+                "also fly other speeds and turn rates, or omit one of the terms",
             )
         )
     return doubts

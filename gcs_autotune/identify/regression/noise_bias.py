@@ -28,13 +28,13 @@ __all__ = ["as_simulated", "noise_bias", "noise_bias_doubt", "with_bias"]
 Array = NDArray[np.float64]
 
 DRAWS = 4
-"""Number of noise records drawn. The bias is a mean over them, so a few are enough."""
+"""Number of simulated records with noise. The bias is a mean over them, so a few are enough."""
 
 WORTH_SAYING = 0.1
 """Bias, in standard errors, below which no doubt is raised."""
 
 NAMED = 3
-"""Maximum number of parameters listed in the doubt."""
+"""Maximum number of parameters listed in the doubt about noise bias."""
 
 
 def as_simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> list[Segment]:
@@ -99,6 +99,6 @@ def noise_bias_doubt(estimate: Estimate, bias: Array) -> Doubt | None:
     told = ", ".join(f"{names[i]} by {bias[i]:+.3g} ({share[i]:.1f} standard errors)" for i in worst)
     return Doubt(
         "noise-bias",
-        f"measurement noise and smoothing bias the least-squares estimate: {told}, approximately",
-        "use instrumental-variables or output-error, which are not biased by them",
+        f"measurement noise and smoothing bias the least-squares estimate approximately as follows: {told}",
+        "use instrumental-variables or output-error, which they do not bias",
     )

@@ -25,10 +25,10 @@ __all__ = ["EQUATIONS", "Rows", "rows_of"]
 Array = NDArray[np.float64]
 
 EQUATIONS = ("integral", "derivative")
-"""Values of the option ``equation``."""
+"""Values that the option ``equation`` accepts; the first is the default."""
 
 OVERLAP = 6
-"""Number of windows that cover each instant. More windows add no information."""
+"""Number of integration windows that cover each instant. More windows add no information."""
 
 EDGE = 2
 """Number of grid points left out at each end, where a smoothed derivative is least accurate."""

@@ -25,13 +25,14 @@ __all__ = ["Barrier", "Equations", "Estimate", "solve"]
 Array = NDArray[np.float64]
 
 ROUNDS = 8
-"""Maximum number of rounds of weighting. Two to four suffice."""
+"""Maximum number of rounds in which the equations are weighted by their residuals. Two to four suffice."""
 
 SETTLED = 1e-3
-"""Relative change of the weights below which they have settled."""
+"""Relative change of the weights below which the rounds end."""
 
 LEVERAGE = 1e-9
-"""Ridge, relative to the information on each parameter. It affects only parameters that are not excited."""
+"""Ridge added to the information on each parameter, as a fraction of it. It affects only parameters that are not
+excited."""
 
 Barrier = Callable[[Array], "Local | None"]
 """Cost added to the sum of squares, as a function of all parameters (p,); None where it is infinite."""
@@ -63,8 +64,8 @@ class Equations:
         odd = [n for n in form.free if n in SPECIAL]
         if odd:
             raise UsageError(
-                f"least squares cannot estimate {', '.join(odd)} of '{form.name}': the equations are not linear in "
-                "them. Make them known, or use output-error"
+                f"least squares cannot estimate {', '.join(odd)} of '{form.name}', because the equations are not "
+                "linear in them. Set them to known values, or use output-error"
             )
         active = program_of(form).active
         base = inertia_matrix(form, np.zeros(len(form.parameters)))
@@ -112,8 +113,8 @@ def _check_scale(form: Form, E: Array) -> None:
     lost = [d for d, has, any_free in zip(form.dofs, scaled, uses.any(axis=1), strict=True) if any_free and not has]
     if lost:
         raise UsageError(
-            f"the equation of {' and '.join(lost)} in '{form.name}' has no known force and no known parameter, so "
-            "only ratios of its parameters can be estimated. Make one of them known, for example its inertia"
+            f"the equation of {' and '.join(lost)} in '{form.name}' has no known force and no known parameter. Only "
+            "ratios of its parameters can be estimated. Set one of them to a known value, for example its inertia"
         )
 
 

@@ -59,7 +59,7 @@ class HalfPeriod:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the half period [s]."""
         return self.end - self.start
 
 
@@ -148,7 +148,7 @@ class LimitCycleMonitor:
 
     @property
     def state(self) -> MonitorState:
-        """State after the last update."""
+        """State of the monitor after the last update."""
         return self._state
 
     def update(self, t: float, x: float, relay_high: bool) -> MonitorState:

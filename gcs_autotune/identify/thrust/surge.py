@@ -55,7 +55,8 @@ LEAST, MOST = -0.3, 1.3
 """Range of ``q`` in the profile. It exceeds the physical range 0 to 1 a little, because an ESC's dead zone bends the
 curve too."""
 ROUNDS = 6
-"""Maximum number of parabolas. Each is fitted to the best point so far and its neighbours on both sides."""
+"""Maximum number of parabolas fitted in the search for the best ``q``. Each passes through the best point so far and
+its neighbours."""
 NEAR, FAR = 0.5, 2.0
 """Distances, in standard errors, between which a neighbour is used for a parabola.
 
@@ -251,8 +252,8 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
     if not std <= UNKNOWN:
         unknown = Doubt(
             "thrust-curve-unknown",
-            "these runs hardly determine thrust over throttle",
-            "fly with a larger --throttle, so that the levels differ more",
+            "these runs hardly determine the relation between throttle and thrust",
+            "fly with a larger --throttle, so that the throttle levels differ more",
         )
         doubts = (*doubts, unknown)
     extra = {**fit.extra, CURVE: {"square": square, "std": std}}
@@ -267,7 +268,7 @@ SHARE = 0.03
 """Largest ratio of current to speed that is ignored. It changes no parameter by more than the usual error of the fit.
 """
 SURE = 3.0
-"""Number of standard errors that the current must exceed."""
+"""Number of standard errors that a current must exceed to be corrected."""
 AROUND = 1.5
 """Time [s] before a steady mark over which speed and heading are averaged."""
 BLOCK, LEAST_BLOCKS = 2.0, 4
@@ -389,8 +390,9 @@ def doubt_of(found: AlongTrack) -> Doubt:
     comes_from = math.degrees(found.heading + (math.pi if found.set > 0.0 else 0.0)) % 360.0
     return Doubt(
         "set-along-the-track",
-        f"at the same throttles it made {found.out:.2f} m/s over ground one way and {found.back:.2f} m/s the "
+        f"at the same throttles the boat made {found.out:.2f} m/s over ground one way and {found.back:.2f} m/s the "
         f"other. This indicates a current (or wind) of {abs(found.set):.2f} m/s from {comes_from:03.0f} deg, which "
         "was corrected before the fit",
-        "repeat in slack water and little wind; the correction is along the track only and treats wind as a current",
+        "repeat in slack water and little wind. The correction covers only the direction of the track and treats "
+        "wind as a current",
     )
