@@ -212,7 +212,7 @@ class Dof:
         return (f"alpha_{nu}", f"beta_{nu}", f"beta_{nu}{nu}", "delta")
 
     def derivative_names(self) -> tuple[str, str, str, str, str]:
-        """Return the derivatives behind :meth:`parameter_names` and the delay."""
+        """Return the names of the derivatives that correspond to :meth:`parameter_names`, and of the delay."""
         force, nu = self.force, self.velocity
         return (f"{force}_{nu}dot", f"{force}_{nu}", f"{force}_{nu}{nu}", f"{force}_0", "delay")
 
