@@ -14,9 +14,9 @@ _MOST_PWM = 65535
 
 
 class ServoRail:
-    """Pulses [us] of all outputs. Assignments and end points are read again whenever a parameter has changed.
+    """Pulses [us] of all outputs. Functions and end points are read again whenever a parameter has changed.
 
-    A channel without a function gives no pulse (0).
+    A channel without a function has no pulse (0).
     """
 
     def __init__(self, parameters: ParameterStore) -> None:

@@ -69,7 +69,7 @@ class QuadraticDrag(OnAxis):
 
 
 class MassChange(HiddenEffect):
-    """A payload added or removed: the inertia changes at once, the speed does not."""
+    """A payload added or removed. The inertia changes at once, the speed does not."""
 
     slug = "mass-change"
     meaning = "inertia changes during the run (a payload picked up or dropped)"
@@ -116,7 +116,7 @@ class NetBuoyancy(HiddenEffect):
 
 
 class GroundEffect(HiddenEffect):
-    """More drag near the bottom: factor ``1 + strength exp(-(bottom - z)/length)``."""
+    """Increased drag near the bottom: factor ``1 + strength exp(-(bottom - z)/length)``."""
 
     slug = "ground-effect"
     meaning = "drag grows close to the bottom"
