@@ -25,10 +25,10 @@ _PIECE, _PAYLOAD = 239, 251
 _ABREAST = 5
 """Number of pieces requested at once, about what the buffer of a slow radio can store. Project choice."""
 _REPLY = 1.0
-"""Seconds after which a request is repeated. Chosen."""
+"""Seconds after which a request is repeated. Project choice."""
 _TRIES = 3
 _LONGEST = 1 << 20
-"""Largest file that is read [bytes]. Chosen."""
+"""Largest file that is read [bytes]. Project choice."""
 _ERRORS = {
     1: "it failed",
     4: "the session was lost",

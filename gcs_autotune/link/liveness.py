@@ -127,7 +127,7 @@ class Loss:
 
 
 GONE = 3.0
-"""Silence of the sender in use after which another may replace it [s]. Chosen: three heartbeats."""
+"""Silence of the sender in use after which another may replace it [s]. Project choice: three heartbeats."""
 _VOICES = 16
 """Number of sequences followed at once. Every lost message starts a new one."""
 _TURNS = 5

@@ -27,7 +27,7 @@ It yields commands, receives observations, and returns the first observation of 
 """
 
 LEAST_TIME = 3.0
-"""Shortest approach [s]: enough samples at 10 Hz to determine the noise within about 15 %. Chosen."""
+"""Shortest approach [s]: enough samples at 10 Hz to determine the noise within about 15 %. Project choice."""
 LONGEST_TIME = 30.0
 """Longest approach [s]. A boat that still accelerates then starts the manoeuvre anyway. Project choice."""
 STEADY_WINDOW = 3.0

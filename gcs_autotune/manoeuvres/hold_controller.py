@@ -103,7 +103,7 @@ MOST_RUDDER = 0.4
 CALMING = 0.5
 """Factor on the gain after every oscillation that is not clearly smaller than the previous one. Project choice."""
 LEAST_SHARE = 0.1
-"""Lower limit of the gain relative to :data:`RUDDER_GAIN`. Chosen."""
+"""Lower limit of the gain relative to :data:`RUDDER_GAIN`. Project choice."""
 NOTED = math.radians(5.0)
 """Heading oscillation [rad] up to which the gain is kept. Project choice."""
 

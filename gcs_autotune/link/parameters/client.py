@@ -39,7 +39,7 @@ __all__ = ["Intrusion", "Parameters", "read_confirmed", "same_float32"]
 PACKED = "@PARAM/param.pck?withdefaults=1"
 """The file of ArduPilot's packed parameters on its MAVLink FTP server."""
 _ROUNDS = 8
-"""Requests after which contradicting answers are reported. Chosen."""
+"""Requests after which contradicting answers are reported. Project choice."""
 _ENOUGH = 2
 
 

@@ -70,7 +70,7 @@ def as_float32(name: str, value: float) -> float:
 
 
 REPLY = 1.0
-"""Seconds to wait for one answer. Chosen."""
+"""Seconds to wait for one answer. Project choice."""
 IN_FLIGHT = 10
 """Number of requests outstanding at once, about what the buffer of a slow radio can store. Project choice."""
 _NO_INDEX = 65535
@@ -179,7 +179,7 @@ class ParamExchange:
 
 
 _QUIET = 1.5
-"""Seconds without new values after which missing ones are requested. Chosen."""
+"""Seconds without new values after which missing ones are requested. Project choice."""
 
 
 def read_list(session: Session, exchange: ParamExchange, timeout: float) -> dict[str, float]:

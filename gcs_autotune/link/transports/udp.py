@@ -20,7 +20,7 @@ _DATAGRAM = 65535
 _AT_ONCE = 256
 """Number of datagrams read at once; a parameter list arrives as a thousand of them. Project choice."""
 _ROOM = 1 << 20
-"""Receive buffer requested from the system [bytes]; it may grant less. Chosen."""
+"""Receive buffer requested from the system [bytes]; it may grant less. Project choice."""
 _REMEMBERED = 10.0
 """Silence [s] after which a peer no longer receives our messages, unless it is the only one. Project choice."""
 _MOST_PEERS = 8

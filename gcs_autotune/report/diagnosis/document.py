@@ -78,7 +78,7 @@ MOST_SIGNALS = 6
 """Most signals plotted, so that the page stays small. Project choice."""
 
 MOST_CURVES = 2
-"""Most curves of the missing force plotted, the most informative first. Chosen."""
+"""Most curves of the missing force plotted, the most informative first. Project choice."""
 
 MODEL_FILE = "model.json"
 
