@@ -11,10 +11,8 @@ UNKNOWN = "?"
 
 
 EXACT, EXACT_DIGITS = 1e-12, 9
-"""Relative standard error below which it is only rounding error, and the number of digits shown then.
-
-Project choice.
-"""
+"""Relative standard error below which it is only rounding error, and the number of digits shown then. Project
+choice."""
 
 
 def format_value(value: float, std: float) -> str:

@@ -76,10 +76,8 @@ class Liveness:
 
 
 LOSSY = 0.1
-"""Fraction of lost messages above which the loss is reported as a cause; a good radio loses 1 to 3 %.
-
-Project choice.
-"""
+"""Fraction of lost messages above which the loss is reported as a cause; a good radio loses 1 to 3 %. Project
+choice."""
 _ENOUGH = 12
 """Number of messages sent before their loss is computed. Project choice."""
 _JUMP = 128

@@ -114,10 +114,8 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
 
 
 STRAY = 2.0
-"""Deviation of a stamp [s] from the median of its neighbours on each side above which it counts as damaged.
-
-Project choice.
-"""
+"""Deviation of a stamp [s] from the median of its neighbours on each side above which it counts as damaged. Project
+choice."""
 FAR = 600.0
 """Deviation [s] from the only neighbours available above which a stamp counts as damaged. Project choice."""
 NEIGHBOURS = 5

@@ -28,10 +28,8 @@ PERIODS, MOST_PERIODS = 5, 15
 """Number of consecutive periods that must agree (Miskovic2010, 6.7), and number of periods after which a relay ends
 anyway."""
 LONGEST, LEAST_SWITCHINGS = 110.0, 6
-"""Time [s] and number of switchings after which an unsettled relay ends anyway, because a boat keeps moving.
-
-Project choice.
-"""
+"""Time [s] and number of switchings after which an unsettled relay ends anyway, because a boat keeps moving. Project
+choice."""
 SWOLLEN, HELD_PERIODS, LONGEST_HOLD = 3.0, 2.5, 75.0
 """Ratio of motion to command above which a loop counts as poorly damped, and the hold of the command that follows.
 

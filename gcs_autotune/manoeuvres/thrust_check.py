@@ -35,10 +35,8 @@ UNKNOWN = 12.0
 SHORTEST = 1.5
 """Shortest duration of a pulse [s]. The throttle is slew-limited, by default 1 s from none to full. Project choice."""
 AT_ONCE, FAR_TOO_MUCH = 0.6, 3.0
-"""Duration [s] after which a pulse may end early, and the multiple of the intended speed at which it does.
-
-Project choice.
-"""
+"""Duration [s] after which a pulse may end early, and the multiple of the intended speed at which it does. Project
+choice."""
 LAST = 0.5
 """Time [s] at the end of the pulse over which the speed gained is averaged."""
 

@@ -65,10 +65,8 @@ choice.
 
 
 _RESTLESS = 110.0
-"""Duration [s] of a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone.
-
-Project choice.
-"""
+"""Duration [s] of a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone. Project
+choice."""
 
 
 def pace_of(steered_by: SteeredBy, *, restless: bool = False) -> Pace:

@@ -15,9 +15,7 @@ __all__ = ["jitter_in", "noise_behind", "noise_while_held"]
 
 _WINDOW = 2.0
 """Length of a window [s], short enough that a controlled craft moves as a polynomial while sensor noise does not.
-
-Project choice.
-"""
+Project choice."""
 _LEAST_SAMPLES = 6
 _TREND = 2
 """Order of the polynomial that is subtracted as motion."""

@@ -65,10 +65,8 @@ PULSES = (0.15, 0.3, 0.6)
 The first is beyond a transmitter's dead zone (0.06); the last is half the amplitude of a relay. Project choice.
 """
 LEAST = 0.15
-"""Smallest motion that counts as a response, relative to the smallest hysteresis of a relay on the signal.
-
-Project choice.
-"""
+"""Smallest motion that counts as a response, relative to the smallest hysteresis of a relay on the signal. Project
+choice."""
 TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
 """Heading change under thrust alone above which the thrust check fails, for one thruster and for several.
 
@@ -234,9 +232,7 @@ def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
 
 TOO_FAST = 1.6
 """Ratio of the speed at cruise throttle to the cruise speed above which the two parameters count as inconsistent.
-
-Project choice.
-"""
+Project choice."""
 
 
 def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:

@@ -41,15 +41,11 @@ UNEXPLAINED = 4.0
 BY_ITSELF = 6.0
 """Unexplained part [percent] below which an oscillation of one amplitude counts as free of waves. Project choice."""
 SPREAD = 0.10
-"""Largest relative excess of the worst predicted ITAE over the nominal one at which gains count as known.
-
-Project choice.
-"""
+"""Largest relative excess of the worst predicted ITAE over the nominal one at which gains count as known. Project
+choice."""
 MOVED = 2.0
-"""Change of a parameter over the last half period, in standard errors, above which it is not known yet.
-
-Project choice.
-"""
+"""Change of a parameter over the last half period, in standard errors, above which it is not known yet. Project
+choice."""
 TWICE = 2
 """Number of consecutive assessments in which the design must be known."""
 LEAST_SAMPLES = 2 * MIN_SAMPLES

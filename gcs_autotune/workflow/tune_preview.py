@@ -115,10 +115,8 @@ def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], thrott
 STEPS = ("step", "turn rate")
 """Kinds of stages that are a proof."""
 LEAST_STEP, TOLD = 20.0, 0.35
-"""Seconds of a step, and fraction of an oscillation, after which a stage may end at the limit of the space.
-
-Project choice.
-"""
+"""Seconds of a step, and fraction of an oscillation, after which a stage may end at the limit of the space. Project
+choice."""
 
 
 def movements_of(context: TuneContext, now: Observation) -> str:

@@ -56,10 +56,8 @@ def _sub(sub: Sub, mask: int) -> Iterator[Message]:
 
 
 HOME = 44.4250, 8.7640
-"""Position of Genoa Pra harbour, latitude and longitude [deg], where the boat of Miskovic2010 was tested.
-
-Project choice.
-"""
+"""Position of Genoa Pra harbour, latitude and longitude [deg], where the boat of Miskovic2010 was tested. Project
+choice."""
 METRES_PER_DEGREE = 111319.5
 _SURFACE_HPA = 1013.25
 _HPA_PER_METRE = 98.0665

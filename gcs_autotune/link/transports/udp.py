@@ -25,10 +25,8 @@ _REMEMBERED = 10.0
 """Silence [s] after which a peer no longer receives our messages, unless it is the only one. Project choice."""
 _MOST_PEERS = 8
 _GONE = 3.0
-"""Silence [s] of the selected sender after which we send to all peers again, since it may have moved.
-
-Project choice.
-"""
+"""Silence [s] of the selected sender after which we send to all peers again, since it may have moved. Project
+choice."""
 
 
 class _UdpSocket(Transport):

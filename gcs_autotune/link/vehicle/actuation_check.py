@@ -26,10 +26,8 @@ __all__ = ["TWITCH", "await_neutral", "check_outputs_follow", "check_overrides_t
 _TRIES = 10
 _WAIT = 0.5
 _ENOUGH = 2
-"""Which message of outputs is used: the second one, because the first may have been sent before the change.
-
-Project choice.
-"""
+"""Which message of outputs is used: the second one, because the first may have been sent before the change. Project
+choice."""
 
 
 def read_outputs(session: Session, servos: ServoMap) -> dict[str, float]:
@@ -93,10 +91,8 @@ def _is_neutral(telemetry: Telemetry, begun: int) -> bool | None:
 
 
 TWITCH = 0.05
-"""Fraction of full output by which the steering is moved, without forward thrust, to verify that it follows.
-
-Project choice.
-"""
+"""Fraction of full output by which the steering is moved, without forward thrust, to verify that it follows. Project
+choice."""
 _LEVELS = (TWITCH, -TWITCH, TWITCH, -TWITCH, 0.0)
 
 

@@ -53,10 +53,8 @@ _MANY = 20
 _LATE = 0.8
 """Round trip [s] below which commands take effect within the usual waiting time. Project choice."""
 _MIDDLE, _DEFLECTED = 1500, 50
-"""PWM of a centred stick [us], and the deflection from it [us] above which the stick counts as moved.
-
-Project choice.
-"""
+"""PWM of a centred stick [us], and the deflection from it [us] above which the stick counts as moved. Project
+choice."""
 _ANSWER = 2.5
 """Time [s] for two TIMESYNC requests, one a second. Late or missing answers show a delayed link. Project choice."""
 
@@ -405,10 +403,8 @@ class InterferenceMonitor:
 
 _VITAL = ("ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS")
 _WINDOW = 2.0
-"""Counting window [s of the vehicle's time], long enough to distinguish a lost message from a changed rate.
-
-Project choice.
-"""
+"""Counting window [s of the vehicle's time], long enough to distinguish a lost message from a changed rate. Project
+choice."""
 _LOW = 0.6
 """Fraction of the rate at the handshake below which it is requested again. Project choice."""
 _REQUESTS = frozenset({"REQUEST_DATA_STREAM", "MAV_CMD_SET_MESSAGE_INTERVAL"})

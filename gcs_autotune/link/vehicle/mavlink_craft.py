@@ -34,9 +34,7 @@ _FRESH = 3.5
 """Time [s] to wait for a HEARTBEAT before a mode is commanded: three heartbeats. Project choice."""
 _GLANCE = 0.5
 """Time [s] to wait for the state before the rest mode is commanded, which must not be delayed. Project choice.
-
-Project choice.
-"""
+Project choice."""
 _PATIENCE = 30.0
 """Time [s] to wait for a silent vehicle when making it neutral. Project choice."""
 _WARM_UP = 1.0

@@ -324,10 +324,8 @@ _MISSED = 1.0
 """Time [s] after the last attitude at which the vehicle's time since boot is requested. Project choice."""
 _SYSTEM_TIME = message_number("SYSTEM_TIME")
 _SILENT_AFTER = 2.0
-"""Time [s] without any message after which missing attitudes are attributed to the link: two heartbeats.
-
-Project choice.
-"""
+"""Time [s] without any message after which missing attitudes are attributed to the link: two heartbeats. Project
+choice."""
 
 
 def await_tick(session: Session, telemetry: Telemetry) -> None:

@@ -81,9 +81,7 @@ _ACTING = 0.05
 _FROZEN_TURNING = 3.0
 _FROZEN = 10.0
 """Time [s] of bit-identical attitude that proves a fault while turning or acting; real gyros never repeat exactly.
-
-Project choice.
-"""
+Project choice."""
 _STANDING = 2.0
 _JUMP = 5.0
 _SLACK = 1.5

@@ -130,10 +130,8 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
 
 
 _MUCH = 0.02
-"""Relative difference between full output and the table's unit of force above which a sentence states it.
-
-Project choice.
-"""
+"""Relative difference between full output and the table's unit of force above which a sentence states it. Project
+choice."""
 
 
 def _top_speed(fit: AxisFit, unit: str) -> list[str]:
