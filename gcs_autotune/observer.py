@@ -173,7 +173,7 @@ class LeftAs:
 
 
 Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | PredictedTrack | LeftAs
-"""Facts reported in addition to ticks and sentences."""
+"""A fact that is reported in addition to ticks and sentences."""
 
 
 class Observer(Protocol):

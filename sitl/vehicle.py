@@ -91,7 +91,7 @@ class Vehicle:
 
     @property
     def seconds(self) -> float:
-        """Seconds since the simulation began."""
+        """Seconds since the simulation began, as a float."""
         return self.tick / self.rate
 
     def move(self) -> None:

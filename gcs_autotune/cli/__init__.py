@@ -1,4 +1,4 @@
-"""The command line: one table of commands, one table of exit codes."""
+"""The command line, with the table of commands and the table of exit codes."""
 
 from __future__ import annotations
 

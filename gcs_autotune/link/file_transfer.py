@@ -48,7 +48,7 @@ class _Reply:
 
 
 class _Exchange:
-    """The requests of one session and their replies."""
+    """Requests of one FTP session and their replies."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -78,7 +78,7 @@ class _Exchange:
             self.replies.append(_Reply(sequence, opcode == _ACK, asked, offset, data))
 
     def has(self, count: int) -> bool | None:
-        """Return True once that many replies have arrived, else None."""
+        """Return True once this many replies have arrived, else None."""
         return True if len(self.replies) >= count else None
 
     def answer(self, opcode: int, data: bytes = b"") -> _Reply:

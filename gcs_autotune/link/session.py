@@ -95,7 +95,7 @@ class PeriodicTask:
 
 
 class PeriodicTasks:
-    """The periodic tasks, in order of registration."""
+    """All periodic tasks, in order of registration."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -342,7 +342,7 @@ class Session:
 
     @property
     def tolerates_silence(self) -> bool:
-        """Whether the vehicle is silent now and :attr:`patience` allows it."""
+        """Whether the vehicle is silent now and :attr:`patience` permits this."""
         return self.vehicle is not None and _SILENT < self.liveness.silence <= self.patience
 
     def pause(self, seconds: float) -> None:

@@ -26,7 +26,7 @@ __all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signa
 
 Array = NDArray[np.float64]
 Columns: TypeAlias = Mapping[str, Any]
-"""Column name (as in the log's own FMT) -> values of many messages, or of one."""
+"""Column name (as in the log's own FMT) -> values of many messages, or of a single one."""
 
 RAD = math.pi / 180.0
 FIX_3D = 3

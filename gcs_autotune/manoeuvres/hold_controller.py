@@ -42,7 +42,7 @@ HELD_DURING: Mapping[str, tuple[HoldGains, ...]] = {
     "y": (_HEADING, _DEPTH),
     "d": (_HEADING, _DEPTH),
 }
-"""Signal of the relay -> signals held during it."""
+"""Signal of the relay -> signals that are held during it."""
 HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}
 """Signal of the relay -> how it is held before the relay.
 

@@ -330,6 +330,6 @@ class Relay(Manoeuvre):
 
 
 class WallRelay(Relay):
-    """A relay on the distance to a wall ahead."""
+    """A relay on the distance to a wall ahead of the craft."""
 
     kind = "wall-relay"

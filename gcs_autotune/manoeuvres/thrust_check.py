@@ -48,9 +48,9 @@ class ThrustCheckSettings:
     Attributes
     ----------
     outputs : sizes of the pulse, tried until one has a response.
-    reach : speed gained that ends a pulse, else it ends after ``longest``.
+    reach : gained speed that ends a pulse; otherwise it ends after ``longest``.
     least : smallest speed gained that counts as a response.
-    turned : turn under thrust alone, beyond the drift, that indicates a fault on one side.
+    turned : turn under thrust alone, in excess of the drift, that indicates a fault on one side.
     cure, crooked : advice if it goes astern, or turns.
     outlets : the servo outputs that drive it, for messages.
     """

@@ -102,7 +102,7 @@ class Ahead(Manoeuvre):
 
 
 class _Coast(Manoeuvre):
-    """Outputs neutral for ``seconds``, or until the craft has stopped."""
+    """A manoeuvre with neutral outputs for ``seconds``, or until the craft has stopped."""
 
     kind, purpose = "coast", "transit"
 

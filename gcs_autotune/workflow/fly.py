@@ -64,7 +64,7 @@ _POINTS = 400
 def fly(
     settings: FlySettings, operator: Operator, observer: Observer, when: str, *, only_preview: bool = False
 ) -> FlightResult:
-    """Fly one manoeuvre; see :func:`fly_plan`."""
+    """Fly one manoeuvre; arguments and errors as for :func:`fly_plan`."""
     return fly_plan(FlightPlan.of(settings), settings.common, operator, observer, when, only_preview=only_preview)
 
 

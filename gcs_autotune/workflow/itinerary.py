@@ -273,7 +273,7 @@ class MissionLog:
         self._observer.note(fact)
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """Announce, before anything moves, what will be done."""
+        """Announce what the mission will do, before anything moves."""
         self.note(Intentions(intentions))
         for text in intentions:
             self.say(f"will {text}")

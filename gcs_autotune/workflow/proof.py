@@ -66,7 +66,7 @@ NEAR = 0.9
 SAME_SPEED = 0.02
 """Relative difference from the measured cruise speed below which the present cruise speed is kept."""
 LEAST_SETTLE = 6.0
-"""Shortest time [s] that a boat gets to reach the turn rate at which its step begins."""
+"""Shortest time [s] for a boat to reach the turn rate at which its step begins."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
 """Duration of a speed step in time constants of the craft, and its limits [s]."""
 SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0

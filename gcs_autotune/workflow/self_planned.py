@@ -76,7 +76,7 @@ MAX_UNSUCCESSFUL = 2
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A manoeuvre of one size that may be flown next."""
+    """A candidate for the next run: a manoeuvre of one size."""
 
     settings: FlySettings
     throttle: float
@@ -84,7 +84,7 @@ class Offer:
 
     @property
     def title(self) -> str:
-        """Its name and size in words."""
+        """Name and size of the manoeuvre as text."""
         sizes = []
         for name, value in self.settings.options.items():
             if name == "steering":

@@ -160,7 +160,7 @@ class Autopilot(ABC):
 
     @abstractmethod
     def act_on_battery(self, action: int) -> None:
-        """Execute the battery failsafe's *action* (the firmware's own numbers)."""
+        """Execute the *action* of the battery failsafe, numbered as in the firmware."""
 
     @abstractmethod
     def arming_fault(self, *, arming: bool) -> str | None:
@@ -168,7 +168,7 @@ class Autopilot(ABC):
 
     @abstractmethod
     def write_outputs(self) -> None:
-        """Write the demands, or neutral if disarmed, to the servo outputs."""
+        """Write the demands to the servo outputs, or neutral if disarmed."""
 
     @property
     def pwm(self) -> list[int]:

@@ -41,7 +41,7 @@ class Rover(Autopilot):
 
     @property
     def guided(self) -> RoverGuidedMode:
-        """The GUIDED mode, for targets from the ground."""
+        """The GUIDED mode, for targets from the ground station."""
         mode = self.modes[RoverGuidedMode.number]
         assert isinstance(mode, RoverGuidedMode)
         return mode
@@ -85,7 +85,7 @@ class Rover(Autopilot):
         self.motors.output(self.rail, self.estimate.speed, armed=self.armed)
 
     def stick(self, channel: int, full: int) -> int:
-        """Return a stick's position within -full..full, in the firmware's whole steps."""
+        """Return a stick's position within -full..full, in whole steps as in the firmware."""
         return self.rc.angle(channel, full, self.parameters[f"RC{channel}_DZ"])
 
     def pilot_sticks(self) -> tuple[float, float]:

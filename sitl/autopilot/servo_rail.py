@@ -26,7 +26,7 @@ class ServoRail:
         self.pwm = [0] * OUTPUTS
 
     def write(self, pulse_for: Callable[[int, int, int, int, int], int]) -> None:
-        """Set every assigned channel to ``pulse_for(function, low, trim, high, sign)``."""
+        """Set every assigned channel to the result of ``pulse_for(function, low, trim, high, sign)``."""
         if self._version != self._parameters.version:
             self._read_assignments()
         pwm = self.pwm

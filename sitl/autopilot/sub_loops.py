@@ -32,7 +32,7 @@ class SubYawController:
         self._target_rate = 0.0
 
     def reset(self, yaw: float) -> None:
-        """Reset; the target is the present heading."""
+        """Reset the loop, with the present heading as target."""
         self.pid.reset()
         self._target = yaw
         self._target_rate = 0.0

@@ -27,7 +27,7 @@ class InputBias(HiddenEffect):
     on_vehicles = "yaw (default), surge"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degree of freedom; in heave the effect is net-buoyancy."""
+        """Find the degree of freedom. Heave is excluded, because net-buoyancy has that effect."""
         dof = find_dof(self, setting, among=("yaw", "surge", "sway"))
         self._name, self._force = FORCE_OF[dof], self["bias"] * setting.gain.get(dof, 1.0)
 
@@ -121,7 +121,7 @@ class WaveDisturbance(HiddenEffect):
         setattr(wrench, self._name, getattr(wrench, self._name) + self._rms * now)
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time of one radian."""
+        """Return the time of one radian of the oscillation [s]."""
         return 1.0 / self["frequency"]
 
     def _advance(self, t: float) -> float:

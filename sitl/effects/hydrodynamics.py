@@ -18,7 +18,7 @@ __all__ = [
 
 
 class OnAxis(HiddenEffect):
-    """An effect that changes the inertia or the drag of one degree of freedom."""
+    """An effect on the inertia or the drag of one degree of freedom."""
 
     on_vehicles = "yaw (default), surge, heave"
 

@@ -80,7 +80,7 @@ class RateLimit(OnInput):
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Move towards *u*, and return the mean over the step."""
+        """Move towards *u* within the rate limit, and return the mean over the step."""
         if self._now != self._now:
             self._now = u
         gap = u - self._now

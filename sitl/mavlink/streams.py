@@ -80,7 +80,7 @@ _FIELDS: Mapping[str, Mapping[str, _Field]] = {
     "SCALED_PRESSURE2": {"t": _BOOT},
     "SYSTEM_TIME": {"t": _BOOT},
 }
-"""Message -> name -> field."""
+"""Message -> name of the quantity -> field."""
 _VELOCITY = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 100.0}
 """Messages with ``vx vy`` over ground -> factor. For effects they are converted to ``u v``."""
 

@@ -218,7 +218,7 @@ def _fill_gaps(exchange: ParamExchange) -> None:
 
 
 Intrusion = tuple[str, float, float]
-"""(name, value that we wrote, value written by another station)."""
+"""A changed parameter: (name, value that we wrote, value written by another station)."""
 
 
 class ParamWatch:
@@ -233,7 +233,7 @@ class ParamWatch:
         session.listen("PARAM_VALUE", self._on_value)
 
     def add(self, values: Mapping[str, float]) -> None:
-        """Monitor these values; a parameter already monitored with another value counts as changed."""
+        """Monitor these values. A parameter that is already monitored with another value counts as changed."""
         for name, value in values.items():
             before = self._watched.get(name, value)
             if not same_float32(before, value):

@@ -30,7 +30,7 @@ choice."""
 
 
 class _UdpSocket(Transport):
-    """Common part of both kinds."""
+    """Common part of both kinds of UDP link."""
 
     def __init__(self, description: str, address: HostPort) -> None:
         super().__init__(description)
@@ -128,13 +128,13 @@ class UdpIn(_UdpSocket):
 
 
 def _named(peer: Any) -> str:
-    """Return an address in the usual notation."""
+    """Return the text of an address in the usual notation."""
     host, port = str(peer[0]), int(peer[1])
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 class UdpOut(_UdpSocket):
-    """Send to a fixed address and receive its answers."""
+    """A UDP link that sends to a fixed address and receives its answers."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"udpout:{address}", address)

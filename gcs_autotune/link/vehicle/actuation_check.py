@@ -1,7 +1,9 @@
-"""Verify that the vehicle takes our overrides, that its outputs follow, and that they are neutral when required.
+"""Verify that the vehicle accepts our overrides, that its outputs follow them, and that they are neutral when
+required.
 
 MAVLink reports none of the possible faults: a wrong system id, an option bit, a switch, another station's stream, a
-safety button. So both halves of the path are checked, and the cause of a failure is read from the vehicle and reported.
+safety button. So the path is checked in two parts, from override to RC input and from there to the output. The cause of
+a failure is read from the vehicle and reported.
 """
 
 from __future__ import annotations

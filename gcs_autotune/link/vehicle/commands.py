@@ -1,4 +1,4 @@
-"""Commands to the autopilot, repeated until answered, and confirmed by its heartbeat."""
+"""Send commands to the autopilot, repeated until answered and confirmed by its heartbeat."""
 
 from __future__ import annotations
 

@@ -38,9 +38,10 @@ __all__ = ["Evidence", "InterferenceMonitor", "RateKeeper"]
 _LOOK_BACK = 5.0
 """Age [s] up to which a command may cause a change seen now; heartbeats show a mode a second late. Project choice."""
 _OWN_CAUSE = "failsafe"
-"""Word in the text of each failsafe of ArduPilot: "EKF failsafe", "Radio Failsafe", "Battery 1 low failsafe"."""
+"""Word that the status text of every ArduPilot failsafe contains: "EKF failsafe", "Radio Failsafe", "Battery 1 low
+failsafe"."""
 _AHEAD = 1.5
-"""Relative pace above which a simulation is reported to run faster than the clock."""
+"""Ratio of simulated to real time above which a simulation is reported as faster than real time."""
 _SLACK = 0.3
 """Excess [s] by which a pause of ours may appear longer to the vehicle, because delays vary and a message may be lost.
 Project choice."""

@@ -212,7 +212,10 @@ class OtherStations:
             self._take(*ids, _spelled(frame.name, frame.message), str(getattr(frame.message, "param_id", "")))
 
     def _on_radio(self, m: Message) -> None:
-        """Record RADIO_STATUS, sent with the radio's own id; signal and noise in its own units, 255 unknown."""
+        """Record RADIO_STATUS, which a radio sends with its own id.
+
+        Signal and noise are in the radio's units; 255 means unknown.
+        """
         self.radio = (
             f"signal {m.rssi} over noise {m.noise} here, {m.remrssi} over {m.remnoise} on board, {m.txbuf} % of its "
             f"buffer free, {m.rxerrors} packets damaged"

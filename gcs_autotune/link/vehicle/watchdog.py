@@ -39,7 +39,7 @@ class BootClock:
 
     @property
     def is_set(self) -> bool:
-        """Whether any stamp has been seen."""
+        """Whether any time stamp was received."""
         return not math.isnan(self.now)
 
     def from_ms(self, time_boot_ms: int) -> float:
@@ -128,7 +128,7 @@ class Watchdog:
             self._pace = max((t - begun) / (now - heard), 1.0)
 
     def check(self) -> None:
-        """Raise the fault, if there is one."""
+        """Raise the stored fault, if there is one."""
         if self.fault is not None:
             raise TelemetryFault(str(self.fault))
 

@@ -1,4 +1,4 @@
-"""The report of a diagnosis. One function per section."""
+"""The report of a diagnosis, with one function per section."""
 
 from __future__ import annotations
 
