@@ -99,7 +99,7 @@ def text_of(path: Path) -> str:
     except OSError as error:
         raise BadFile(f"{path} cannot be read as a CSV run: {error.strerror or error}") from error
     if not data.strip():
-        raise BadFile(f"{path} is empty: it has no samples")
+        raise BadFile(f"{path} is empty. Check the recording, or copy the file again")
     wide = wide_encoding(data[:SAMPLE])
     if wide:
         raise BadFile(
@@ -145,15 +145,17 @@ def cells_of(path: Path) -> Cells:
     if rows and all(_NUMBER.match(cell) for cell in rows[0]):
         above = [row for row in remarks if len(row) == len(rows[0])]
         if not above:
-            raise BadFile(f"{path} has no head line. Add one above its numbers, like t[s],psi[rad],N[N m]")
+            raise BadFile(f"{path} has no header line. Add one above the numbers, like t[s],psi[rad],N[N m]")
         rows = [[above[-1][0].lstrip("# \t"), *above[-1][1:]], *rows]
     if len(rows) < 2:
-        raise BadFile(f"{path} has no samples. A run needs a head line like t[s],psi[rad],N[N m] and rows")
+        raise BadFile(
+            f"{path} contains no samples. A run needs a header line like t[s],psi[rad],N[N m], and rows of numbers"
+        )
     head, body = rows[0], rows[1:]
     if len(head) == 1 < len(body[0]):
         raise BadFile(
-            f"{path}, row 1: {_short(head[0])} is a title above the head line. Remove the lines above the one like "
-            "t[s],psi[deg],N[N m], or start them with #"
+            f"{path}, row 1: {_short(head[0])} is a title above the header line. Remove the lines above the header "
+            "line (t[s],psi[deg],N[N m]), or start them with #"
         )
     while len(head) > 1 and not head[-1].strip() and all(not row[-1].strip() for row in body if len(row) == len(head)):
         width = len(head)
@@ -177,14 +179,14 @@ def _verify_separator(path: Path, rows: Sequence[list[str]]) -> None:
         )
     spaced = [row[0].split() for row in rows[1:4] if len(row) == 1]
     if len(head) == 1 and spaced and all(len(s) > 1 and all(_NUMBER.match(c) for c in s) for s in spaced):
-        raise BadFile(f"{path} separates its columns by spaces. Use ',' between columns, also in the head line")
+        raise BadFile(f"{path} separates its columns by spaces. Use ',' between columns, also in the header line")
     if len(head) > 1 and any(_DECIMAL_COMMA.match(cell) for row in rows[1:4] for cell in row):
         raise BadFile(f"{path} uses decimal commas. Use . in numbers (0.61), and ',' only between columns")
     halves = [row for row in rows[1:50] if len(row) == 2 * len(head)]
     if len(head) > 1 and len(halves) == len(rows[1:50]) > 1:
         raise BadFile(
-            f"{path} has {len(head)} heads and {2 * len(head)} cells in a row: it uses commas both as decimal signs "
-            "and between columns. Export it with . in numbers and ',' between columns"
+            f"{path} has {len(head)} column heads but {2 * len(head)} cells in a row: it uses commas both as decimal "
+            "signs and between columns. Export it with . in numbers and ',' between columns"
         )
 
 
@@ -201,7 +203,7 @@ def _with_units(cells: Cells) -> Cells:
     if not any(_DATE.match(cell) for cell in filled):
         shown = ", ".join(_short(cell) for cell in filled[:3])
         raise BadFile(
-            f"{cells.path}, row 2: {shown} are words instead of numbers. Keep one head line, with units in "
+            f"{cells.path}, row 2: {shown} are words instead of numbers. Keep one header line, with units in "
             "brackets: t[s],psi[deg],N[N m]"
         )
     return cells
@@ -253,7 +255,7 @@ def numbers_of(cells: Cells) -> TableNumbers:
     if not values:
         if len(cells.rows[-1]) == width:
             _refuse(cells, cells.first, cells.rows[-1], kept)
-        raise BadFile(f"{path} has no complete row of samples")
+        raise BadFile(f"{path} contains no complete row of samples")
     heads = [cells.head[i] for i in texts]
     return TableNumbers(kept, np.array(values, dtype=np.float64), dropped, nans, infinite, heads)
 
@@ -301,7 +303,9 @@ def _is_text(cells: Cells, i: int) -> bool:
 def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int]) -> NoReturn:
     """Return the error for the first cell of *row* that is not a number."""
     if len(row) != len(cells.head):
-        raise BadFile(f"{cells.path}, row {number}: {len(row)} cells instead of {len(cells.head)}")
+        raise BadFile(
+            f"{cells.path}, row {number}: {len(row)} cells instead of {len(cells.head)}. Correct or remove this row"
+        )
     i = next(i for i in columns if _number(row[i]) is None)
     cell, head = row[i], cells.head[i]
     where = f"{cells.path}, row {number}, column {_short(head)}: {_short(cell)}"
@@ -310,7 +314,7 @@ def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int
     if _DECIMAL_COMMA.match(cell):
         raise BadFile(f"{where} has a decimal comma. Use . in numbers")
     if cell.strip() == head.strip():
-        raise BadFile(f"{where} repeats the head line. Cut the file there; each part is a run")
+        raise BadFile(f"{where} repeats the header line. Split the file here: each part is a run")
     raise BadFile(f"{where} is not a number")
 
 
@@ -331,8 +335,8 @@ def since_1970(file: str, t: Array) -> tuple[Array, list[Note]]:
     typical = float(np.median(known)) if len(known) else 0.0
     for low, high, unit, factor in EPOCHS:
         if low < typical < high:
-            cause = f"the timestamps of {file} have no unit; they are read as {unit} since 1970"
-            return t * factor, [("epoch-stamps", cause, f"if this is correct, rename the column t[{unit}]")]
+            cause = f"the timestamps of {file} have no unit. They are read as {unit} since 1970"
+            return t * factor, [("epoch-stamps", cause, f"if this is correct, rename the column to t[{unit}]")]
     return t, []
 
 
@@ -352,7 +356,7 @@ def is_believable(name: str, values: Array, file: str) -> tuple[NDArray[np.bool_
     cause = (
         f"{int(absurd.sum())} of {len(values)} values of {name} in {file} are implausible, e.g. {values[absurd][0]:.3g}"
     )
-    return np.isfinite(values) & ~absurd, [("absurd-values", cause, "check the logger; these samples were skipped")]
+    return np.isfinite(values) & ~absurd, [("absurd-values", cause, "check the logger. The samples were skipped")]
 
 
 def clock_notes(file: str, t: Array) -> list[Note]:
@@ -361,13 +365,13 @@ def clock_notes(file: str, t: Array) -> list[Note]:
     known = t[np.isfinite(t)]
     if 0 < len(t) - len(known):
         cause = f"{len(t) - len(known)} of {len(t)} rows of {file} have no time"
-        notes.append(("rows-without-time", cause, "check the logger; these rows were skipped"))
+        notes.append(("rows-without-time", cause, "check the logger. The rows were skipped"))
     back = np.flatnonzero(np.diff(known) < 0.0)
     if len(back):
         first = int(back[0])
         times = f"{len(back)} times, first" if len(back) > 1 else "once,"
         cause = f"the time of {file} jumps back {times} from {known[first]:.10g} to {known[first + 1]:.10g} s"
-        notes.append(("time-runs-back", cause, "record the vehicle's own timestamps, or cut the file there"))
+        notes.append(("time-runs-back", cause, "record the vehicle's own timestamps, or split the file there"))
     return notes
 
 
@@ -402,12 +406,12 @@ def shares_of_pulses(name: str, values: Array, run: str) -> tuple[Array, Note]:
     sent = values[values != 0.0]
     if len(sent) and not _are_pulses(values):
         raise BadFile(
-            f"{name} of run '{visible(run)}' is in pulses, but ranges from {sent.min():g} to {sent.max():g}; pulses "
-            f"are around {NEUTRAL:g} us. Add its unit, or use the normalised output (-1 to 1) without a unit"
+            f"{name} of run '{visible(run)}' is in pulses, but ranges from {sent.min():g} to {sent.max():g}. Pulses "
+            f"are around {NEUTRAL:g} us. Correct the unit, or use the normalised output (-1 to 1) without a unit"
         )
     size = f", {sent.min():g} to {sent.max():g} us" if len(sent) else ""
     cause = (
-        f"{name} of run '{visible(run)}' is in pulses{size}; it is read as normalised output, "
+        f"{name} of run '{visible(run)}' is in pulses{size}. It is read as normalised output, "
         f"(pulse - {NEUTRAL:g} us) / {HALF_RANGE:g} us"
     )
     cure = "for another neutral or full output, write the normalised output: (pulse - trim) / (max - trim)"

@@ -252,8 +252,8 @@ class UnknownName(UsageError, KeyError):
 
 
 EXIT_CODES: tuple[tuple[type[BaseException], int, str], ...] = (
-    (OperatorStopped, 130, "stopped by the operator; the vehicle was restored"),
-    (NotAsFound, 9, "clean-up incomplete; run `gcs-autotune restore`"),
+    (OperatorStopped, 130, "stopped by the operator, and the vehicle was restored"),
+    (NotAsFound, 9, "the vehicle was not restored completely: run `gcs-autotune restore`"),
     (UsageError, 2, "wrong usage of the command"),
     (LinkError, 3, "the link or its telemetry failed"),
     (VehicleRefused, 4, "the vehicle rejected a command"),

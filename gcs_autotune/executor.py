@@ -259,7 +259,7 @@ class _Processes:
                     if _is_sent(pipe, tasks[waiting[0]]):
                         busy[pipe] = waiting.popleft()
                 if not busy:
-                    raise ChildProcessError("all processes were ended from outside: is there memory enough?")
+                    raise ChildProcessError("all worker processes were ended from outside. Check the free memory")
                 for ready in wait(list(busy)):
                     assert isinstance(ready, Connection)
                     at, outcome = busy.pop(ready), _received(ready)

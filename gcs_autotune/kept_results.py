@@ -44,11 +44,11 @@ class KeptResults:
         known = _lines(path)
         head = {"schema": SCHEMA, "subject": subject}
         if known and known[0].get("schema") != SCHEMA:
-            raise BadFile(f"{path} contains no results of a search")
+            raise BadFile(f"{path} contains no results of a search. Start again without --resume")
         if known and known[0] != head:
             raise BadFile(
                 f"{path} contains results of other runs, other options or another version. Use the same command as "
-                "before, or start again without --resume"
+                "for the stopped search, or start again without --resume"
             )
         for line in known[1:]:
             if isinstance(line.get("key"), str) and "result" in line:
@@ -113,7 +113,7 @@ def _lines(path: Path) -> list[dict[str, Any]]:
         if isinstance(one, dict):
             found.append(one)
     if text and not found:
-        raise BadFile(f"{path} contains no results of a search")
+        raise BadFile(f"{path} contains no results of a search. Start again without --resume")
     return found
 
 

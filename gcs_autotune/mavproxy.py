@@ -34,7 +34,7 @@ NAME = "gcs_autotune.mavproxy"
 USAGE = """usage: autotune AXIS [option ...]   tune a loop: heading, yaw, speed, depth (options: autotune AXIS --help)
        autotune yes | no            answer the last question
        autotune stop                stop now: actuators neutral, mode and parameters restored
-       autotune restore [RUN]       restore what an interrupted run left changed
+       autotune restore [RUN]       restore the vehicle after an interrupted run
        autotune status              show the current state"""
 _LEAVING = 60.0
 """Time [s] that the clean-up may take when MAVProxy ends. Project choice."""
@@ -104,7 +104,7 @@ class _Console:
         if self._yes:
             return True
         self.answer, self.question = None, question
-        _print(f"{question} Answer with: autotune yes, autotune no")
+        _print(f"{question} Answer with: autotune yes, or autotune no")
         try:
             while self.answer is None:
                 while_waiting()
@@ -215,7 +215,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def _begin(self, what: str, person: _Console, work: Callable[[Connection], None]) -> None:
         """Run *work* in its own thread, over MAVProxy's present link."""
         if self.is_busy:
-            raise UsageError(f"{self._status()}; autotune stop ends it")
+            raise UsageError(f"{self._status()}. Use autotune stop to end it")
         master = self.master
         signing = getattr(master.mav, "signing", None)
         if signing is not None and signing.sign_outgoing:
@@ -246,13 +246,17 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
 
     def _answer(self, yes: bool) -> None:
         if not self._person.question:
-            raise UsageError("there is no open question")
+            raise UsageError("no question is waiting for an answer")
         self._person.answer = yes
 
     def _stop(self) -> None:
         if not self.is_busy:
             raise UsageError("nothing is running")
-        _print("Still restoring; please wait." if self._person.stop else "Stopping: restoring mode and parameters.")
+        _print(
+            "Still restoring the vehicle. Please wait."
+            if self._person.stop
+            else "Stopping: restoring mode and parameters."
+        )
         self._person.stop = True
 
     def _status(self) -> str:

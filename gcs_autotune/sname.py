@@ -65,7 +65,7 @@ class Signal(NamedTuple):
 SIGNALS: dict[str, Signal] = {
     "x": Signal("m", "north position"),
     "y": Signal("m", "east position"),
-    "z": Signal("m", "depth, down positive", down=True),
+    "z": Signal("m", "depth, positive down", down=True),
     "phi": Signal("rad", "roll angle"),
     "theta": Signal("rad", "pitch angle"),
     "psi": Signal("rad", "heading, north over east", wraps=True),
@@ -269,7 +269,7 @@ def parse_header(header: str) -> tuple[str, str]:
     if match is None or _plain(match["unit"]) not in _TO_SI:
         match = _HEADER.match(header)
     if match is None:
-        raise BadFile(f"column head {header!r} is not name[unit]")
+        raise BadFile(f"column head {header!r} is not name[unit]. Write e.g. psi[deg]")
     return match["name"], (match["unit"] or "").strip()
 
 
@@ -285,7 +285,7 @@ def to_si(unit: str) -> tuple[str, float]:
         return _TO_SI[_plain(unit)]
     except KeyError:
         known = ", ".join(u for u in _TO_SI if u)
-        raise BadFile(f"unit [{unit}] is unknown; known units: {known}") from None
+        raise BadFile(f"unit [{unit}] is unknown. Known units: {known}") from None
 
 
 def _plain(unit: str) -> str:

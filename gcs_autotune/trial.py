@@ -132,7 +132,7 @@ class Trial:
             return self.channels[name]
         except KeyError:
             have = ", ".join(self.channels) or "nothing"
-            raise MissingChannel(f"run '{self.name}' has no channel '{name}'; it has {have}") from None
+            raise MissingChannel(f"run '{self.name}' contains no channel '{name}'. It contains {have}") from None
 
     def __contains__(self, name: object) -> bool:
         return name in self.channels
@@ -333,13 +333,13 @@ def _table_notes(run: str, names: Sequence[str], table: TableNumbers) -> list[No
         if count
     ]
     if bad:
-        cure = "check the sensor and the logger; these samples were skipped"
+        cure = "check the sensor and the logger. The samples were skipped"
         notes.append(("no-numbers", f"of {len(table.values)} samples in run '{visible(run)}' {', '.join(bad)}", cure))
     if table.texts:
         notes.append(
             (
                 "text-columns",
-                f"columns of run '{visible(run)}' with words were skipped: {', '.join(table.texts[:5])}",
+                f"columns of run '{visible(run)}' that contain words were skipped: {', '.join(table.texts[:5])}",
                 "no action needed if they are not signals",
             )
         )
@@ -364,7 +364,7 @@ def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping
     except (TypeError, ValueError) as error:
         raise BadFile(f"{name}: columns must be numbers of equal length: {error}") from error
     if len(values) == 0:
-        raise BadFile(f"{name} has no samples")
+        raise BadFile(f"{name} contains no samples")
     channels, notes = _channels(source, heads, values)
     return _noted(
         Trial(visible(name), channels, meta={"source": name, "empty_cells": int(np.isnan(values).sum())}), notes
@@ -425,13 +425,15 @@ def _heads(path: Path, row: list[str], columns: Mapping[str, str]) -> list[tuple
     known = {*plain, *((name, "") for name, _ in plain)}
     missing = [name for name, unit in wanted if (name, unit) not in known]
     if missing:
-        raise UsageError(f"{path} has no column {', '.join(missing)}; it has {', '.join(name for name, _ in plain)}")
+        raise UsageError(
+            f"{path} has no column {', '.join(missing)}. Its columns are {', '.join(name for name, _ in plain)}"
+        )
     heads = [wanted.get(head, wanted.get((head[0], ""), head)) for head in plain]
     heads = [(new, unit or old_unit) for (new, unit), (_, old_unit) in zip(heads, plain, strict=True)]
     names = [name for name, _ in heads]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise BadFile(f"{path} has more than one column called {', '.join(twice)}; rename one")
+        raise BadFile(f"{path} has more than one column called {', '.join(twice)}. Rename one")
     return heads
 
 
@@ -447,7 +449,9 @@ def _time_column(path: Path, heads: Sequence[tuple[str, str]], units: Sequence[t
         if unit == "s":
             return i
     found = ", ".join(name for name, _ in heads)
-    raise BadFile(f"{path} has no time column t[s]; it has {found}. Map the columns with --columns OLD=t[s],...")
+    raise BadFile(
+        f"{path} has no time column t[s]. Its columns are {found}. Map the columns with --columns OLD=t[s],..."
+    )
 
 
 _BEGINNING = re.compile(rb'\s*\{\s*"schema":\s*\d+,\s*"name":')

@@ -55,7 +55,7 @@ class Craft:
         self.effects = (*(model.effects if model else ()), *effects)
         self.actuators = data.make_actuators()
         if plant is not None and model is not None:
-            raise BadModel("a model replaces the vehicle's own hull. Use either plant or model")
+            raise BadModel("a model replaces the vehicle's own hull. Supply either plant or model, not both")
         hull = data.make_plant()
         self.plant: Plant = plant or hull
         if model is not None:
@@ -152,7 +152,7 @@ def _fit_model(model: FlownModel, plant: PlanarHull, actuators: Actuators) -> Ac
     driven = [_CHANNEL.get(channel, channel) for channel in model.gains if channel != _SIDEWAYS or channel in known]
     strange = [channel for channel in driven if channel not in known]
     if strange or len(set(driven)) < len(driven):
-        raise BadModel(f"the model is driven by {', '.join(model.gains)}; this vehicle has {', '.join(known)}")
+        raise BadModel(f"the model is driven by {', '.join(model.gains)}, but this vehicle has {', '.join(known)}")
     for dof, values in model.axes.items():
         if dof != "sway":
             plant.set_axis(dof, AxisDynamics(*values))

@@ -235,7 +235,9 @@ def open_link(address: str) -> Link:
     """
     scheme, _, rest = address.partition(":")
     if scheme not in LINKS:
-        raise AddressError(f"'{address}': an address starts with {', '.join(f'{name}:' for name in LINKS)}")
+        raise AddressError(
+            f"'{address}' is not a valid address. Start it with one of {', '.join(f'{name}:' for name in LINKS)}"
+        )
     return LINKS[scheme](rest)
 
 

@@ -147,7 +147,7 @@ def _axis(dof: str, values: Mapping[str, float]) -> tuple[float, float, float]:
     get = values.get
     inertia = get(_RIGID[dof], 0.0) - get(f"{force}_{speed}dot", 0.0)
     if not inertia > 0.0:
-        raise BadModel(f"its inertia in {dof} is {inertia:g}; it must be above 0")
+        raise BadModel(f"its inertia in {dof} is {inertia:g}, but it must be above 0")
     quadratic = get(f"{force}_{speed}{speed}", 0.0) + get(f"{force}_|{speed}|{speed}", 0.0)
     return inertia, -get(f"{force}_{speed}", 0.0), -quadratic
 

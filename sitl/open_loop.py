@@ -128,12 +128,12 @@ def _check(
 ) -> None:
     for name in commands:
         if INPUTS.get(name) not in hull.dofs:
-            raise ValueError(f"this hull has no input '{name}'; its degrees of freedom are {', '.join(hull.dofs)}")
+            raise ValueError(f"this hull has no input '{name}'. Its degrees of freedom are {', '.join(hull.dofs)}")
     for name in measured:
         if name not in SIGNALS:
             raise ValueError(f"'{name}' cannot be measured. Use one of {', '.join(SIGNALS)}")
     if not (interval > 0.0 and round(duration / interval) >= 2 and 0.0 <= jitter < 0.5 * interval):
-        raise ValueError("a run needs at least two samples, and jitter below half an interval")
+        raise ValueError("the run needs at least two samples, and a jitter below half an interval")
 
 
 def _stamps(duration: float, interval: float, jitter: float, seed: int) -> Array:
@@ -148,7 +148,7 @@ def _held(command: Command, stamps: Array) -> Array:
     if values.ndim == 1 and len(values) == len(stamps):
         return values.copy()
     if values.ndim != 2 or values.shape[1] != 2:
-        raise ValueError(f"a command must be {len(stamps)} values, one per timestamp, or pairs (time, value)")
+        raise ValueError(f"a command must be {len(stamps)} values, one per time stamp, or pairs (time, value)")
     at = np.searchsorted(values[:, 0], stamps + 1e-9, side="right") - 1
     return np.where(at >= 0, values[np.maximum(at, 0), 1], 0.0)
 

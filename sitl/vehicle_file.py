@@ -168,13 +168,17 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
             raise ValueError(f"{heading}: negative drag is unstable. Use beta of 0 or more, or beta2 above 0")
     odd = tables.get("thruster", {}).get("odd", {}).get("value")
     if odd is not None and not sum(odd if isinstance(odd, list) else [odd]) > 0.0:
-        raise ValueError("thruster.odd: the sum of the coefficients, the thrust at full command, must be above 0")
+        raise ValueError(
+            "thruster.odd: the coefficients add up to the thrust at full command, so their sum must be above 0"
+        )
     for name, entry in tables.get("coupling", {}).items():
         if isinstance(entry["value"], bool) != (name == "coriolis"):
-            raise ValueError(f"coupling: coriolis must be true or false, every other entry a number; {name} is not")
+            raise ValueError(
+                f"coupling: {name} is not valid. coriolis must be true or false, every other entry a number"
+            )
     start = tables.get("start", {})
     if start and not start["depth"]["value"] < start["bottom"]["value"]:
-        raise ValueError("start: depth is not above the bottom")
+        raise ValueError("start: the depth must be above the bottom. Use a smaller depth")
 
 
 def _verify_units(own: Any) -> None:

@@ -180,6 +180,6 @@ def _block(name: str, case: Case, answer: Answer | None) -> str:
     notes = [("Hint", f"{h.what}. {h.evidence}") for h in answer.hints]
     notes += [("Residual", words) for words in answer.left]
     notes += [("Fly next", answer.next)] if answer.next else []
-    listed = "".join(f"* {label}: {' '.join(text.split())}\n" for label, text in notes)
+    listed = "".join(f"* {label}: {' '.join(text.split()).removesuffix('.')}.\n" for label, text in notes)
     lead = f"**{answer.lead}**\n\n" if answer.lead else ""
     return f"{lead}| | |\n|---|---|\n{table}\n{listed}{chr(10) * bool(listed)}{command}\n"

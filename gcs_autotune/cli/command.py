@@ -158,16 +158,16 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
     group.add_argument(
         "--connect",
         metavar="URI",
-        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (MAVSDK's "
-        "udpin://, udpout://, tcpin://, tcpout://, serial:// mean the same), or sitl:NAME for a simulated vehicle "
-        "started for you, sitl:FILE.toml for your own; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' adds an "
-        f"effect to it (`gcs-autotune sitl --list-effects`), '?model=FILE' simulates a model file{fallback}",
+        help="link to the vehicle: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or "
+        "/dev/ttyUSB0,57600 (MAVSDK's udpin://, udpout://, tcpin://, tcpout://, serial:// also work). sitl:NAME "
+        "starts a simulated vehicle, sitl:FILE.toml your own. 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' adds "
+        f"an effect (`gcs-autotune sitl --list-effects`). 'sitl:NAME?model=FILE' simulates a model file{fallback}",
     )
     group.add_argument(
         "--backend",
         metavar="NAME",
         default="pymavlink",
-        help="transport of the messages: pymavlink (own sockets and ports) or mavsdk (default pymavlink)",
+        help="library that carries the messages: pymavlink (own sockets and ports) or mavsdk (default pymavlink)",
     )
     add_number(group, "baud", "BAUD")
     add_number(group, "system-id", "ID")
@@ -176,13 +176,13 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
         "--signing-key",
         type=Path,
         metavar="FILE",
-        help="sign with the key (32 bytes) or passphrase (one line) in FILE; unsigned messages are rejected",
+        help="sign messages with the key (32 bytes) or passphrase (one line) in FILE; unsigned messages are rejected",
     )
     group.add_argument(
         "--signing-passphrase",
         action="store_true",
-        help=f"sign with a passphrase typed at the terminal; without both options, that in {PASSPHRASE_VARIABLE} is "
-        "used, if set",
+        help="sign messages with a passphrase typed at the terminal. Without --signing-key and this option, the "
+        f"passphrase in {PASSPHRASE_VARIABLE} is used, if set",
     )
     add_number(group, "seed", "N")
 
@@ -197,7 +197,7 @@ def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
     """
     uri = args.connect or args.configured_link or otherwise
     if not uri:
-        raise UsageError("no vehicle given. Use --connect URI; `gcs-autotune ports` lists the vehicles heard")
+        raise UsageError("no vehicle given. Use --connect URI; `gcs-autotune ports` lists the vehicles in reach")
     return str(uri)
 
 
@@ -216,8 +216,8 @@ def add_fetch_log(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fetch-log",
         action="store_true",
-        help="after the run, once everything is restored, fetch the vehicle's own log into the run directory and "
-        "identify from it too; a vehicle without logs is rejected before arming",
+        help="after the run, fetch the vehicle's own log into the run directory and identify from it too. "
+        "A vehicle without logs is rejected before arming",
     )
 
 
@@ -233,7 +233,7 @@ def add_loudness(parser: argparse.ArgumentParser) -> None:
     loudness.add_argument(
         "--verbose",
         action="store_true",
-        help="keep the progress lines, show the vehicle's text messages, and show the traceback of an error",
+        help="keep every progress line; show the vehicle's text messages and the traceback of an error",
     )
 
 
@@ -264,14 +264,14 @@ def add_remote(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remote",
         action="store_true",
-        help="let a program be the operator: progress and questions as JSON lines on standard output, STOP and answers "
-        "on standard input; end of input is a STOP (docs/serve.md)",
+        help="let a program operate the run: progress and questions as JSON lines on standard output, STOP and answers "
+        "on standard input. End of input is a STOP (docs/serve.md)",
     )
 
 
 def add_envelope(parser: argparse.ArgumentParser) -> None:
     """Add the safety limits."""
-    group = parser.add_argument_group("safety limits; crossing one ends the manoeuvre with neutral actuators")
+    group = parser.add_argument_group("safety limits (when one is exceeded, the manoeuvre ends with neutral actuators)")
     for name in GUARDING:
         add_number(group, name)
 
@@ -306,8 +306,8 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
         "--stop-rule",
         choices=("design", "settled"),
         default="design",
-        help="design (default): stop once the gains are known; settled: fly until five periods agree within 10 %%, run "
-        "every step to its end, and turn a boat around before each manoeuvre",
+        help="design (default): end a relay as soon as the gains are known. settled: fly until five periods agree "
+        "within 10 %%, fly every step to its end, and turn a boat around before each manoeuvre",
     )
     add_number(group, "throttle")
     add_number(group, "speed")
@@ -317,7 +317,7 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--structure",
         choices=("linear", "nonlinear", "affine"),
-        help="damping; nonlinear is quadratic, affine both (default: chosen from the data)",
+        help="damping of the model: linear, nonlinear (quadratic) or affine (both) (default: chosen from the data)",
     )
 
 
@@ -374,7 +374,9 @@ def check_model_file(path: Path | None) -> None:
         return
     check_files(path)
     if not isinstance(load_json(path, "a model file"), dict):
-        raise BadFile(f"{path} is not a model file: it has no JSON object with a model. Write one with identify --save")
+        raise BadFile(
+            f"{path} is not a model file: it contains no JSON object with a model. Write one with identify --save"
+        )
 
 
 def connection_of(args: argparse.Namespace, uri: str) -> Connection:

@@ -123,7 +123,7 @@ def read_config(path: Path | None) -> ConfigFile:
     try:
         tables = load_toml(path, "settings")
     except BadFile as error:
-        raise BadFile(f"{error}. Set {CONFIG_VARIABLE}={NONE} to run without it") from error
+        raise BadFile(f"{error}. Correct the file, or set {CONFIG_VARIABLE}={NONE} to run without it") from error
     values: dict[str, Any] = {}
     for table, pairs in tables.items():
         known = _found(TABLES, table, f"table in {path}")

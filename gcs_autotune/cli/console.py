@@ -79,7 +79,7 @@ class ConsoleOperator:
             return True
         if not sys.stdin or not sys.stdin.isatty():
             raise UsageError(
-                f"cannot ask '{question}': standard input is not a terminal. Add --yes to agree in advance"
+                f"cannot ask '{question}': standard input is not a terminal. Add --yes to answer yes in advance"
                 f"{self._otherwise}"
             )
         answers: list[str] = []
@@ -95,7 +95,9 @@ class ConsoleOperator:
     def _note(self, number: int, frame: FrameType | None) -> None:
         again = self._stop
         self._stop = True
-        _tell("Still restoring; please wait.\n" if again else "\nStopping: restoring mode and parameters.\n")
+        _tell(
+            "Still restoring the vehicle. Please wait.\n" if again else "\nStopping: restoring mode and parameters.\n"
+        )
 
 
 def _tell(text: str) -> None:

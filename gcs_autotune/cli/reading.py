@@ -31,8 +31,8 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         type=Path,
         metavar="RUN",
-        help="run directory, CSV file with name[unit] column heads, telemetry log (.tlog), onboard log (.bin, .log), "
-        "CSV of a log from Mission Planner or mavlogdump, PX4 ULog, MATLAB file or ROS bag",
+        help="run directory, CSV file with column heads like psi[rad], telemetry log (.tlog), onboard log (.bin, "
+        ".log), CSV of a log from Mission Planner or mavlogdump, PX4 ULog, MATLAB file or ROS bag",
     )
 
 
@@ -40,13 +40,13 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add ``--pick``, ``--system-id``, ``--columns`` and ``--full-scale``."""
     read = parser.add_argument_group("reading")
     read.add_argument("--pick", metavar="N[,N]", default="", help="segments of a log, by number (default: all)")
-    add_number(read, "system-id", "ID", meaning="system id of the vehicle, in a .tlog with several")
+    add_number(read, "system-id", "ID", meaning="system id of the vehicle, if the .tlog contains several")
     add_parameters(read)
     read.add_argument(
         "--columns",
         metavar="OLD=NEW,...",
         default="",
-        help="meaning of a file's own column names: t_sim=t[s],heading_deg=psi[deg],cmd=N",
+        help="signal and unit of each column of a CSV file: t_sim=t[s],heading_deg=psi[deg],cmd=N",
     )
     read.add_argument(
         "--full-scale",
@@ -62,8 +62,8 @@ def add_parameters(group: argparse._ArgumentGroup) -> None:
         "--parameters",
         type=Path,
         metavar="FILE",
-        help="the vehicle's parameters (NAME,VALUE lines, as ground stations save them), for a log without them; "
-        "their servo functions map outputs to inputs",
+        help="the vehicle's parameters (NAME,VALUE lines, as ground stations save them), for a log without them. "
+        "The servo functions in them map outputs to inputs",
     )
 
 
@@ -134,5 +134,5 @@ def full_scale(text: str) -> dict[str, float]:
 def _stretches(text: str) -> tuple[int, ...]:
     pieces = [piece.strip() for piece in text.split(",") if piece.strip()]
     if not all(_STRETCH.fullmatch(piece) for piece in pieces):
-        raise UsageError(f"--pick {clipped(text)}: not a list of segment numbers. They count from 1, e.g. --pick 2,3")
+        raise UsageError(f"--pick {clipped(text)}: not a list of segment numbers. Numbers start at 1, e.g. --pick 2,3")
     return tuple(int(piece) for piece in pieces)

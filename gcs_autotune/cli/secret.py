@@ -38,7 +38,7 @@ def signing_of(args: argparse.Namespace, uri: str) -> SigningKey | None:
         if not sys.stdin or not sys.stdin.isatty():
             raise UsageError(
                 "cannot ask for the signing passphrase: standard input is not a terminal. "
-                f"Use --signing-key FILE, or set {PASSPHRASE_VARIABLE}"
+                f"Use --signing-key FILE or set {PASSPHRASE_VARIABLE}"
             )
         return SigningKey.from_passphrase(getpass.getpass("Signing passphrase: "), "passphrase typed")
     passphrase = os.environ.get(PASSPHRASE_VARIABLE)

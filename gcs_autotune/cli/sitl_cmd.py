@@ -39,7 +39,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    description="Run a simulated vehicle (`--list` shows them), or its hull under the real ArduPilot.",
+    description="Run a simulated vehicle (`--list` lists them), or simulate only its hull for the real ArduPilot.",
     add_arguments=_add_arguments,
     run=_run,
 )

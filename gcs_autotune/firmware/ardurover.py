@@ -19,10 +19,10 @@ _HEADING = Axis(
     name="heading",
     law="rover-heading",
     gains=(
-        Gain("ATC_STR_RAT_FF", 0.0, 3.0, "steering per required turn rate"),
-        Gain("ATC_STR_RAT_P", 0.0, 2.0, "steering per turn-rate error"),
-        Gain("ATC_STR_RAT_I", 0.0, 2.0, "steering per accumulated turn-rate error"),
-        Gain("ATC_STR_RAT_D", 0.0, 0.4, "steering per change of turn-rate error"),
+        Gain("ATC_STR_RAT_FF", 0.0, 3.0, "steering output per required turn rate"),
+        Gain("ATC_STR_RAT_P", 0.0, 2.0, "steering output per turn-rate error"),
+        Gain("ATC_STR_RAT_I", 0.0, 2.0, "steering output per accumulated turn-rate error"),
+        Gain("ATC_STR_RAT_D", 0.0, 0.4, "steering output per rate of change of turn-rate error"),
         Gain("ATC_STR_ANG_P", 1.0, 10.0, "turn rate per heading error"),
     ),
     context=(
@@ -56,10 +56,10 @@ _SPEED = Axis(
     gains=(
         Gain("ATC_SPEED_P", 0.01, 2.0, "throttle per speed error"),
         Gain("ATC_SPEED_I", 0.0, 2.0, "throttle per accumulated speed error"),
-        Gain("ATC_SPEED_D", 0.0, 0.4, "throttle per change of speed error"),
-        Gain("ATC_SPEED_FF", 0.0, 0.5, "throttle per required speed, in addition to the cruise pair"),
-        Gain("CRUISE_SPEED", 0.0, 100.0, "speed of the cruise pair"),
-        Gain("CRUISE_THROTTLE", 0.0, 100.0, "throttle of the cruise pair"),
+        Gain("ATC_SPEED_D", 0.0, 0.4, "throttle per rate of change of speed error"),
+        Gain("ATC_SPEED_FF", 0.0, 0.5, "throttle per required speed, added to the cruise throttle"),
+        Gain("CRUISE_SPEED", 0.0, 100.0, "cruise speed, reached at CRUISE_THROTTLE"),
+        Gain("CRUISE_THROTTLE", 0.0, 100.0, "cruise throttle, which gives CRUISE_SPEED"),
     ),
     context=(
         *pid_context("ATC_SPEED"),
@@ -81,8 +81,8 @@ _UNSUITED = (
         "SAIL_ENABLE",
         (1,),
         "a sailboat. Its speed depends on wind and sail trim, not on throttle, so no identified model would be "
-        "valid. To tune it under power, lower the sails, set SAIL_ENABLE to 0 and restart the autopilot; revert "
-        "this afterwards",
+        "valid. To tune it under power, lower the sails, set SAIL_ENABLE to 0 and restart the autopilot. Set "
+        "SAIL_ENABLE back afterwards",
     ),
     Unsuited(
         "FRAME_TYPE",

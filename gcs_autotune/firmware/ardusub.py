@@ -21,7 +21,7 @@ _HEADING = Axis(
     gains=(
         Gain("ATC_RAT_YAW_P", 0.0, 0.5, "yaw output per yaw-rate error"),
         Gain("ATC_RAT_YAW_I", 0.0, 0.05, "yaw output per accumulated yaw-rate error"),
-        Gain("ATC_RAT_YAW_D", 0.0, 0.02, "yaw output per change of yaw-rate error"),
+        Gain("ATC_RAT_YAW_D", 0.0, 0.02, "yaw output per rate of change of yaw-rate error"),
         Gain("ATC_ANG_YAW_P", 0.0, 6.0, "yaw rate per heading error"),
     ),
     context=(

@@ -137,11 +137,11 @@ def _by_function(
             raise PreconditionFailed(
                 f"outputs of this vehicle are assigned to motors ({', '.join(map(str, mixed))}), as on an omni frame, "
                 f"and none to {', '.join(missing)}. Only a rudder, a vectored thruster, or two thrusters side by side "
-                "(73 and 74) can be tuned. If the vehicle has these, set SERVOn_FUNCTION"
+                "(73 and 74) can be tuned. If the vehicle is built like this, set SERVOn_FUNCTION"
             )
         raise OutputsUnassigned(
             f"no output of this vehicle is assigned to {', '.join(missing)}. Set SERVOn_FUNCTION. "
-            "(A boat that steers by two thrusters has functions 73 and 74 instead.)",
+            "A boat that steers by two thrusters uses the functions 73 and 74.",
             told=told,
             of=_OUTPUTS,
         )
@@ -165,8 +165,8 @@ def _read_outputs(parameters: ParameterSource, channels: Iterable[int]) -> dict[
         low, trim, high, is_reversed = (values[f"SERVO{n}_{field}"] for field in fields)
         if not low < trim < high:
             raise PreconditionFailed(
-                f"SERVO{n}_MIN {low:g}, TRIM {trim:g}, MAX {high:g} are not in ascending order. Correct them before "
-                f"tuning"
+                f"SERVO{n}_MIN {low:g}, TRIM {trim:g}, MAX {high:g} are not in ascending order. Correct these "
+                "parameters before tuning"
             )
         outputs[n] = Output(n, trim, low, high, -1.0 if is_reversed else 1.0)
     return outputs

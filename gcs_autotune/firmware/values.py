@@ -86,7 +86,7 @@ def checked(name: str, value: float) -> float:
     fault = values.fault(value)
     if fault:
         raise PreconditionFailed(
-            f"{name} {fault}. Correct it on the vehicle or load a correct parameter file, and try again"
+            f"{name} {fault}. Correct the value on the vehicle or in the parameter file, and try again"
         )
     return value
 

@@ -126,15 +126,15 @@ def no_vehicle_error(
         seen = "data was received, but it is not MAVLink. Check the baud rate"
     else:
         seen = "nothing was received. Check that the vehicle is on, and the port"
-    return NoVehicle(f"no autopilot's heartbeat within {timeout:g} s on {description}: {seen}")
+    return NoVehicle(f"no HEARTBEAT of an autopilot within {timeout:g} s on {description}: {seen}")
 
 
 _CURES = {
-    Refusal.UNSIGNED: "the vehicle has no key on this link. Set one up (Mission Planner: Setup, Advanced, MAVLink "
-    "Signing; MAVProxy: signing setup), or omit --signing-key",
-    Refusal.WRONG: "this is not the vehicle's key. Use the one it was set up with",
-    Refusal.OLD: "they may be a replayed recording, or the vehicle does not receive our messages and so has not set "
-    "its clock",
+    Refusal.UNSIGNED: "the vehicle has no signing key for this link. Set one up (Mission Planner: Setup, Advanced, "
+    "MAVLink Signing; MAVProxy: signing setup), or omit --signing-key",
+    Refusal.WRONG: "the key differs from the vehicle's key. Use the key that the vehicle was set up with",
+    Refusal.OLD: "the messages may be a replayed recording, or the vehicle does not receive our messages and so has "
+    "not set its clock. Check the uplink",
 }
 
 
@@ -149,6 +149,6 @@ def not_believed(signer: Signer, description: str) -> SigningMismatch:
 def cannot_be_commanded(candidate: VehicleCandidate, description: str) -> SigningMismatch:
     """Return the error for a vehicle that signs its messages and does not answer unsigned ones."""
     return SigningMismatch(
-        f"{candidate} on {description} signs its messages and answers none of ours: it accepts only messages signed "
+        f"{candidate} on {description} signs its messages and does not answer: it accepts only messages signed "
         "with its key. Use --signing-key FILE or --signing-passphrase"
     )

@@ -148,7 +148,7 @@ class FramePort:
         try:
             self._tlog.write(frame) if frame else self._tlog.flush()
         except BadFile as error:
-            self._notes.append(f"{error}. Logging stops here")
+            self._notes.append(f"{error}. The telemetry log ends here")
             with suppress(BadFile):
                 self._tlog.close()
             self._tlog = None

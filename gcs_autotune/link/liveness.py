@@ -119,8 +119,8 @@ class Loss:
         if self.share < LOSSY:
             return ""
         return (
-            f"the link loses {100.0 * self.share:.0f} % of what the vehicle sends, by its sequence numbers. Check "
-            "antennas, range and interference, and whether a radio or router on the way is overloaded"
+            f"the link loses {100.0 * self.share:.0f} % of the vehicle's messages (gaps in their sequence numbers). "
+            "Check antennas, range and interference, and whether a radio or router on the way is overloaded"
         )
 
 
@@ -184,7 +184,7 @@ class HeldSender:
             self._notes.append(
                 "two senders use the vehicle's system id on this connection (their sequence numbers "
                 "interleave): another program with the vehicle's id, or a router that joins two links to it. "
-                "Use a signed link if the other one is unknown"
+                "Stop one of them. If the other sender is unknown, use a signed link"
             )
 
     def note_other_sender(self, frame: Frame) -> None:
@@ -200,7 +200,7 @@ class HeldSender:
             self._other_senders[origin] = None
             self._notes.append(
                 f"another sender at {origin} uses the vehicle's ids ({ids}); the vehicle is at {self.origin}. The "
-                "other is ignored. Give one of the two another system id, or use a signed link"
+                "other sender is ignored. Give one of the two another system id, or use a signed link"
             )
         self._suspects.clear()
 
@@ -221,7 +221,7 @@ class HeldSender:
     def hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
         """Accept the sender at *origin* from now on, because the *known* vehicle has moved there."""
         if known is not None:
-            how = "its board's id is the same" if known.uid else "its board reports no id, its firmware is the same"
+            how = "its board's id is the same" if known.uid else "its board reports no id, but its firmware is the same"
             self._notes.append(f"the vehicle now sends from {origin}, not {self.origin} (restarted?): {how}")
         self.origin = origin
         self._suspects.pop(origin, None)

@@ -53,5 +53,5 @@ class Routing:
             self._twins.add((frame.system, frame.component))
             self._notes.append(
                 f"another station on this link also has system id {frame.system}. The vehicle cannot distinguish it "
-                "from this tool and obeys both. Close it"
+                "from this tool and obeys both. Close the other station"
             )

@@ -296,8 +296,8 @@ class Session:
             return ""
         return (
             f"messages with the ids of {self.vehicle} come from {len(others) + 1} addresses: "
-            f"{' and '.join((self._held_sender.origin, *others))}. Only those from the first, "
-            f"{self._held_sender.origin}, are used"
+            f"{' and '.join((self._held_sender.origin, *others))}. Only messages "
+            f"from {self._held_sender.origin} are used"
         )
 
     @property
@@ -399,7 +399,10 @@ class Session:
             self.request_message(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
             begun = self.liveness.listened
             if not self.await_return(_THREE_HEARTBEATS):
-                raise LinkLost(f"lost contact with {self.vehicle} on {self.transport.description}")
+                raise LinkLost(
+                    f"lost contact with {self.vehicle} on {self.transport.description}. Check power, cable and radio "
+                    "range"
+                )
             self.wait_for(
                 lambda: True if len(told) > 1 and self.liveness.listened - begun > _HEARTBEAT_PERIOD else None,
                 _THREE_HEARTBEATS,
@@ -469,7 +472,7 @@ class Session:
         if self.port.signer is None and self._sightings.signs(wanted):
             if not version:
                 raise cannot_be_commanded(wanted, self.transport.description)
-            self.notes.append("the vehicle signs its messages, but accepts unsigned ones on this link")
+            self.notes.append("the vehicle signs its messages, but accepts unsigned messages on this link")
         return wanted.identity(version=version, uid=uid)
 
     def _ask_version(self) -> tuple[str, str]:

@@ -155,9 +155,9 @@ def _put(pick: _Pick, name: str, source: str, t: Array, values: Array) -> None:
 
 
 NO_OUTPUTS = (
-    "it has no servo outputs",
-    "record SERVO_OUTPUT_RAW (onboard: RCOU) and the vehicle's parameters (load all of them once while the ground "
-    "station records), or use a parameter file with --parameters",
+    "the log contains no servo outputs",
+    "record SERVO_OUTPUT_RAW (onboard: RCOU). For the parameters, load all of them once while the ground "
+    "station records, or use a parameter file with --parameters",
 )
 """Cause and remedy for a log that lacks a required output."""
 _OTHER = "neither ArduRover nor ArduSub, so the functions of its outputs are unknown"
@@ -210,7 +210,7 @@ def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
         other = "the log does not identify its autopilot"
         raise PreconditionFailed(other if store.vehicle == UNKNOWN else f"the log is of {store.vehicle}: {_OTHER}")
     if not store.parameters:
-        raise PreconditionFailed("the log has no parameters, so the functions of its outputs are unknown")
+        raise PreconditionFailed("the log contains no parameters, so the functions of its outputs are unknown")
     outputs = with_outputs(store.parameters, store.firmware, store.vehicle)
     try:
         return read_servo_map(RecordedParameters(outputs.values), store.firmware), outputs
@@ -218,8 +218,8 @@ def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
         if error.told == error.of:
             raise
         raise PreconditionFailed(
-            f"the log has {len(store.parameters)} parameters, but only {error.told} of {error.of} SERVOn_FUNCTION, "
-            "so the functions of its outputs are unknown"
+            f"the log contains {len(store.parameters)} parameters, but only {error.told} of {error.of} "
+            "SERVOn_FUNCTION, so the functions of its outputs are unknown"
         ) from error
     except PreconditionFailed as error:
         raise PreconditionFailed(outputs.names.worded(str(error))) from error
@@ -239,7 +239,7 @@ def _assumed(outputs: Outputs) -> list[Note]:
     return [
         (
             "assumed-limits",
-            f"the log does not have all limits of its outputs; firmware defaults are used ({taken})",
+            f"the log does not contain all SERVOn limits. Firmware defaults are used ({taken})",
             "supply the vehicle's parameters with --parameters FILE",
         )
     ]

@@ -163,7 +163,7 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
             start = stream.read(4096)
         is_binary = HEAD in start
         if not is_binary and not FMT_LINE.search(start):
-            raise BadFile(f"{path} is not an ArduPilot log: it starts with neither a binary message nor a FMT line")
+            raise BadFile(f"{path} is not an ArduPilot log: it does not start with a binary message or an FMT line")
         log: BinaryLog | DataflashTextLog = (
             BinaryLog(path.open("rb"))
             if is_binary
@@ -188,7 +188,7 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
             (
                 "damaged-log",
                 f"{' and '.join(w for w in (what, stamps) if w)} were damaged and skipped",
-                "fetch the log again. Such logs have no checksums, so check the figures before you use the result",
+                "fetch the log again. These logs have no checksums, so check the plots before you use the result",
             )
         )
     meta = {

@@ -117,7 +117,7 @@ def _picked(place: Path, runs: list[Trial], pick: Collection[int]) -> list[Trial
     if missing:
         there = "; ".join(r.name for r in runs)
         numbers = ", ".join(map(str, sorted(missing)))
-        raise UsageError(f"{place} has no segment {numbers}; it has: {there}")
+        raise UsageError(f"{place} contains no segment {numbers}. It contains: {there}")
     return found
 
 
@@ -173,8 +173,8 @@ def _of_directory(
     if not found:
         kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in told}))
         raise BadFile(
-            f"{folder} contains no run with an actuator driven long enough to identify from, only: {kinds}. Give "
-            "a CSV file to try it anyway"
+            f"{folder} contains no run in which an actuator is driven long enough for identification, only: {kinds}. "
+            "Give one of its CSV files to try anyway"
         )
     return found
 

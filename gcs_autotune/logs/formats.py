@@ -29,7 +29,7 @@ FIRST_FRAMES = 3
 """Number of consecutive MAVLink frames by which a file is recognised. Project choice."""
 YEARS = (946_684_800_000_000, 4_102_444_800_000_000)
 """Range of valid stamps of telemetry logs [us since 1970]: the years 2000 to 2099."""
-EXPORT = "export it as CSV (comma separated, UTF-8), with a head line like t[s],psi[deg],N[N m]"
+EXPORT = "export it as CSV (comma separated, UTF-8), with a header line like t[s],psi[deg],N[N m]"
 
 
 def _begins(*magic: bytes) -> Callable[[Head], bool]:
@@ -116,7 +116,7 @@ FORMATS: tuple[Format, ...] = (
         "a document of Word or PowerPoint",
         _zipped(lambda names: any(n.startswith(("word/", "ppt/")) for n in names)),
         (".docx", ".pptx"),
-        advice="give the data that it was made from",
+        advice="give the data that the document was made from",
     ),
     Format(
         "a spreadsheet of LibreOffice",
@@ -145,8 +145,8 @@ FORMATS: tuple[Format, ...] = (
         "a log of Betaflight's Blackbox", _begins(b"H Product:Blackbox"), advice="convert it: blackbox_decode {name}"
     ),
     Format("a PDF", _begins(b"%PDF-"), advice="use the original data"),
-    Format("a picture", _begins(b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), advice="use the original data"),
-    Format("a web page", _text(r"<!doctype html|<html"), advice="use the file that it shows or links to"),
+    Format("an image", _begins(b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), advice="use the original data"),
+    Format("a web page", _text(r"<!doctype html|<html"), advice="use the file that the page shows or links to"),
     Format(
         "a track in XML (GPX, KML)", _text(r"<\?xml|<gpx|<kml"), advice="a track has no actuator inputs: use the log"
     ),
@@ -160,12 +160,12 @@ FORMATS: tuple[Format, ...] = (
         "JSON",
         _text(r"\{\s*[\"}]|\[\s*[\[{\"\d-]"),
         (".json",),
-        advice="use CSV with a head line like t[s],psi[deg],N[N m]",
+        advice="use CSV with a header line like t[s],psi[deg],N[N m]",
     ),
     Format(
         "an ArduPilot log without FMT lines (before 2012)",
         _text(r"(ATT|GPS|NTUN|CTUN|RAW|IMU|MOD|PM)\s*:"),
-        advice="it cannot be read: use the telemetry log (.tlog)",
+        advice="such a log is not supported: use the telemetry log (.tlog)",
     ),
     Format(
         "a list of parameters",
@@ -189,7 +189,7 @@ def format_of(path: Path) -> Format | None:
     """
     head = Head.of(path)
     if not head.data and not path.is_dir():
-        raise BadFile(f"{path} is empty (0 bytes). Check the recording and the copy")
+        raise BadFile(f"{path} is empty (0 bytes). Check the recording, or copy the file again")
     form = next((f for f in FORMATS if f.fits(head)), None) or _by_suffix(head)
     if form is not None and form.record is None and form.runs is None:
         inside = ", ".join(visible(name) for name in _members(path)[:3])

@@ -24,7 +24,7 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["FORMAT", "read_mat"]
 
 HEAD = re.compile(rb"MATLAB 5\.0 MAT-file")
-EXPORT = "export it from MATLAB as CSV: writematrix([t psi N], 'run.csv'), with the head line t[s],psi[rad],N[N m]"
+EXPORT = "export it from MATLAB as CSV: writematrix([t psi N], 'run.csv'), with the header line t[s],psi[rad],N[N m]"
 DEEPEST = 8
 """Greatest depth of nested structures. Project choice."""
 SHORTEST = 2
@@ -64,10 +64,14 @@ def read_mat(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     run = trial_of_columns(table, path.name, columns)
     notes = [
         *run.meta.get("notes", ()),
-        ("assumed-units", f"{path.name} has no units: SI is assumed where --columns has none", "give --columns"),
+        (
+            "assumed-units",
+            f"{path.name} contains no units. SI is assumed for columns without a unit in --columns",
+            "state the units with --columns",
+        ),
     ]
     if other:
-        cause = f"vectors of other length than {time} were skipped: {', '.join(map(visible, other[:5]))}"
+        cause = f"vectors whose length differs from {time} were skipped: {', '.join(map(visible, other[:5]))}"
         notes.append(("left-out-vectors", cause, "resample them to the time vector"))
     return [replace(run, name=visible(path.stem), meta={**run.meta, "format": "MATLAB file", "notes": notes})]
 
@@ -92,10 +96,10 @@ def _verify_complete(data: bytes) -> None:
     SciPy 1.17 ends the process by a segmentation fault if an element has an unknown type code.
     """
     if not HEAD.match(data):
-        raise ValueError("it does not start like a MAT file of level 5")
+        raise ValueError("the file does not start like a MAT file of level 5")
     order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
     if order is None or len(data) <= HEADER:
-        raise ValueError("it has no data after its header")
+        raise ValueError("the file contains no data after its header")
     _verify_elements(data[HEADER:], order, 0)
 
 

@@ -57,8 +57,8 @@ def record_mavlogdump(path: Path, system: int | None = None) -> Recording:
     lines = _Lines(path)
     note = (
         "senders-unknown",
-        "this CSV has no sender of messages: all are assigned to one vehicle",
-        "use the .tlog itself if several vehicles were heard",
+        "this CSV does not state the senders of messages. All messages are assigned to one vehicle",
+        "use the .tlog itself if the link carried several vehicles",
     )
     return _recording(path, "mavlogdump CSV", lines, _dumped(lines), None, (note,))
 

@@ -205,8 +205,9 @@ def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> D
         notes.append(
             (
                 "several-vehicles",
-                f"the log contains vehicles {', '.join(map(str, [chosen[0], *also]))}; only {chosen[0]} was read",
-                "select another with --system-id",
+                f"the log contains vehicles {', '.join(map(str, [chosen[0], *also]))}. Only vehicle {chosen[0]} was "
+                "read",
+                "select another vehicle with --system-id",
             )
         )
     decoder = scribes[chosen]
@@ -220,7 +221,7 @@ def _chosen(path: Path, vehicles: Counter[Vehicle], system: int | None) -> Vehic
     mine = [who for who, _ in vehicles.most_common() if who[0] == system]
     if not mine:
         heard = ", ".join(str(s) for s, _ in vehicles)
-        raise UsageError(f"{path} contains no vehicle with system id {system}; it contains {heard}")
+        raise UsageError(f"{path} contains no vehicle with system id {system}. It contains {heard}")
     return mine[0]
 
 

@@ -40,7 +40,7 @@ COLUMNS: tuple[tuple[tuple[tuple[str, str, float], ...], ...], ...] = (
 
 MOTION_ONLY: Note = (
     "motion-only",
-    "QGroundControl's CSV has no actuator outputs, and displayed values once a second",
+    "QGroundControl's CSV contains no actuator outputs, and its values are displayed values, once a second",
     "use the .tlog that QGroundControl saves next to it (settings: Save log after each flight)",
 )
 
@@ -79,7 +79,7 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
     if not rows:
-        raise BadFile(f"{path} has QGroundControl's head line but no row with a time")
+        raise BadFile(f"{path} contains QGroundControl's header line but no row with a time. Use the .tlog")
     notes: list[Note] = [MOTION_ONLY]
     if bad:
         notes.append(("damaged-log", f"{bad} rows of the log were damaged and skipped", "use the .tlog"))

@@ -26,7 +26,7 @@ def parse_columns(text: str) -> dict[str, str]:
         if not equals or not name.strip() or not head.strip():
             raise UsageError(f"--columns: '{piece}' is not name=channel[unit]. Write e.g. heading_deg=psi[deg]")
         if name.strip() in found:
-            raise UsageError(f"--columns has '{name.strip()}' twice. Remove one")
+            raise UsageError(f"--columns contains '{name.strip()}' twice. Remove one")
         found[name.strip()] = head.strip()
     if len({parse_header(h)[0] for h in found.values()}) < len(found):
         raise UsageError("--columns maps two columns to the same channel. Change one")
@@ -45,7 +45,9 @@ def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
     """
     missing = [name for name in mapping if name not in trial]
     if missing:
-        raise UsageError(f"run '{trial.name}' has no column {', '.join(missing)}; it has {', '.join(trial.channels)}")
+        raise UsageError(
+            f"run '{trial.name}' contains no column {', '.join(missing)}. Its columns are {', '.join(trial.channels)}"
+        )
     channels: dict[str, Channel] = {}
     notes = list(trial.meta.get("notes", ()))
     for name, channel in trial.channels.items():
@@ -58,7 +60,7 @@ def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
         if channel.unit not in ("1", si):
             raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}, not {new}[{unit}]")
         if new in channels:
-            raise UsageError(f"run '{trial.name}' would have two channels called {new}")
+            raise UsageError(f"run '{trial.name}' would have two channels called {new}. Map only one column to {new}")
         scale = factor if channel.unit == "1" else 1.0
         channels[new] = replace(channel, name=new, unit=si, values=channel.values * scale)
     return replace(trial, channels=channels, meta={**trial.meta, "notes": notes} if notes else trial.meta)

@@ -121,7 +121,7 @@ def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:
         raise BadFile(f"{path} is a ROS bag that cannot be read ({why}): {INSTEAD}") from None
     if not found:
         shown = ", ".join(visible(f"{name} ({kind})") for name, kind in topics[:8]) or "none"
-        raise BadFile(f"{path} is a ROS bag without a supported topic; it has {shown}: {INSTEAD}")
+        raise BadFile(f"{path} is a ROS bag without a supported topic (its topics: {shown}): {INSTEAD}")
     channels: dict[str, Channel] = {}
     notes: list[Note] = []
     for name, (t, values) in found.items():

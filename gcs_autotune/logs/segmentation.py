@@ -95,10 +95,10 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     ratio = _to_noise(effect, is_angle=effect.unit == "rad")
     step, beat = _interval(cause), _interval(effect)
     reasons = [
-        (high - low < SMALL_INPUT, "nothing", "the input hardly moves"),
+        (high - low < SMALL_INPUT, "nothing", "the input hardly changes"),
         (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
         (swings < FEW_CHANGES, "weak", f"the input reverses only {swings} times"),
-        (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is slow for a small craft"),
+        (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is too slow for a small craft"),
     ]
     verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
     return DofExcitation(
@@ -312,7 +312,7 @@ def _nothing(log: Recording, dropped: list[SkippedPart]) -> str:
     if not dropped:
         return (
             f"{name} contains {long:.0f} s of {stores[0].vehicle}, but it was never armed, so nothing can be "
-            "identified. Record a relay, a zig-zag or steps"
+            "identified. Arm the vehicle, and record a relay, a zig-zag or steps"
         )
     notes = {cause: cure for left in dropped for slug, cause, cure in left.run.meta["notes"] if slug in NO_INPUT}
     whys = {left.why for left in dropped if not left.why.startswith("shorter")}

@@ -35,7 +35,7 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
             (
                 "damaged-log",
                 f"{log.damaged} segments of the log ({log.damaged_bytes} bytes) were damaged and skipped",
-                "record closer to the radio, or use the onboard log (.bin)",
+                "record within good radio range, or use the onboard log (.bin)",
             )
         )
     meta = {

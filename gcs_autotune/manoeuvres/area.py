@@ -135,8 +135,7 @@ def read_area(text: str) -> Area:
         except ValueError:
             raise UsageError(
                 f"--area: {shown(pair)} is not a corner. Write 'lat,lon lat,lon lat,lon' in degrees, or give a "
-                f".geojson "
-                "file"
+                ".geojson file"
             ) from None
         corners.append((lat, lon))
     return Area((_zone(corners, "--area"),), "--area")
@@ -159,7 +158,8 @@ def _check_outline(points: Sequence[Point], where: str) -> None:
     """Reject an outline that spans more than half of the globe, has no area, or crosses itself."""
     if max(lon for _, lon in points) - min(lon for _, lon in points) > 180.0:
         raise UsageError(
-            f"{where}: the area crosses 180 degrees of longitude. Use an area on one side of it, or two flights"
+            f"{where}: the area crosses 180 degrees of longitude. Use an area on one side of this meridian, or two "
+            "flights"
         )
     middle = sum(lat for lat, _ in points) / len(points), points[0][1]
     metres = [flat(lat, lon, middle) for lat, lon in points]
@@ -228,7 +228,7 @@ def _of_file(path: Path) -> Area:
     told: _GeoJson = conformed(load_json(path, "GeoJSON"), _GeoJson, path)  # type: ignore[arg-type]
     rings = next(iter(_polygons(told)), None)
     if not rings:
-        raise BadFile(f"{path} has no polygon. Draw the area as a GeoJSON Polygon")
+        raise BadFile(f"{path} contains no polygon. Draw the area as a GeoJSON Polygon")
     try:
         zones = [_zone([(p[1], p[0]) for p in ring], str(path), inside=k == 0) for k, ring in enumerate(rings)]
     except UsageError as error:

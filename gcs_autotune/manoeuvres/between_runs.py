@@ -52,9 +52,9 @@ class ComeBack(Manoeuvre):
             away = math.hypot(north, east)
             patience = max(patience, SPARE + away / LEAST_WAY)
             if not math.isfinite(away):
-                self._end("stopped", "not moved: the vehicle reports no position")
+                self._end("stopped", "the return was not flown: the vehicle reports no position")
             elif away <= THERE:
-                self._end("completed", f"back, {away:.0f} m from the start")
+                self._end("completed", f"returned to {away:.0f} m from the start")
             elif now.t - start > patience:
                 self._end("stopped", f"still {away:.0f} m from the start after {patience:.0f} s")
             error = math.remainder(math.atan2(east, north) - now.psi, 2.0 * math.pi)

@@ -61,7 +61,7 @@ class Dive(Manoeuvre):
             if now.t - there_since >= s.steady_time:
                 self._end("completed", f"{now.z:.1f} m deep")
             elif elapsed > s.patience and now.t - deep_since >= s.long:
-                self._end("completed", f"{now.z:.1f} m deep: deep enough, but not settled")
+                self._end("completed", f"{now.z:.1f} m deep: deep enough, but the depth has not settled")
             elif elapsed > s.patience:
                 self._end("aborted", self._why(now))
             now = yield DepthTarget(self.target)
@@ -74,4 +74,4 @@ class Dive(Manoeuvre):
         else:
             where += f", with {output:+.2f} of full thrust down" if math.isfinite(output) else ""
             cause = "Check buoyancy, oscillation of the depth loop, and the direction of the vertical thrusters."
-        return f"{where}. {cause} Or take the craft to that depth by hand and start there"
+        return f"{where}. {cause} Or take the craft to this depth by hand and start there"

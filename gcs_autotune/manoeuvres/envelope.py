@@ -60,7 +60,7 @@ class Envelope:
         for limit in fields(self):
             value = getattr(self, limit.name)
             if isinstance(value, (int, float)) and not value >= 0.0:
-                raise UsageError(f"safety limit {limit.name}: {value:g} is not a limit. Use a number of 0 or more")
+                raise UsageError(f"safety limit {limit.name}: {value:g} is not valid. Use a number of 0 or more")
 
     @property
     def speed_limit(self) -> float:
@@ -241,15 +241,15 @@ class Watch:
         shown = _shown(guard, value), _shown(guard, limit)
         if not math.isfinite(value):
             raise GuardTripped(
-                f"safety limit '{guard.name}' can no longer be monitored: the vehicle stopped reporting it (limit "
-                f"{shown[1]}). The actuators were brought to neutral. Check that sensor",
+                f"safety limit '{guard.name}' can no longer be monitored: the vehicle stopped reporting this value "
+                f"(limit {shown[1]}). The actuators were set to neutral. Check the sensor",
                 guard=guard.name,
                 value=value,
                 limit=limit,
             )
         if guard.name == OUTSIDE and self.envelope.area is not None:
             raise GuardTripped(
-                f"the craft is {how_far(value)} outside {self.envelope.area.source}. The actuators were brought to "
+                f"the craft is {how_far(value)} outside {self.envelope.area.source}. The actuators were set to "
                 "neutral. Take the craft to more open water, or use a larger area",
                 guard=guard.name,
                 value=value,
@@ -261,7 +261,7 @@ class Watch:
             else "Fly a smaller, slower or shorter manoeuvre, or, if there is space, set"
         )
         raise GuardTripped(
-            f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were brought to neutral",
+            f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were set to neutral",
             guard=guard.name,
             value=value,
             limit=limit,

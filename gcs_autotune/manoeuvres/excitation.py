@@ -52,7 +52,8 @@ def chirp(options: Mapping[str, float]) -> Signal:
     fade_in, fade_out = options["fade-in"], options["fade-out"]
     if fade_in + fade_out > seconds:
         raise UsageError(
-            f"--fade-in {fade_in:g} s and --fade-out {fade_out:g} s exceed the {seconds:g} s of --duration"
+            f"--fade-in {fade_in:g} s and --fade-out {fade_out:g} s together exceed --duration {seconds:g} s. Reduce "
+            "them"
         )
     rate = math.log(last / first) / seconds
 
@@ -114,6 +115,7 @@ def decay(options: Mapping[str, float]) -> Signal:
     share = options["push"] / options["duration"]
     if share >= 1.0:
         raise UsageError(
-            f"--push {options['push']:g} s is not shorter than the {options['duration']:g} s of --duration"
+            f"--push {options['push']:g} s is not shorter than --duration {options['duration']:g} s. Use a shorter "
+            "--push"
         )
     return lambda x: 1.0 if x < share else 0.0

@@ -55,7 +55,11 @@ class FreeDecay(Manoeuvre):
         self.phase, start = "push the craft down and release it", now.t
         while not abs(now.value(self.signal) - self._rest) > PUSHED:
             if not now.t - start <= PATIENCE:
-                self._end("aborted", f"no push within {PATIENCE:.0f} s: {self.signal} stayed at rest")
+                self._end(
+                    "aborted",
+                    f"no push within {PATIENCE:.0f} s: {self.signal} stayed at rest. Push the craft down and release "
+                    "it",
+                )
                 yield Actuate()
                 return
             now = yield Actuate()
@@ -73,7 +77,9 @@ class FreeDecay(Manoeuvre):
 def _of(force: str) -> ManoeuvreKind:
     """Return the table row for roll (``K``) or pitch (``M``)."""
     if force not in ("K", "M"):
-        raise UsageError(f"hand-release works for roll (--force K) or pitch (--force M). For {force} fly free-decay")
+        raise UsageError(
+            f"hand-release works for roll (--force K) or pitch (--force M). For --force {force} fly free-decay"
+        )
     return ManoeuvreKind(
         name="hand-release",
         help="decay of roll (--force K) or pitch (--force M) after a push by hand, with neutral outputs",

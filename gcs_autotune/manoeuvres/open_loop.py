@@ -293,7 +293,7 @@ WITHOUT_THROTTLE = 0.5
 """Default thrust ahead of a craft without cruise throttle and without --throttle. Project choice."""
 ROOM: Mapping[str, str] = {
     "N": "a few turning circles under way; at the spot without --throttle",
-    "X": "speed times duration, straight ahead",
+    "X": "distance of speed times duration, straight ahead",
     "Y": "a few metres to either side",
     "Z": "the depth the manoeuvre needs",
     "K": "at the spot",
@@ -323,14 +323,14 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "bollard-staircase",
-        "one force in equal steps up and down, in both directions, on a craft tied to a bollard; add the pulls later",
+        "one force in equal steps up and down, in both directions, on a craft tied to a bollard; enter the pulls later",
         lambda given, either_way: staircase(int(given["levels"]), either_way),
         options=("levels",),
         tied=True,
     ),
     _of_any_force(
         "doublets",
-        "one force in one direction, in the other, none; repeated",
+        "one force in one direction, in the other, then none, repeated",
         lambda given, either_way: _DOUBLETS if either_way else levels(1.0, 0.0, 0.5, 1.0, 0.0, 0.5),
         ("steering doublet", "N", partial(_timed, _DOUBLET, "N", 0.0)),
         ("roll doublets", "K", partial(_timed, _DOUBLETS, "K", 0.0)),
@@ -365,7 +365,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "free-decay",
-        "one force for a while, then none: decay of the motion",
+        "one force for a set time, then none, to record the decay of the motion",
         lambda given, either_way: decay(given),
         options=("push",),
         shrinks={"push": 1.0},
@@ -376,7 +376,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         _s_flown,
         ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, sine(3.0), "N", 0.6)),
         ("S-manoeuvre with changing throttle", "X N", _s_throttle),
-        room="speed times duration, straight ahead",
+        room="distance of speed times duration, straight ahead",
         options=("astern",),
     ),
     _steered(

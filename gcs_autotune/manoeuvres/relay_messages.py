@@ -21,9 +21,9 @@ __all__ = [
 def never_settled(settings: RelaySettings, scatter: float) -> str:
     """Return the message for periods that still differ by *scatter* [fraction]."""
     return (
-        f"the limit cycle did not settle in {settings.most_periods} periods: the last ones scatter by "
-        f"{100 * scatter:.0f} %, limit {100 * settings.tolerance:.0f} %. Waves, gusts or a tether disturb it. Wait for "
-        f"calmer water, or use a larger {settings.names.output} or {settings.names.hysteresis}"
+        f"the limit cycle did not settle in {settings.most_periods} periods: the last periods differ by "
+        f"{100 * scatter:.0f} % (limit {100 * settings.tolerance:.0f} %). Waves, gusts or a tether disturb it. Wait "
+        f"for calmer water, or use a larger {settings.names.output} or {settings.names.hysteresis}"
     )
 
 
@@ -36,8 +36,8 @@ def link_too_slow(settings: RelaySettings, period: float) -> str:
     """Return the message for an oscillation of *period* [s] that is too fast for the link."""
     return (
         f"the link is too slow for this craft: it oscillates with a period of {period:.2f} s. Periods below "
-        f"{settings.least_period:.2f} s reflect the link's delay and sampling. Use a faster link, a higher "
-        f"--control-rate, or a larger {settings.names.hysteresis}"
+        f"{settings.least_period:.2f} s depend on the link's delay and sampling, not on the craft. Use a faster "
+        f"link, a higher --control-rate, or a larger {settings.names.hysteresis}"
     )
 
 
@@ -92,4 +92,7 @@ def no_wall(distance: float, least: float) -> str:
         return (
             f"the wall ahead is {distance:.2f} m away, nearer than {least:g} m (--least-distance). Start further away"
         )
-    return "the rangefinder stopped reporting the distance ahead. Face the wall squarely, within its range"
+    return (
+        "the rangefinder stopped reporting the distance ahead. Face the wall at a right angle, within the sensor's "
+        "range"
+    )

@@ -85,6 +85,6 @@ class RelaySettings:
         for name in ("hysteresis", "least_hysteresis"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
-                raise UsageError(f"relay: {name} is {value:g}. The switching value must be finite and above 0")
+                raise UsageError(f"relay: {name} is {value:g}. The hysteresis must be finite and above 0")
         if not (abs(self.throttle) <= 1.0 and math.isfinite(self.reference_speed)):
             raise UsageError(f"relay: throttle {self.throttle:g} or speed {self.reference_speed:g} m/s is out of range")

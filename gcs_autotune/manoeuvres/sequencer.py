@@ -58,7 +58,7 @@ class Sequencer:
             The cause of an early end. By then the actuators are neutral and the record is kept.
         """
         if self._broken:
-            raise PreconditionFailed(f"no further manoeuvre after an abort ({self._broken}). Start a new run")
+            raise PreconditionFailed(f"no further manoeuvre is flown after an abort ({self._broken}). Start a new run")
         outcome = Outcome("aborted", "a program error")
         self._craft.start_recording(manoeuvre.name)
         try:
@@ -136,8 +136,7 @@ class Sequencer:
 
     def _report_not_neutral(self, failure: AutotuneError) -> None:
         self._observer.say(
-            f"Neutral outputs could not be confirmed ({failure}). The vehicle's own override time-out makes them "
-            f"neutral."
+            f"Neutral outputs could not be confirmed ({failure}). The vehicle's override time-out sets them to neutral."
         )
 
 
@@ -145,8 +144,8 @@ ROUNDS = 3
 """Number of attempts to restore a craft whose state changes again. Project choice."""
 
 DISARMED_ITSELF = (
-    "the vehicle was armed before the run, but a restart, a failsafe or another station disarmed it. It is not armed "
-    "again automatically"
+    "the vehicle was armed before the run, but a restart, a failsafe or another station disarmed it. This tool does "
+    "not arm it again"
 )
 """Note for a craft that was armed before the run: this program does not disarm it, and only the operator arms it
 again."""
@@ -201,8 +200,8 @@ def _not_as_found(differences: dict[str, str], trouble: BaseException | None) ->
     what = "; ".join(f"{name}: {why}" for name, why in differences.items())
     first = f"{trouble}. Afterwards the vehicle" if trouble is not None else "the vehicle"
     return NotAsFound(
-        f"{first} could not be restored: {what}. Its own override time-out makes the actuators neutral. Check the "
-        "vehicle by eye, and run `gcs-autotune restore` once it answers again",
+        f"{first} could not be restored: {what}. The vehicle's override time-out sets the actuators to neutral. "
+        "Check the vehicle by eye, and run `gcs-autotune restore` once it answers again",
         differences=differences,
     )
 

@@ -83,7 +83,7 @@ class SetPointRelay(Manoeuvre):
         self._middle = speed - most  # faster than its cruise an autopilot need not let itself be commanded
         if axis.controls_velocity and 0.0 < speed <= 2.0 * most:
             raise UsageError(
-                f"a relay of {self._told(most)} about {self._middle:g} m/s leaves no speed ahead. "
+                f"a relay of {self._told(most)} about {self._middle:g} m/s reaches zero speed. "
                 "Use a smaller --set-point, or more --speed"
             )
 
@@ -155,7 +155,9 @@ class SetPointRelay(Manoeuvre):
         amplitude = 0.5 * (max(last) - min(last))
         if amplitude > LASTS * 0.5 * (max(first) - min(first)) and amplitude > NOISES * self._approach.noise_std:
             self._mark(now.t, "oscillation", {"amplitude": amplitude, "period": period})
-            self._end("completed", f"the loop oscillates on its own, amplitude {self._told(float(f'{amplitude:.3g}'))}")
+            self._end(
+                "completed", f"the loop oscillates without a relay, amplitude {self._told(float(f'{amplitude:.3g}'))}"
+            )
         self._swollen = False
         return now
 
@@ -199,7 +201,10 @@ def _monitor(C: float, x_a: float) -> LimitCycleMonitor:
     return LimitCycleMonitor(C, x_a, periods=PERIODS)
 
 
-_ROOM: Mapping[str, str] = {"depth": "that much depth to either side", "speed": "straight ahead at cruise speed"}
+_ROOM: Mapping[str, str] = {
+    "depth": "the depth of the set-point steps to either side",
+    "speed": "straight ahead at cruise speed",
+}
 
 
 def _make(axis: AxisKind, options: Mapping[str, float]) -> SetPointRelay:
@@ -212,15 +217,15 @@ def _of_force(force: str) -> ManoeuvreKind:
     """Return the row for the loop that drives *force*: heading (N), depth (Z), a boat's speed (X)."""
     axis = next((a for a in AXES.values() if a.names.force == force), None)
     if axis is None:
-        raise UsageError(f"there is no loop for {force}. Use N (heading), Z (depth) or X (speed)")
+        raise UsageError(f"the autopilot has no loop for {force}. Use N (heading), Z (depth) or X (speed)")
     return _row(axis)
 
 
 def _row(axis: AxisKind) -> ManoeuvreKind:
     return ManoeuvreKind(
         name="set-point-relay",
-        help=f"set-point relay: the commanded {axis.name} steps to either side, under the autopilot's own loop; two "
-        f"sizes",
+        help=f"set-point relay: the commanded {axis.name} steps to either side, in two sizes, under the autopilot's "
+        "own loop",
         excites=frozenset({axis.dof}),
         drives=frozenset(),
         make=partial(_make, axis),

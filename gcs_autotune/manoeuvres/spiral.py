@@ -116,7 +116,8 @@ def _within(helm: float) -> float:
 KINDS: tuple[ManoeuvreKind, ...] = (
     ManoeuvreKind(
         name="spiral",
-        help="direct spiral (Dieudonne): a series of rudder angles, to the other side and back, each until steady",
+        help="direct spiral (Dieudonne): rudder angles in steps from one side to the other and back, each held until "
+        "steady",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: DirectSpiral(int(options["levels"]), Steering.of(options)),
@@ -126,8 +127,8 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     ManoeuvreKind(
         name="reverse-spiral",
-        help="reverse spiral (Bech): a series of yaw rates, each held by a slow controller; records the rudder each "
-        "needs",
+        help="reverse spiral (Bech): a series of yaw rates, each held by a slow controller, to record the rudder "
+        "each rate needs",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: BechSpiral(int(options["levels"]), Steering.of(options)),

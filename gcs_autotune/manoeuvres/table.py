@@ -96,7 +96,7 @@ _WALL_RELAY = ManoeuvreKind(
 )
 _STEP = ManoeuvreKind(
     name="step",
-    help="step and step back under the autopilot's own loop: the proof of gains",
+    help="step and step back under the autopilot's own loop, to test gains",
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
@@ -104,7 +104,7 @@ _STEP = ManoeuvreKind(
 )
 _SIGN_CHECK = ManoeuvreKind(
     name="sign-check",
-    help="a pulse and one back, to check that an actuator moves the craft in the right direction",
+    help="a pulse and a pulse back, to check that an actuator moves the craft in the right direction",
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
@@ -112,16 +112,16 @@ _SIGN_CHECK = ManoeuvreKind(
 )
 _THROTTLE_STEPS = ManoeuvreKind(
     name="throttle-steps",
-    help="throttle levels under way, each until the speed is steady",
+    help="throttle levels under way, each held until the speed is steady",
     excites=frozenset({"surge"}),
     drives=frozenset({"X", "N"}),
     needs_way=True,
-    room="a minute straight ahead",
+    room="one minute of travel straight ahead",
     command="experiment surge, and tune speed",
 )
 _TURN_ABOUT = ManoeuvreKind(
     name="turn-about",
-    help="a half circle, back to the start of the last manoeuvre",
+    help="a half circle back towards the start of the last manoeuvre",
     excites=frozenset(),
     drives=frozenset({"X", "N"}),
     needs_way=True,
@@ -140,7 +140,7 @@ _DIVE = ManoeuvreKind(
 )
 _COME_BACK = ManoeuvreKind(
     name="come-back",
-    help="back to the start of the first run, with gentle steering",
+    help="return to the start of the first run, with gentle steering",
     excites=frozenset(),
     drives=frozenset({"X", "N"}),
     needs_way=True,
@@ -150,7 +150,7 @@ _COME_BACK = ManoeuvreKind(
 )
 _CALM_CHECK = ManoeuvreKind(
     name="calm-check",
-    help="thrust off, until roll and pitch have been calm for some seconds",
+    help="wait with thrust off until roll and pitch have been calm for some seconds",
     excites=frozenset(),
     drives=frozenset(),
     identifies=False,

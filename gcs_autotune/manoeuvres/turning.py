@@ -60,9 +60,9 @@ class CircleAndPullOut(UnderWay):
 
     def _stuck(self, turned: float) -> str:
         return (
-            f"the heading changed by {math.degrees(turned):.0f} deg, then by less than {math.degrees(LEAST_GAIN):.0f} "
-            f"deg in {PATIENCE:.0f} s, of {math.degrees(self._turn):.0f} deg required. Use more rudder (--rudder or "
-            "--steering; less if it stalls) or more speed (--throttle)"
+            f"the heading changed by {math.degrees(turned):.0f} deg of {math.degrees(self._turn):.0f} deg, and by "
+            f"less than {math.degrees(LEAST_GAIN):.0f} deg in the last {PATIENCE:.0f} s. Use more rudder (--rudder "
+            "or --steering; less if it stalls) or more speed (--throttle)"
         )
 
 
@@ -80,7 +80,7 @@ class PullOuts(UnderWay):
             now = yield from self._held(helm, now)
             self._execute(f"pull-out {k}", 0.0, now)
             now = yield from self._held(0.0, now, LEAST_PULL_OUT)
-        self._end("completed", "pulled out of a turn to either side")
+        self._end("completed", "pulled out of one turn to each side")
         yield self._command(0.0, now)
 
 
@@ -101,7 +101,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     ManoeuvreKind(
         name="pull-out",
-        help="a steady turn and the rudder amidships, to one side and to the other",
+        help="a steady turn, then rudder amidships, to one side and to the other",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: PullOuts(Steering.of(options)),

@@ -80,9 +80,9 @@ class ZigZag(UnderWay):
     def _too_far(self, executed: int, farthest: float) -> str:
         s = self._settings
         return (
-            f"after execute {executed} the heading reached {math.degrees(farthest):.1f} deg in {s.patience:.0f} s, of "
-            f"{math.degrees(s.heading):g} deg required. Use a smaller --heading, more rudder (--rudder or --steering; "
-            "less if it stalls) or more speed (--throttle)"
+            f"after execute {executed} the heading changed by {math.degrees(farthest):.1f} deg in "
+            f"{s.patience:.0f} s, of {math.degrees(s.heading):g} deg required. Use a smaller --heading, more rudder "
+            "(--rudder or --steering; less if it stalls) or more speed (--throttle)"
         )
 
 
@@ -107,7 +107,7 @@ KIND = ManoeuvreKind(
     drives=frozenset({"N"}),
     make=_make,
     options=("heading", "rudder", "full-rudder", "steering", "executes"),
-    room="ahead about ten seconds of travel, a third of that to either side",
+    room="about ten seconds of travel ahead, and a third of this to either side",
     presets=(
         *(_preset(angle, throttle) for angle in (10.0, 20.0, 35.0) for throttle in (0.3, 0.6, 1.0)),
         _preset(20.0, 0.0),

@@ -50,13 +50,15 @@ def unpack_parameters(data: bytes) -> PackedParameters:
     try:
         return _unpacked(data)
     except (struct.error, IndexError, UnicodeDecodeError) as error:
-        raise BadFile(f"the vehicle's packed parameters are cut off or damaged: {error}") from error
+        raise BadFile(
+            f"the packed parameter file of the vehicle is truncated or damaged: {error}. Try again"
+        ) from error
 
 
 def _unpacked(data: bytes) -> PackedParameters:
     magic, here, whole = _HEAD.unpack_from(data)
     if magic not in (MAGIC, MAGIC_DEFAULTS):
-        raise BadFile(f"not packed parameters: these start with {MAGIC:#x}, not {magic:#x}")
+        raise BadFile(f"the file is not a packed parameter file: it starts with {magic:#x}, not {MAGIC:#x}")
     at, before = _HEAD.size, b""
     values: dict[str, float] = {}
     types: dict[str, int] = {}
@@ -68,7 +70,7 @@ def _unpacked(data: bytes) -> PackedParameters:
         kind, flags = data[at] & 0x0F, data[at] >> 4
         shared, rest = data[at + 1] & 0x0F, (data[at + 1] >> 4) + 1
         if kind not in _TYPES or shared > len(before) or shared + rest > _NAME:
-            raise BadFile(f"the vehicle's packed parameters are damaged at byte {at}")
+            raise BadFile(f"the packed parameter file of the vehicle is damaged at byte {at}. Try again")
         before = before[:shared] + data[at + 2 : at + 2 + rest]
         name = before.decode("ascii")
         at += 2 + rest
@@ -82,6 +84,7 @@ def _unpacked(data: bytes) -> PackedParameters:
                 at += struct.calcsize(code)
     if not len(values) == here == whole or not all(map(math.isfinite, values.values())):
         raise BadFile(
-            f"the vehicle's packed parameters contain {len(values)} of {whole} parameters, or one is not a number"
+            f"the packed parameter file of the vehicle contains {len(values)} of {whole} parameters, or one is not a "
+            "number"
         )
     return PackedParameters(values, types, defaults)

@@ -90,7 +90,7 @@ def load_params(path: Path) -> dict[str, float]:
         raise BadFile(f"{path} cannot be read as a parameter file: {error}") from error
     values = _from_json(path, text) if text.lstrip().startswith("{") else _from_lines(path, text)
     if not values:
-        raise BadFile(f"{path} has no parameters. A line looks like ATC_STR_RAT_P,0.2")
+        raise BadFile(f"{path} contains no parameters. Write each as NAME,VALUE, e.g. ATC_STR_RAT_P,0.2")
     return values
 
 
@@ -115,7 +115,7 @@ def _from_lines(path: Path, text: str) -> dict[str, float]:
         if len(cells) == _QGC_COLUMNS and all(_COUNT.fullmatch(cells[k]) for k in (0, 1, 4)):
             cells = cells[2:4]
         if len(cells) != 2:
-            raise BadFile(f"{path}, line {row}: {shown(line.strip())} is not NAME,VALUE")
+            raise BadFile(f"{path}, line {row}: {shown(line.strip())} is not NAME,VALUE. Write e.g. ATC_STR_RAT_P,0.2")
         name = cells[0]
         if name in lines:
             raise BadFile(f"{path}, line {row}: {shown(name)} is already in line {lines[name]}. Remove one of them")
@@ -132,4 +132,4 @@ def _checked(path: Path, where: str, name: str, value: object) -> float:
             return found
     except Refused:
         pass
-    raise BadFile(f"{path}, {where}: {shown(name)} = {shown(value)} is not a parameter and a number")
+    raise BadFile(f"{path}, {where}: {shown(name)} = {shown(value)} is not a parameter name and a number")

@@ -58,7 +58,7 @@ class SigningKey:
 
     def __init__(self, secret: bytes, origin: str = "") -> None:
         if len(secret) != _KEY_LENGTH:
-            raise UsageError(f"a signing key has {_KEY_LENGTH} bytes, not {len(secret)}")
+            raise UsageError(f"the signing key has {len(secret)} bytes. It must have {_KEY_LENGTH}")
         self._secret = bytes(secret)
         self._origin = origin
 
@@ -98,8 +98,8 @@ class SigningKey:
             lines = []
         if len(lines) != 1 or not lines[0]:
             raise BadFile(
-                f"{path} has no signing key: it must be {_KEY_LENGTH} bytes (the key itself) or one line of text "
-                f"(the passphrase); it has {len(data)} bytes"
+                f"{path} contains no signing key. It must contain {_KEY_LENGTH} bytes (the key) or one line of text "
+                f"(the passphrase), but contains {len(data)} bytes"
             )
         return cls.from_passphrase(lines[0], f"passphrase in {path}")
 
@@ -256,5 +256,5 @@ class StampStore:
     def _note(self, error: Exception) -> None:
         self.trouble = self.trouble or (
             f"the signing time of earlier runs ({self._path}) cannot be stored: {error}. If this computer's clock is "
-            "set back, the vehicle will ignore our messages"
+            "set back, the vehicle ignores this tool's messages"
         )

@@ -169,5 +169,5 @@ def read_tlog(path: Path) -> TlogReader:
         raise BadFile(f"{path} cannot be read: {error.strerror}") from error
     if is_empty:
         stream.close()
-        raise BadFile(f"{path} is empty. Check the recording")
+        raise BadFile(f"the telemetry log {path} is empty. Check the recording")
     return TlogReader(stream)

@@ -66,7 +66,7 @@ def log_document(told: Mapping[str, Any]) -> Document:
 def _log(told: Mapping[str, Any]) -> Iterator[Part]:
     counts = told["counts"]
     damage = f", {counts['damaged']} damaged and skipped" if counts.get("damaged") else ""
-    stamps = f", {counts['damaged_stamps']} damaged stamps" if counts.get("damaged_stamps") else ""
+    stamps = f", {counts['damaged_stamps']} damaged timestamps" if counts.get("damaged_stamps") else ""
     cut = ", truncated in the middle of a message" if counts.get("truncated") else ""
     yield Note(f"{counts.get('messages', 0)} messages{damage}{stamps}{cut}.")
     for number, boot in enumerate(told["boots"], start=1):
@@ -77,10 +77,12 @@ def _log(told: Mapping[str, Any]) -> Iterator[Part]:
         )
         yield Note(_course(boot))
         if boot["dated_by_arrival"]:
-            yield Note(f"Timed by arrival, without a timestamp of their own: {', '.join(boot['dated_by_arrival'])}.")
+            yield Note(
+                f"Messages without a timestamp of their own, timed by arrival: {', '.join(boot['dated_by_arrival'])}."
+            )
     yield _messages(told["messages"])
     if told["truth"]:
-        yield Note(f"The log contains a simulator's true state ({', '.join(told['truth'])}); it is not used.")
+        yield Note(f"The log contains a simulator's true state ({', '.join(told['truth'])}), which is not used.")
 
 
 def _log_runs(told: Mapping[str, Any]) -> Iterator[Part]:
@@ -95,7 +97,7 @@ def _log_runs(told: Mapping[str, Any]) -> Iterator[Part]:
 def _no_run(boots: Sequence[Mapping[str, Any]]) -> str:
     told = [on for boot in boots for _, on in boot["armed"]]
     never = " The vehicle was never armed." if told and not any(told) else ""
-    return f"No run to identify from.{never}"
+    return f"The log contains no run to identify from.{never}"
 
 
 def _course(boot: Mapping[str, Any]) -> str:
@@ -105,7 +107,11 @@ def _course(boot: Mapping[str, Any]) -> str:
     said = [row for i, row in enumerate(said) if i == 0 or row[1] != said[i - 1][1]]
     shown = "; ".join(what if t < AT_ONCE else f"after {format_seconds(t)} {what}" for t, what in said[:CHANGES])
     more = f" and {len(said) - CHANGES} more" if len(said) > CHANGES else ""
-    return f"Timeline: {shown}{more}." if said else "The log has no modes and no arming; it counts as armed throughout."
+    return (
+        f"Timeline: {shown}{more}."
+        if said
+        else ("The log contains no mode and no arming state. The vehicle is taken as armed throughout.")
+    )
 
 
 def _messages(kinds: Mapping[str, Mapping[str, Any]]) -> Table:
@@ -142,11 +148,11 @@ def _plan_sections(result: PlanResult) -> Iterator[Section]:
     yield Section("steps", f"Plan {result.plan.name}: {result.plan.title}", (_steps(result),), facts=IN_RESULT)
     if result.agreements:
         table = _agreements(result.agreements)
-        yield Section("agreements", "Shared parameters, compared between steps", (table,), facts=IN_RESULT)
+        yield Section("agreements", "Agreement of parameters that several steps identify", (table,), facts=IN_RESULT)
     joint = _plan_parameters(result)
     yield Section("parameters", "Parameters of the joint fit of all runs", (joint,), facts=IN_RESULT)
     if result.final is not None:
-        parts = (_final(result), Note(f"Fit {result.final.fit_percent:.1f} % on average."))
+        parts = (_final(result), Note(f"Mean fit: {result.final.fit_percent:.1f} %."))
         yield Section("final", "Final validation on held-out runs", parts, facts=IN_RESULT)
 
 
@@ -154,7 +160,7 @@ def _steps(result: PlanResult) -> Table:
     rows = []
     for s in result.steps:
         checked = UNKNOWN if s.validation is None else f"{s.validation.fit_percent:.1f} %"
-        remark = "" if s.unseen else "on its own run"
+        remark = "" if s.unseen else "on the run used for the fit"
         rows.append((s.step.name, str(len(s.fit.used)), f"{s.fit.fit_percent:.1f} %", checked, remark))
     rows += [(name, "0", UNKNOWN, UNKNOWN, "no runs") for name in result.skipped]
     return Table(("step", "runs", "fit", "validation", "remark"), "lrrrl", tuple(rows))
@@ -231,12 +237,12 @@ def _row(figure: Figure) -> tuple[str, ...]:
 
 
 _MEANING = {
-    "a_f": "ahead, per squared command",
-    "b_f": "ahead, per command",
-    "a_b": "astern, per squared command",
-    "b_b": "astern, per command",
-    "x_f": "start of thrust ahead",
-    "x_b": "start of thrust astern",
+    "a_f": "force ahead per squared command",
+    "b_f": "force ahead per command",
+    "a_b": "force astern per squared command",
+    "b_b": "force astern per command",
+    "x_f": "command at which thrust ahead starts",
+    "x_b": "command at which thrust astern starts",
     "offset": "zero offset of the dynamometer",
 }
 
@@ -251,15 +257,19 @@ def thruster_document(fit: ThrusterFit) -> Document:
     """Return the report of a thruster map: its structure, and commands for required forces."""
     m = fit.map
     low, high = m.dead_zone
-    way = "A higher command thrusts ahead." if m.direction > 0 else "A higher command thrusts astern."
+    way = (
+        "A higher command gives more thrust ahead."
+        if m.direction > 0
+        else ("A higher command gives more thrust astern.")
+    )
     zone = (
-        f"No dead zone; neutral at {format_number(m.neutral)} {pretty_unit(m.unit)}".rstrip() + "."
+        f"No dead zone. Neutral at {format_number(m.neutral)} {pretty_unit(m.unit)}".rstrip() + "."
         if low == high
         else f"Dead zone from {format_number(low)} to {format_number(high)} {pretty_unit(m.unit)}."
     )
     scatter = _force_left(fit, fit.noise)
     heading = f"Thruster map of {fit.pulls.name}: {fit.structure.name}"
-    quality = Note(f"{way} {zone} Scatter of one reading: {scatter} N; fit {fit.fit_percent:.1f} %.")
+    quality = Note(f"{way} {zone} Standard deviation of one reading: {scatter} N. Fit: {fit.fit_percent:.1f} %.")
     return Document(
         title=heading,
         doubts=doubt_sentences(fit.doubts),
@@ -277,7 +287,10 @@ def propeller_document(fit: PropellerFit) -> Document:
     rows = tuple((p.name, format_value(p.value, p.std), pretty_unit(p.unit) or "1") for p in fit.parameters.values())
     noise = ", ".join(f"{n} {format_number(s)}" for n, s in fit.noise.items())
     heading = f"Propeller: {fit.kind}"
-    parts = (Table(("coefficient", "value ± std", "unit"), "lrl", rows), Note(f"Scatter of one run: {noise}."))
+    parts = (
+        Table(("coefficient", "value ± std", "unit"), "lrl", rows),
+        Note(f"Standard deviation of one run: {noise}."),
+    )
     return Document(
         title=heading,
         doubts=doubt_sentences(fit.doubts),

@@ -100,15 +100,18 @@ class Access:
         """Return what is wrong with ``Host`` and ``Origin``; empty if nothing is."""
         host = headers.get("host", "")
         if not self._is_ours(_name_of(f"//{host}")):
-            return f"{shown(host, 100)} is not a name of this server. If it is, start it with --allow-host"
+            return (
+                f"{shown(host, 100)} is not a known name of this server. Start the server with --allow-host to accept "
+                "it"
+            )
         return self._trouble_with_origin(host, headers) if origin_too else ""
 
     def _trouble_with_origin(self, host: str, headers: Headers) -> str:
         origin = headers.get("origin")
         if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
-            return "request from another page rejected; only this server's own page is allowed"
+            return "request from another page rejected. Use this server's own page"
         if origin is not None and not (_netloc_of(origin) == host or _name_of(origin) in self._hosts):
-            return f"request from a page of {shown(origin, 100)} rejected; only this server's own page is allowed"
+            return f"request from a page of {shown(origin, 100)} rejected. Use this server's own page"
         return ""
 
     def _is_ours(self, name: str) -> bool:
@@ -135,7 +138,7 @@ class Access:
         if self.has_token(headers):
             return None
         if not given:
-            return 401, "view only: open the link with the token that the server showed"
+            return 401, "view only. To control runs, open the link with the token that the server showed at its start"
         wrong = self._wrong.setdefault(address, [])
         now = self._now()
         wrong[:] = [t for t in wrong if now - t < WITHIN][-WRONG:]
@@ -144,7 +147,7 @@ class Access:
         wrong.append(now)
         while len(self._wrong) > _ADDRESSES:
             self._wrong.popitem(last=False)
-        return 403, "wrong token. The server shows a new one at every start: open the link that it shows"
+        return 403, "wrong token. The server creates a new token at every start. Open the link that it shows"
 
 
 def _name_of(url: str) -> str:
@@ -215,7 +218,9 @@ class AccessMiddleware:
         if scope["type"] == "websocket" or scope["method"] in _SAFE:
             return None
         if TOKEN_HEADER not in headers:
-            return 401 if self._access.token else 403, "the page's own header is missing. Open the page's link again"
+            return 401 if self._access.token else 403, (
+                "the request is not from this server's page. Open the page's link again"
+            )
         return self._access.refusal(headers, _address_of(scope))
 
 

@@ -158,7 +158,7 @@ def _page() -> list[BaseRoute]:
     async def static(request: Request) -> Response:
         name = request.path_params["name"]
         if name not in FILES:
-            return JSONResponse({"error": "this file does not exist"}, 404)
+            return JSONResponse({"error": "this file does not exist. Reload the page"}, 404)
         return FileResponse(STATIC / name, media_type=FILES[name])
 
     return [Route("/", index), Route("/static/{name}", static)]
@@ -215,7 +215,7 @@ def _touching(
     async def start(request: Request) -> Response:
         chosen = await _body(request)
         if control.is_running:
-            return JSONResponse({"error": "a run is in progress. Stop it, or wait for its end"}, 409)
+            return JSONResponse({"error": "a run is in progress. Stop it, or wait until it ends"}, 409)
         return JSONResponse({"name": control.start(chosen, datetime.now())})
 
     async def work(request: Request) -> Response:
@@ -234,7 +234,7 @@ def _answered(handler: Handler) -> Handler:
         except UsageError as error:
             return JSONResponse({"error": str(error)}, 400)
         except TimeoutError:
-            return JSONResponse({"error": "the request was incomplete. Try again"}, 408)
+            return JSONResponse({"error": "the request arrived incomplete. Try again"}, 408)
         except (ValueError, KeyError, TypeError, ArithmeticError):
             return JSONResponse({"error": "the server cannot read this request. Reload the page"}, 400)
 

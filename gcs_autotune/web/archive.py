@@ -94,7 +94,7 @@ class Archive:
                 return path
         except (OSError, ValueError):
             pass
-        raise UsageError("this run or file does not exist")
+        raise UsageError("this run or file does not exist. Reload the page")
 
     async def take_in(self, name: str, size: int | None, pieces: AsyncIterator[bytes], now: datetime) -> str:
         """Store a dropped file in its own folder and return that folder's name. *size*: the announced size, if
@@ -136,13 +136,13 @@ def _models(folder: Path) -> list[Path]:
 
 
 def _too_large() -> str:
-    return f"the file is larger than {MOST_BYTES // (1024 * 1024)} MB. Cut it, or use the command line"
+    return f"the file is larger than {MOST_BYTES // (1024 * 1024)} MB. Shorten the log, or use the command line"
 
 
 def _see_spare(folder: Path, size: int) -> None:
     """Check that *size* more bytes leave enough disk space for a run that may be recording."""
     if shutil.disk_usage(folder).free < size + _SPARE:
-        raise UsageError("the disk is nearly full; nothing was stored. Free some space first")
+        raise UsageError("the disk is nearly full, so nothing was stored. Free some disk space")
 
 
 async def _write(path: Path, pieces: AsyncIterator[bytes]) -> None:

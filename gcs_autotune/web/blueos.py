@@ -29,7 +29,7 @@ def registration() -> dict[str, Any]:
     """Return the response of ``/register_service``."""
     return {
         "name": _NAME,
-        "description": "Identify and tune a boat or ROV from a short experiment, and prove the gains.",
+        "description": "Identify and tune a boat or ROV from a short experiment, and test the gains by a step.",
         "icon": "mdi-tune-vertical-variant",
         "company": "gcs_autotune",
         "version": __version__,
@@ -93,7 +93,7 @@ def blueos_routes(access: Access, stop: Callable[[], bool]) -> list[BaseRoute]:
 
     async def joystick_stop(request: Request) -> Response:
         if not access.may_stop(request.query_params.get("key", "")):
-            return JSONResponse({"error": "wrong key for STOP of this server"}, 403)
+            return JSONResponse({"error": "the key of this STOP request is not the key of this server"}, 403)
         return JSONResponse({"stopping": stop()})
 
     return [

@@ -59,9 +59,9 @@ class Desk:
         """Start a calculation. Raises ``UsageError`` if this is not possible."""
         lookup(VERBS, verb, "work")
         if dof not in DOFS:
-            raise UsageError(f"dof is one of {', '.join(DOFS)}")
+            raise UsageError(f"unknown degree of freedom. Use one of {', '.join(DOFS)}")
         if self._task is not None and not self._task.done():
-            raise UsageError("another job is running. Wait for its end")
+            raise UsageError("another job is running. Wait until it ends")
         entry, folder = self._archive.entry(name), self._archive.path(name)
         file = folder / entry["log"] if entry["log"] else folder
         if verb == "list" and not entry["log"]:
@@ -93,7 +93,7 @@ class Desk:
                     text = (text + piece.decode(errors="replace"))[-_TEXT:]
                 code = await process.wait()
         except TimeoutError:
-            code, text = -1, text + f"\nstopped after {LONGEST:.0f} s"
+            code, text = -1, text + f"\nstopped: the time limit of {LONGEST:.0f} s was reached"
         except asyncio.CancelledError:
             code, text = -1, text + "\nstopped: a run was started and has priority"
         finally:
@@ -160,7 +160,7 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
 
     def work(told: Mapping[str, Any]) -> Response:
         if is_running():
-            return JSONResponse({"error": "a run is in progress and has priority. Wait for its end"}, 409)
+            return JSONResponse({"error": "a run is in progress and has priority. Wait until it ends"}, 409)
         desk.start(str(told["name"]), str(told["verb"]), str(told.get("dof", "yaw")))
         return JSONResponse({"ok": True})
 

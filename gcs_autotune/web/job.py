@@ -27,7 +27,7 @@ _STDERR = 8000
 _RESTORED = 8
 _MEANINGS: Mapping[int, str] = {
     0: "done",
-    _RESTORED: "tuned, but the old gains proved better and were restored",
+    _RESTORED: "tuned, but the old gains were better and were restored",
     **{code: meaning for _, code, meaning in EXIT_CODES},
 }
 
@@ -146,7 +146,7 @@ def _listed(thing: Any) -> list[Any]:
 
 def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
     if left is None and not (directory / "journal.jsonl").exists():
-        return True, "The run ended before arming; nothing was moved or written."
+        return True, "The run ended before arming. Nothing was moved or written."
     if left is None:
         return False, (
             "The state of the craft is unknown. Take over by hand, then run "
@@ -166,11 +166,11 @@ def _as_to_parameters(directory: Path) -> list[str]:
     if not before:
         return []
     if not after:
-        return ["The parameters at the end are not recorded."]
+        return ["The run did not record the parameters at its end."]
     changed = [f"{name} {before[name]:g} -> {after[name]:g}" for name in before if after.get(name) != before[name]]
     if changed:
         return [
-            f"Parameters read back: {', '.join(changed)}; the other {len(before) - len(changed)} as before the run."
+            f"Parameters read back: {', '.join(changed)}; the other {len(before) - len(changed)} are as before the run."
         ]
     return [f"Parameters read back: all {len(before)} as before the run."]
 

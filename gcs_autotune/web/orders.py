@@ -25,9 +25,9 @@ from gcs_autotune.web.archive import Archive
 __all__ = ["RunOrder", "fields", "make_order"]
 
 JOBS: Mapping[str, str] = {
-    "tune": "Tune: experiments, model, gains, proof",
-    "experiment": "Experiment: identify, write nothing",
-    "fly": "Fly a standard manoeuvre: preview, figures and model, write nothing",
+    "tune": "Tune: experiments, model, gains, test by a step",
+    "experiment": "Experiment: identify a model; writes no parameter",
+    "fly": "Fly a standard manoeuvre: preview, figures and model; writes no parameter",
 }
 """Jobs that can be started -> what they do, in a line."""
 _ASKED: Mapping[str, tuple[str, ...]] = {
@@ -167,7 +167,7 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
     words += _model(chosen, job, runs)
     words += ["--fetch-log"] * (chosen.get("fetch_log") is True)
     if len(uri) > _LONGEST_URI or not uri.isprintable():
-        raise UsageError("link: not a connection string")
+        raise UsageError("link: not a connection URI. Write e.g. udpin:0.0.0.0:14550")
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")[:60]
     directory = _fresh(runs / f"{now:%Y%m%d-%H%M%S}-{label}-{what}")
     title = f"preview of {what}" if job == "fly" and dry else f"{job} {what}"
@@ -191,7 +191,7 @@ def _area(corners: str) -> list[str]:
         return []
     if len(corners) > _LONGEST_AREA or not set(corners) <= set("0123456789.,;+- "):
         raise UsageError(
-            "area: write 'lat,lon lat,lon lat,lon' in degrees; a file works only with fly --area in a terminal"
+            "area: write 'lat,lon lat,lon lat,lon' in degrees. A file works only with fly --area in a terminal"
         )
     try:
         read_area(corners)
@@ -205,10 +205,10 @@ def _model(chosen: Mapping[str, Any], job: str, runs: Path) -> list[str]:
     name, _, inner = str(chosen.get("model") or "").partition("/")
     if not name or job == "experiment":
         if str((chosen.get("numbers") or {}).get("full-scale", "")).strip() and job != "experiment":
-            raise UsageError("full-scale applies to a model. Choose a model too")
+            raise UsageError("full-scale applies only to a model. Choose a model, or leave full-scale empty")
         return []
     if not inner.endswith(".json"):
-        raise UsageError("model: not a model file of a run")
+        raise UsageError("model: not a model file of a run. Choose one from the list")
     try:
         return [f"--model={Archive(runs).path(name, inner)}"]
     except UsageError as error:
@@ -221,12 +221,12 @@ def _fresh(path: Path) -> Path:
 
 def _numbers(given: Any, job: str, axis: str, options: Sequence[str] = ()) -> list[str]:
     if not isinstance(given, Mapping):
-        raise UsageError("the numbers are not an object of names and values")
+        raise UsageError("the settings are not an object of names and values")
     asked = {name for names in _ASKED.values() for name in names} | set(options)
     words = []
     for name, text in given.items():
         if name not in asked:
-            raise UsageError(f"unknown number '{str(name)[:40]}'")
+            raise UsageError(f"unknown setting '{str(name)[:40]}'")
         if not str(text).strip() or job not in _ONLY.get(name, JOBS):
             continue
         try:

@@ -108,7 +108,9 @@ class _Server(uvicorn.Server):
         if not self._control.is_running:
             self.should_exit = True  # uvicorn's own way raises the signal again once all is closed
             return
-        self._say("Still restoring; please wait." if self._wanted else "Stopping: restoring mode and parameters.")
+        self._say(
+            "Still restoring the vehicle. Please wait." if self._wanted else "Stopping: restoring mode and parameters."
+        )
         self._wanted = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -152,15 +154,15 @@ def _listen(host: str, port: int) -> socket.socket:
 def told(host: str, port: int, token: str) -> list[str]:
     """Return the text for the terminal: the link, and if a token is needed, with the token and as QR code."""
     if not token:
-        return [f"page: http://{_bracketed(host)}:{port}/  (this computer only; Ctrl-C ends it)"]
+        return [f"page: http://{_bracketed(host)}:{port}/  (this computer only; Ctrl-C ends the server)"]
     link = f"http://{_bracketed(_seen_from_elsewhere(host))}:{port}/#{token}"
     code = segno.make(link, micro=False)
     dots = "\n".join(_blocks([list(row) for row in code.matrix_iter(border=2)]))
     return [
         f"page: {link}",
         dots,
-        "Everyone with this link can start and stop runs; it is shown once. Without the part after # the page is view "
-        "only. The connection is not encrypted: use it on a network you trust. Ctrl-C ends it.",
+        "Everyone with this link can start and stop runs. It is shown once. Without the part after # the page is view "
+        "only. The connection is not encrypted: use a network you trust. Ctrl-C ends the server.",
     ]
 
 

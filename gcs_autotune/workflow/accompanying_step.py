@@ -84,7 +84,7 @@ def within(limit: float, proof: Proof, known: Known) -> Proof:
     size = share * s.size
     if not size > LEAST_NOISES * known.noise_std:
         raise PreconditionFailed(
-            f"the heading limit of {math.degrees(limit):.0f} deg is too small for it. "
+            f"the heading limit of {math.degrees(limit):.0f} deg is too small for this step. "
             "Use a larger --max-heading-excursion"
         )
     return replace(proof, settings=replace(s, size=size, base=-0.5 * size))

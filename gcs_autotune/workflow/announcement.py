@@ -39,7 +39,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
         turns = FAR_OUT * envelope.distance_limit
         between = f". Between stages it turns around if it is more than {turns:.0f} m away" if turns < metres else ""
         between = ". It turns around before each stage" if not settings.ends_early else between
-        return f"need up to {metres:.0f} m from the start{usually}{between}. A smaller --max-distance needs less"
+        return f"need up to {metres:.0f} m from the start{usually}{between}. A smaller --max-distance reduces this"
     below = ""
     if excitation_of(dof).below_surface:
         below = f", and {deepest(dof, settings, now):.0f} m of depth"
@@ -61,7 +61,7 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
     """
     metres, usual, moves = excursion.metres(envelope), excursion.usual, excursion.distance >= 1.0
     deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
-    ends = " (the run ends there: --max-distance)" if excursion.needs > metres else ""
+    ends = " (--max-distance ends the run there)" if excursion.needs > metres else ""
     far = f"up to {metres:.0f} m from the start{ends}" if moves else "only the water around the craft"
     longest = exactly(LATE * excursion.seconds)
     if usual is None:
@@ -99,7 +99,8 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
     """Return a sentence on the battery: the known state, the charge needed for the run, and the assumed consumption."""
     share = math.ceil(20.0 * seconds / 3600.0) * 5
     draws = (
-        f"about {share} % of a battery that lasts an hour at this power (assumed; the vehicle does not report its draw)"
+        f"about {share} % of a battery that lasts an hour at this power (assumed: the vehicle does not report its "
+        "current)"
     )
     known = []
     if math.isfinite(now.battery_remaining):
@@ -108,7 +109,7 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
         ends = f", limit {envelope.battery_voltage:g} V" if envelope.battery_voltage > 0.0 else ""
         known.append(f"{now.battery_voltage:.1f} V now{ends}")
     if not known:
-        return f"use {draws}. The vehicle does not report its battery, so it is not monitored"
+        return f"use {draws}. The vehicle does not report its battery, so the battery is not monitored"
     return f"use {draws} ({', '.join(known)})"
 
 
@@ -119,8 +120,8 @@ def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[str, ...]
     """
     if settings.patience <= 0.0:
         return ()
-    again = "" if armed else ", and arm again, after asking, if it was disarmed"
-    return (f"continue after a silence of up to {settings.patience:g} s (--patience){again}",)
+    again = "" if armed else ", and arm the vehicle again, after asking, if it was disarmed"
+    return (f"continue if messages stop for up to {settings.patience:g} s (--patience){again}",)
 
 
 def _minutes(seconds: float) -> str:

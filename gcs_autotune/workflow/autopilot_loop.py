@@ -61,12 +61,12 @@ def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axi
     gains = [gain.parameter for gain in axis.gains if gain.parameter in missing]
     if gains:
         raise ParameterMissing(
-            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, nor any newer known name of it. "
-            "Its firmware is too old, too new or lacks that feature",
+            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, also not under a newer name. "
+            "Check the firmware: it is too old, too new, or built without this loop",
             name=gains[0],
         )
     if missing:
-        log.say(f"this firmware has no {', '.join(missing)}; the design omits it")
+        log.say(f"this firmware has no {', '.join(missing)}. The design omits it")
     return axis.called(names), found
 
 
@@ -113,7 +113,7 @@ class _AutopilotLoop:
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
             there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
             log.say(
-                f"both are compared over the first {there_and_back} of step and step back, the part that both recorded"
+                f"both flights are compared over the first {there_and_back} of step and step back, which both contain"
             )
         then, now, scatter, log.proposal = context.run_in_background(
             _compared, criteria, before, after, alike, log.proposal
@@ -252,12 +252,12 @@ class _SuppliedGains(_AutopilotLoop):
 def _offer_of(proposal: Proposal, measured: StepMetrics) -> Offer:
     """Return the offer that *proposal* makes, compared with the step *measured* with the present gains."""
     if not proposal.changes:
-        return Offer((), "no better gains than the present ones exist inside the documented ranges")
+        return Offer((), "no gains within the documented ranges are better than the present gains")
     old, new = proposal.before.metrics.itae, proposal.after.metrics.itae
     refusal = ""
     if new >= max(old, measured.itae):
         # They promise no better step than the present ones promise, and no better than these were just seen to give.
-        refusal = "the present gains are better than the prediction of any gains with the required margins"
+        refusal = "no gains with the required margins are predicted to be better than the present gains"
     return Offer(proposal.changes, refusal, _promise(proposal), (old, new, new * (1.0 + proposal.spread)))
 
 
@@ -292,16 +292,16 @@ def on_the_other_axis(
     other = others[0]
     mine = {gain.parameter for gain in axis.gains}
     shared = ", ".join(axis.names.own(gain.parameter) for gain in other.gains if gain.parameter in mine)
-    head = f"`tune {axis.name}` and `tune {other.name}` both set {shared}, and the later one wins."
+    head = f"`tune {axis.name}` and `tune {other.name}` both set {shared}. The later tune overwrites the earlier one."
     if measured is not None:
         reached = max(1.0 - measured[1].steady_error, 0.0)
-        yield f"{head} These gains were proved in both modes: turn rates reach {reached:.0%} of the commanded rate" + (
-            "" if reached >= ENOUGH else f"; `tune {other.name}` would follow them better and hold headings worse"
+        yield f"{head} These gains were tested in both modes: turn rates reach {reached:.0%} of the commanded rate" + (
+            "" if reached >= ENOUGH else f". `tune {other.name}` would improve turn rates and worsen heading hold"
         )
     elif beside.after > WORSE * beside.before:
         yield (
-            f"{head} Predicted: the {other.name} shortfall is {beside.after:.1%}, before "
-            f"{beside.before:.1%}. Run `tune heading` for gains for both"
+            f"{head} Predicted shortfall in {other.name}: {beside.after:.1%} (before: "
+            f"{beside.before:.1%}). Run `tune heading` to design for both loops"
         )
 
 
@@ -310,6 +310,6 @@ def _promise(proposal: Proposal) -> str:
     old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
     return (
         f"predicted: ITAE {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
-        f"{new.overshoot:.0%}; margins at worst {format_factor(low.gain, 2)} in gain, "
+        f"{new.overshoot:.0%}; smallest margins {format_factor(low.gain, 2)} in gain, "
         f"{math.degrees(low.phase):.0f} deg in phase"
     )

@@ -113,7 +113,7 @@ def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
 def agreed(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
     """Return whether the operator agrees. A simulated vehicle needs no answer; the log reports this."""
     if craft.session.transport.is_simulated:
-        observer.say(f"{question} Simulated vehicle: yes.")
+        observer.say(f"{question} yes (simulated vehicle)")
         return True
     return ask(craft, operator, question)
 
@@ -124,7 +124,7 @@ def ask_now(craft: MavlinkCraft, operator: Operator, observer: Observer, questio
     The flight mode stays unchanged and the sticks stay neutral.
     """
     if not answers_questions(operator):
-        observer.say(f"{question} No operator to ask (--yes): no.")
+        observer.say(f"{question} no (--yes: no operator to ask)")
         return False
     return operator.ask(question, craft.session.pump)
 

@@ -66,7 +66,7 @@ def connect(
             record.make()
         observer.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
         if connection.signing is not None:
-            observer.say(f"signing with the {connection.signing.origin}; unsigned messages are rejected")
+            observer.say(f"messages are signed with the {connection.signing.origin}; unsigned messages are rejected")
         with Session(
             transport,
             source_system=connection.source_system or 255,
@@ -159,7 +159,9 @@ def _vitals(craft: MavlinkCraft) -> Vitals:
 
 def say_link_times(craft: MavlinkCraft, observer: Observer) -> None:
     """Report the link delays of a craft that was just armed, and the shortest oscillation period that they allow."""
-    observer.say(f"link: {craft.link_times}; the shortest oscillation that can be flown is {craft.least_period:.1f} s")
+    observer.say(
+        f"link: {craft.link_times}; shortest period of an oscillation that can be flown: {craft.least_period:.1f} s"
+    )
 
 
 def _leave(craft: MavlinkCraft) -> None:

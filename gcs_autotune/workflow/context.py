@@ -79,7 +79,7 @@ class TuneContext:
         if flown is not None:
             self.visit.keep(flown)
             self.log.flown(flown)
-            self.log.say(f"{stage}: not flown; using {flown.name} of the earlier run")
+            self.log.say(f"{stage}: not flown. Using {flown.name} from the earlier run")
             return flown
         self.come_down()
         self.log.say(stage)
@@ -162,13 +162,13 @@ class TuneContext:
     def _with_throttle(self, throttle: float) -> TuneContext:
         """Report the *throttle* [fraction] just measured and return the context with that throttle."""
         pair = (
-            f"{self.throttle:.0%} throttle drives the boat far faster than {self.speed:g} m/s, the speed of "
-            f"CRUISE_SPEED and CRUISE_THROTTLE; {throttle:.1%} is enough"
+            f"{self.throttle:.0%} throttle drives the boat much faster than {self.speed:g} m/s, so CRUISE_SPEED and "
+            f"CRUISE_THROTTLE do not match. {throttle:.1%} throttle is enough"
         )
-        self.log.say(f"{pair} and is used")
+        self.log.say(f"{pair} and is used now")
         self.runner.too_fast = (
-            f"{pair}. The autopilot uses that pair. Tune speed first, which measures and writes it, or set "
-            f"CRUISE_THROTTLE to {max(100.0 * throttle, 1.0):.0f}"
+            f"{pair}. The autopilot also uses these two parameters. Run `tune speed` first, which measures and "
+            f"writes them, or set CRUISE_THROTTLE to {max(100.0 * throttle, 1.0):.0f}"
         )
         return replace(self, throttle=throttle)
 

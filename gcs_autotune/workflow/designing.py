@@ -58,7 +58,7 @@ def design_from_fit(context: TuneContext, found: Identified, criteria: StepCrite
             log.proposal = context.run_in_background(_design_with_curve, curved, axis, context.present, spec)
             return log.proposal
         except NoGainsMeetSpec as error:
-            log.say(f"with the thrust curve {error}; designing without it")
+            log.say(f"design with the identified thrust curve failed: {error}. Designing without the curve")
             log.fit = fit
     log.proposal = context.run_in_background(
         design, fit.model, fit.craft_covariance, axis, context.present, spec, reduction
@@ -81,7 +81,7 @@ def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, c
     log, file = context.log, given.file
     share = context.run_in_background(explained, given, flown)
     if not math.isnan(share):
-        strange = "" if share >= STRANGE else ". Check that it is a model of this craft, at this speed and full scale"
+        strange = "" if share >= STRANGE else ". Check that the model is of this craft, at this speed and full scale"
         log.say(f"the model '{file.name}' explains {share:.0f} % of the step just flown{strange}")
     log.say(f"designing from the model '{file.name}'")
     spec = replace(_spec(context, log.speed_of([flown]), criteria, flown), full_scale=given.full_scale)

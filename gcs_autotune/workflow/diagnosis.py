@@ -61,7 +61,7 @@ class DiagnosisSettings:
         left = tuple(s for s in (self.effects if self.effects is not None else EFFECTS) if s not in self.without)
         if not left:
             raise UsageError(
-                "the options leave no effect to try. `gcs-autotune diagnose --list-effects` lists the effects"
+                "--effects and --without leave no effect to try. See `gcs-autotune diagnose --list-effects`"
             )
         return left
 
@@ -89,7 +89,7 @@ def run_diagnosis(
         asked = replace(settings, model=None, jobs=1, max_seconds=math.inf, keep=None, resume=False)
         path = settings.keep / KEPT_FILE
         if settings.resume and not path.exists():
-            raise UsageError(f"{settings.keep} has no stopped search to resume. Check the folder")
+            raise UsageError(f"{settings.keep} contains no stopped search to resume. Check the folder")
         if not settings.resume:
             path.unlink(missing_ok=True)
         kept = KeptResults(path, fingerprint(__version__, list(runs), list(unseen), asked, model))

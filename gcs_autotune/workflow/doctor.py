@@ -90,7 +90,7 @@ def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[t
 def _journals() -> Iterator[Finding]:
     """Yield the unfinished runs of this computer first, because a vehicle may still have trial gains."""
     for run in open_runs():
-        cure = "wait until that run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
+        cure = "wait until this run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
         yield Finding("run", "note" if run.is_going_on else "wrong", str(run), cure)
 
 
@@ -123,11 +123,11 @@ def _date() -> Finding:
     told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
     if now < ours:
         return Finding(
-            "clock", "wrong", f"{told}, earlier than the installation of this program", "set this computer's clock"
+            "clock", "wrong", f"{told}, which is before this program was installed", "set this computer's clock"
         )
     synced = _synchronised()
     return Finding(
-        "clock", "fine", told + {None: "", True: ", set by the network", False: ", not set by a network"}[synced]
+        "clock", "fine", told + {None: "", True: ", set over the network", False: ", not set over a network"}[synced]
     )
 
 
@@ -152,7 +152,7 @@ def _ticks() -> Finding:
         late = max(late, time.monotonic() - begun - WAIT)
     told = f"largest timing error of {WAITS} waits: {1000.0 * late:.1f} ms"
     if late > LATEST_TICK:
-        return Finding("timing", "note", told, "close other programs; a relay switches with the same delay")
+        return Finding("timing", "note", told, "close other programs: relay switches are delayed by as much")
     return Finding("timing", "fine", told)
 
 
@@ -168,15 +168,15 @@ def _disk(folder: Path) -> Finding:
         took = time.monotonic() - begun
     except OSError as error:
         return Finding(
-            "disk", "wrong", f"{there} cannot be written to: {error}", "work in another folder, or --out DIR"
+            "disk", "wrong", f"{there} cannot be written to: {error}", "work in another folder, or use --out DIR"
         )
     told = f"{free / 1e9:.1f} GB free at {there}, disk write in {1000.0 * took:.0f} ms"
     if free < LEAST_DISK:
         return Finding(
-            "disk", "wrong", told, "free some disk space; the journal that restores a vehicle is stored there"
+            "disk", "wrong", told, "free some disk space: the journal that restores a vehicle is stored there"
         )
     if took > LEAST_SYNC:
-        return Finding("disk", "note", told, "the disk is slow; use another one")
+        return Finding("disk", "note", told, "the disk is slow. Use another one")
     return Finding("disk", "fine", told)
 
 
@@ -192,7 +192,7 @@ def _cache() -> Finding:
             "cache",
             "note",
             told,
-            "the first command compiles them for up to a minute; do a dry run on a simulated "
-            "vehicle before going on the water",
+            "do a dry run on a simulated vehicle before going on the water: the first command "
+            "compiles for up to a minute",
         )
     return Finding("cache", "fine", told)

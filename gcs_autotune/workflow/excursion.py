@@ -93,7 +93,7 @@ class Ahead(Manoeuvre):
         while True:
             self._elapsed = now.t - start
             if self._elapsed >= self._seconds:
-                self._end("completed", f"{self._seconds:.0f} s ahead")
+                self._end("completed", f"flew {self._seconds:.0f} s straight ahead")
             now = yield HeadingTarget(course, self._speed)
 
     def where_room_ends(self, where: str) -> Outcome | None:
@@ -271,7 +271,7 @@ LIMITED: Sequence[tuple[str, str, float, str]] = (
 def too_small(what: str, option: str, limit: float, needs: float, unit: str) -> str:
     """Return the sentences that reject a *limit* smaller than the *needs* of *what*, both in the user's *unit*."""
     return (
-        f"not started: {what} needs --{option} {needs:g}, but the limit is {limit:g} {unit}. Nothing was armed. "
+        f"not started: {what} needs {needs:g} {unit}, but the limit --{option} is {limit:g} {unit}. Nothing was armed. "
         f"Use --{option} {needs:g}, or fly a smaller, slower or shorter manoeuvre"
     )
 

@@ -93,7 +93,7 @@ def _movements(context: TuneContext, depth: float) -> str:
     down = f"dive to {depth:g} m, then " if depth else ""
     by_throttle = kind.excitation.by_throttle and firmware.needs_way
     flown = "throttle-step" if by_throttle else "self-oscillation"
-    more = ", and a third of the same length if these two do not separate a dead zone from a thrust curve"
+    more = ", and a third one if these two do not distinguish a dead zone from a thrust curve"
     maybe = "" if by_throttle or context.settings.most_relays < 3 else more
     return f"{kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}"
 
@@ -115,5 +115,5 @@ def _axis(name: str, firmware: Firmware) -> Axis:
     """Return the motion to identify. The firmware does not need a control loop for it."""
     kind = axis_kind(name)
     if kind.excitation.below_surface and firmware.floats:
-        raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) has no depth. Use heading or speed")
+        raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) has no depth loop. Use heading or speed")
     return Axis(name, "", (), (), needs_speed=firmware.needs_way)

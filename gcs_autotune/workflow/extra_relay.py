@@ -63,9 +63,9 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Ext
     below, square = effect_number(dead, DEAD_ZONE).value, effect_number(bent, QUADRATIC).value
     return ExtraRelay(
         output,
-        f"the oscillations so far fit a dead zone below {below:.0%} of full as well as a thrust "
-        f"curve ({square:.0%} of its force with the square of the command). A third, of "
-        f"{output:.2f} of full, separates them",
+        f"two causes fit the oscillations equally well: a dead zone below {below:.0%} of full output, or a thrust "
+        f"curve ({square:.0%} of the force with the square of the command). A third oscillation at "
+        f"{output:.0%} of full output distinguishes them",
     )
 
 
@@ -78,7 +78,7 @@ def fly_extra(third: ExtraRelay, relays: Relays, runner: ManoeuvreRunner, observ
     try:
         return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation")]
     except NotAchieved as error:
-        observer.say(f"{error}; continuing with the two flown")
+        observer.say(f"{error}. Continuing with the two experiments flown")
         return []
 
 

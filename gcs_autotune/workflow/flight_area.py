@@ -27,16 +27,14 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) 
     values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
     items = read_fence(craft.session, values)
     if items is None:
-        observer.say(
-            "the vehicle has a fence (FENCE_ENABLE is on) but does not report it, so this tool cannot monitor it"
-        )
+        observer.say("FENCE_ENABLE is on, but the vehicle does not report its fence, so this tool cannot monitor it")
     if not items and given is None:
         return None
     now, fix = craft.observe(), craft.telemetry.fix
     if fix is None or not math.isfinite(now.x + now.y):
         if given is not None:
             raise PreconditionFailed(
-                f"the vehicle reports no position, so it cannot be kept in {given.source}. Nothing was armed"
+                f"the vehicle reports no position, so it cannot be kept in {given.source}. Check GPS. Nothing was armed"
             )
         observer.say("the vehicle reports no position, so its fence cannot be monitored")
         return None
@@ -51,5 +49,7 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) 
         raise PreconditionFailed(
             f"the vehicle, at {where}, is {how_far(beyond)} outside {area.source}. Nothing was armed{swapped}"
         )
-    observer.say(f"stays in {area.source}: {how_far(-max(z.beyond(now.x, now.y) for z in area.zones))} to its edge")
+    observer.say(
+        f"keeping inside {area.source}: {how_far(-max(z.beyond(now.x, now.y) for z in area.zones))} to its edge"
+    )
     return area

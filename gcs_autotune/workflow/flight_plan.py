@@ -92,10 +92,12 @@ class FlySettings:
         strange = [name for name in self.options if name not in kind.options]
         if strange:
             have = ", ".join(f"--{name}" for name in kind.options)
-            raise UsageError(f"{kind.name} has no option --{strange[0]}. It has {have}, --throttle and --first-to")
+            raise UsageError(
+                f"{kind.name} has no option --{strange[0]}. Its options are {have}, --throttle and --first-to"
+            )
         if "rudder" in self.options and "full-rudder" not in self.options:
             raise UsageError(
-                "--rudder is an angle and needs --full-rudder, the angle at full output. Or use --steering"
+                "--rudder is an angle. Add --full-rudder, the rudder angle at full output, or use --steering"
             )
         if self.options.get("rudder", 0.0) > self.options.get("full-rudder", math.inf):
             raise UsageError("--rudder is larger than --full-rudder. Use at most --full-rudder")
@@ -296,7 +298,9 @@ def load_flight_plan(
     if data.get("order") == "shuffled":
         random.Random(len(runs)).shuffle(runs)
     if not 0 < len(runs) <= MOST_RUNS:
-        raise BadFile(f"{path}: a plan needs 1 to {MOST_RUNS} runs, each a [[run]]; this one has {len(runs)}")
+        raise BadFile(
+            f"{path}: a plan contains 1 to {MOST_RUNS} runs, each a [[run]] table. This plan contains {len(runs)}"
+        )
     depth = conditions.get("min-depth")
     calm = conditions.get("calm", False)
     if not isinstance(calm, bool):
@@ -347,12 +351,12 @@ def _runs(
     every = {name for kind in MANOEUVRES.values() for name in kind.options}
     _check_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
     if not isinstance(listed, list):
-        raise UsageError("runs must be written as [[run]]")
+        raise UsageError("run must be a list of tables. Write each run as [[run]]")
     left = MOST_RUNS
     for number, entry in enumerate(listed, start=1):
         try:
             if not isinstance(entry, dict):
-                raise UsageError("runs must be written as [[run]]")
+                raise UsageError("run must be a list of tables. Write each run as [[run]]")
             made = list(_of_entry(entry, defaults, common, model, full_scale, left))
         except AutotuneError as error:
             raise UsageError(f"run {number}: {error}") from None
@@ -390,9 +394,8 @@ def _of_entry(
     count = len(sides) * repeat * math.prod(len(values) for values in numbers.values())
     if not 0 < count <= left:
         raise UsageError(
-            f"its lists, sides and repeats make {count:.4g} runs; a plan has at most {MOST_RUNS}, of which {left} are "
-            f"left. "
-            "Use fewer levels"
+            f"its lists, sides and repeats make {count:.4g} runs, but a plan contains at most {MOST_RUNS} and {left} "
+            "are left. Use fewer levels"
         )
     for values in itertools.product(*numbers.values()):
         typed = dict(zip(numbers, values, strict=True))

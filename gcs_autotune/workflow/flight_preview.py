@@ -55,13 +55,16 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
         assert settings.model is not None  # asked by the command
         throttle = s.throttle or 0.0
         if throttle and s.speed is None:
-            raise UsageError("no speed given. Use --speed with the craft's speed at that throttle")
+            raise UsageError("no speed given. Use --speed with the craft's speed at the throttle flown")
         speed = s.speed or 0.0
         plant = nominal_plant(settings, None, {}, throttle, speed)
         if plant.assumed:
             wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
             have = ", ".join(settings.model.model.base.form.dofs)
-            raise UsageError(f"model '{settings.model.name}' is of {have}, but {settings.name} moves {wanted}")
+            raise UsageError(
+                f"model '{settings.model.name}' is of {have}, but {settings.name} moves {wanted}. Use a model of "
+                f"{wanted}"
+            )
         envelope = settings.envelope(speed)
         seen = preview(settings.make(throttle, speed=speed), plant, envelope)
         runs.append(FlightRun(settings, throttle, speed, envelope, seen, Excursion(seen.seconds, seen.away)))
@@ -110,9 +113,7 @@ class FlightPreviewer:
             fits = self.run_of(smaller)
             if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
                 large = troubled.refusal or limited or f"it needs {run.excursion.needs:g} m"
-                self.observer.say(
-                    f"{run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
-                )
+                self.observer.say(f"{run.name} is reduced to {_sizes(settings, smaller)}. At its usual size {large}")
                 return fits
         if not troubled.craft.assumed:
             return run

@@ -100,7 +100,8 @@ def read_flight(
             write_pulls(trial, settings.force or "N", table)
             remarks.append(
                 f"{of}write the pull of each level [N] into the column force of {table}, then run "
-                f"`gcs-autotune thrusters {table}`. Or give all of them: `... thrusters {table} --forces 0,1.2,4.8,...`"
+                f"`gcs-autotune thrusters {table}`. Or give all pulls as an option: `... thrusters {table} --forces "
+                "0,1.2,4.8,...`"
             )
         try:
             sheets += ship_figures(trial) if settings.kind.name in SHIP_MANOEUVRES else ()
@@ -179,8 +180,8 @@ def _left_out(dof: str, flown: Sequence[tuple[FlySettings, Trial]], directory: P
 def _limited(trial: Trial) -> list[str]:
     """Return a remark if an actuator delivered clearly less than commanded, because it was at a limit."""
     return [
-        f"of {asked:.0%} {force} commanded, {came:.0%} reached the output: it is at a limit"
-        f"{' (less --throttle leaves thrusters range to steer)' * (force == 'N')}. "
+        f"{force} was limited: {asked:.0%} commanded, {came:.0%} at the output"
+        f"{' (a lower --throttle leaves the thrusters more range to steer)' * (force == 'N')}. "
         "Figures and model use the actual output"
         for force, (asked, came) in limited_orders(trial).items()
     ][:1]

@@ -132,7 +132,7 @@ class _Flight:
         """Report what this flight would do on the vehicle of *visit*."""
         mission = self._declared(visit, only_preview=True)
         for text in mission.needs:
-            visit.log.say(f"it would {text}")
+            visit.log.say(f"the flight would {text}")
 
     def _declared(self, visit: Visit[MissionLog], *, only_preview: bool) -> Mission:
         self._visit = visit
@@ -167,7 +167,10 @@ class _Flight:
         held = craft.parameters.read_existing(_FIGURES)
         self._earlier.verify_same_vehicle(craft, held)
         if plan.min_depth is not None and craft.firmware.floats:
-            raise WrongVehicle(f"the plan requires a depth of {plan.min_depth:g} m, but this vehicle floats")
+            raise WrongVehicle(
+                f"the plan requires a depth of {plan.min_depth:g} m, but this vehicle floats. Remove min-depth from "
+                "the plan"
+            )
         if plan.until is not None:
             check_identifiable(plan.until, plan.runs[0].kind, craft.firmware)
         if plan.again is not None:
@@ -198,14 +201,14 @@ class _Flight:
         log.say(f"{of} (the manoeuvre alone): {seen.told()}")
         self._report_track(run)
         if seen.trouble and not assumed and not only_preview:
-            raise PreconditionFailed(f"not flown, since the {of} ends early: {seen.trouble}. Nothing was armed")
+            raise PreconditionFailed(f"not flown: in the {of} the run ends early: {seen.trouble}. Nothing was armed")
         if run.why_not and not only_preview:
             raise PreconditionFailed(run.why_not)
         if run.why_not:
-            log.say(f"it would be rejected: {run.why_not}")
+            log.say(f"this run would be rejected: {run.why_not}")
         if seen.trouble:
             by = ", with assumed parameters" if assumed else ""
-            log.say(f"the {of} ends early{by}: {seen.trouble}")
+            log.say(f"in the {of} the run ends early{by}: {seen.trouble}")
 
     def _report_track(self, run: FlightRun) -> None:
         """Send the observer the predicted track of the run, from the vehicle's present position."""
@@ -299,8 +302,8 @@ class _Flight:
         if until is None:
             return []
         return [
-            f"then fly the most informative runs, each previewed and inside the same limits, until {until.title} "
-            f"is known, for at most {until.seconds / 60.0:.0f} min of runs"
+            f"then fly the most informative runs, each previewed and within the same limits, until {until.title} "
+            f"is reached, for at most {until.seconds / 60.0:.0f} min of runs"
         ]
 
     def _movements(self) -> str:
@@ -318,7 +321,7 @@ class _Flight:
             return []
         first, least = self._left[0], self._plan.min_depth
         plant = first.preview.craft
-        needs = [whole_of(whole, first.envelope, plant.source + ", the worst case of several" * plant.assumed)]
+        needs = [whole_of(whole, first.envelope, plant.source + " (worst case of several)" * plant.assumed)]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
     def _prepare(self) -> None:
@@ -384,7 +387,7 @@ class _Flight:
         run = self._previewer.run_of(settings)
         trouble = run.why_not or ("" if run.preview.craft.assumed else run.preview.trouble)
         if trouble:
-            self._visit.log.say(f"not repeated: {trouble}")
+            self._visit.log.say(f"the run is not repeated: {trouble}")
             return None
         return run
 
@@ -416,7 +419,7 @@ class _Flight:
         )
 
 
-COMPLETE = "every run is complete: nothing is armed or moved; figures and models are computed again"
+COMPLETE = "every run is complete. Nothing is armed or moved; figures and models are computed again"
 LOOKING_OUT = "checking for calm water"
 """Name of a stage between two runs, like :data:`COMING_BACK`."""
 

@@ -160,7 +160,7 @@ def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Ide
         return _with_step_back(context, found, step)
     if context.axis.excitation.by_throttle or context.axis.needs_speed:
         return found
-    context.log.say("identifying, with the step")
+    context.log.say("identifying from the experiments and the step")
     return _with_curve(context, found.fit, found.runs, step, with_band=True)
 
 
@@ -216,8 +216,10 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
     along = context.run_in_background(set_on_the_way_back, found.fit, first, step)
     if along is not None and along.is_none:
-        log.say(f"the speed back is equal within {max(2.0 * abs(along.set), 0.01):.2f} m/s: no significant current")
-        log.say("identifying, with the step")
+        log.say(
+            f"the speeds there and back agree within {max(2.0 * abs(along.set), 0.01):.2f} m/s: no significant current"
+        )
+        log.say("identifying from the experiments and the step")
         both = context.run_in_background(_or_none, fitted, [first, step])
         told = both is not None and not any(doubt.slug in UNKNOWN_YET for doubt in both.doubts)
         if both is not None and told and both.unexplained < BY_ITSELF:

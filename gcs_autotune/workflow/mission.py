@@ -206,8 +206,8 @@ def _armed(visit: Visit[Log]) -> Iterator[Journal]:
                 forget_run(record.journal)
         except PreconditionFailed as error:  # a disk that is full by now does no harm
             log.say(
-                f"everything is restored, but the journal could not record it ({error}). Run `gcs-autotune restore` to "
-                f"check"
+                f"everything is restored, but this could not be written to the journal ({error}). Run `gcs-autotune "
+                "restore` to check"
             )
 
     def open_journal(found: Observation) -> Journal:

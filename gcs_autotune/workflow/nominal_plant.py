@@ -129,13 +129,13 @@ def nominal_plant(
     yaw, words, others = assumed.yaw, assumed.source, dict(assumed.others)
     drives = settings.kind.drives
     if settings.kind.axis:
-        words = f"an assumed well damped {settings.kind.axis} loop"
+        words = f"an assumed, well damped {settings.kind.axis} loop"
     along = [f for f in _WAYS if drives == {f}]
     if along:
         (force,) = along
         cruise = force == "X" and speed and throttle
         words = (
-            f"its cruise of {speed:g} m/s at {throttle:.0%} throttle"
+            f"its cruise speed of {speed:g} m/s at {throttle:.0%} throttle"
             if cruise
             else f"an assumed {others[force].steady_velocity(1.0):.2g} m/s {_WAYS[force]} at full output "
             "(more accurate with a --model file)"

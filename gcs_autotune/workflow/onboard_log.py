@@ -32,7 +32,7 @@ __all__ = ["RunLog", "fetch_onboard_log", "log_of_run"]
 
 _EVERY = 5.0
 """Seconds between two progress messages. Project choice."""
-_BY_HAND = "use `gcs-autotune logs fetch` to fetch it later"
+_BY_HAND = "Use `gcs-autotune logs fetch` to fetch it later"
 
 
 def fetch_onboard_log(
@@ -52,8 +52,8 @@ def fetch_onboard_log(
         chosen = next((log for log in reversed(logs) if number in (None, log.number)), None)
         if chosen is None:
             have = ", ".join(str(log.number) for log in logs) or "none"
-            raise UsageError(f"there is no such onboard log. Available: {have}")
-        observer.say(f"fetching log {chosen.number}, {chosen.size} bytes")
+            raise UsageError(f"the vehicle has no onboard log of this number. Available: {have}")
+        observer.say(f"fetching log {chosen.number} ({chosen.size} bytes)")
         return logs, chosen, fetch_log(session, chosen, _teller(session.clock, observer))
 
 
@@ -120,7 +120,7 @@ def log_of_run(
         yield kept
     except AutotuneError as error:
         if wanted and isinstance(error, (OperatorStopped, LinkError)):
-            observer.say(f"the onboard log was not fetched; {_BY_HAND}")
+            observer.say(f"the onboard log was not fetched. {_BY_HAND}")
         elif wanted:
             _fetch(kept, craft, operator, before)
         raise
@@ -131,7 +131,7 @@ def log_of_run(
 def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
     if craft.armed:
         raise PreconditionFailed(
-            "--fetch-log: the vehicle is already armed and stays armed, but sends its logs only disarmed. Disarm it "
+            "--fetch-log: the vehicle is armed and stays armed, but it sends its logs only when disarmed. Disarm it "
             "first, or omit --fetch-log. Nothing was moved"
         )
     try:
@@ -139,8 +139,7 @@ def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
     except NoReply as error:
         raise PreconditionFailed(
             f"--fetch-log: {error}. Check that an SD card is fitted and LOG_BACKEND_TYPE is not 0, or omit "
-            f"--fetch-log. "
-            "Nothing was armed"
+            "--fetch-log. Nothing was armed"
         ) from error
 
 
@@ -165,12 +164,12 @@ def _fetch(kept: RunLog, craft: MavlinkCraft, operator: Operator, before: Sequen
                     "card"
                 )
                 return
-            say(f"fetching log {log.number} from the vehicle, {log.size} bytes; a STOP ends only this download")
+            say(f"fetching log {log.number} from the vehicle ({log.size} bytes). A STOP ends only this download")
             data = fetch_log(session, log, go_on)
     except _Enough:
-        say(f"the onboard log was not fetched completely; {_BY_HAND}")
+        say(f"the onboard log was not fetched completely. {_BY_HAND}")
     except AutotuneError as error:
-        say(f"the onboard log was not fetched: {error}; {_BY_HAND}")
+        say(f"the onboard log was not fetched: {error}. {_BY_HAND}")
     else:
         path = kept.record.path / f"onboard-{log.number}.bin"
         try:

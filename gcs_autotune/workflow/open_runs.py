@@ -102,14 +102,14 @@ def refuse_open_runs(craft: MavlinkCraft) -> None:
     other = craft.other_stations.at_work
     if other:
         raise PreconditionFailed(
-            f"another computer is running gcs-autotune on this vehicle: {other}. Wait for its end, or "
+            f"another computer is running gcs-autotune on this vehicle: {other}. Wait until that run ends, or "
             "stop it there. Nothing was armed or written"
         )
     for run in open_runs():
         if difference(run.state.vehicle, run.state.fingerprint, vehicle, craft.parameters):
             continue
         cure = (
-            "Wait for its end, or stop it with Ctrl-C there"
+            "Wait until it ends, or stop it there with Ctrl-C"
             if run.is_going_on
             else f"Run `gcs-autotune restore {run.path}` first"
         )

@@ -73,9 +73,7 @@ def precision_of(text: str, form: str, seconds: float) -> Precision:
     for item in text.split(","):
         found = _ITEM.fullmatch(item)
         if found is None:
-            raise UsageError(
-                f"{shown(item.strip())} is not a parameter with a precision. Write e.g. --until 'N_r 5%, Y_v 10%'"
-            )
+            raise UsageError(f"{shown(item.strip())} is not NAME PERCENT. Write e.g. --until 'N_r 5%, Y_v 10%'")
         try:
             asked[found[1]] = number(found[2]) / 100.0
         except Refused as error:

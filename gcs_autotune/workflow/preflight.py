@@ -165,7 +165,7 @@ def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
         return cure_of(firmware, list(outputs))
     now = [(f"SERVO{o.channel}_REVERSED", int(o.sign < 0.0)) for o in outputs]
     settings = " and ".join(f"{name} to {1 - value} (it is {value})" for name, value in now)
-    return f"Set {settings}, or reverse the propeller. If the craft visibly went ahead, correct AHRS_ORIENTATION"
+    return f"Set {settings}, or reverse the propeller. If the craft did go ahead, correct AHRS_ORIENTATION"
 
 
 def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
@@ -173,10 +173,10 @@ def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
-            f"one of the thrusters on {channels} is dead or reversed. Find it, and set its "
+            f"one of the thrusters on {channels} is dead or reversed. Identify it, then set its "
             f"{'MOT_n_DIRECTION' if firmware.frame_parameter else 'SERVOn_REVERSED'} or repair it"
         )
-    return f"trim the rudder (its SERVOn_TRIM), and check the direction of the propeller on {channels}"
+    return f"trim the rudder (its SERVOn_TRIM) and check the direction of the propeller on {channels}"
 
 
 def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
@@ -190,8 +190,8 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
     if len(outputs) == 1:
         now = int(outputs[0].sign < 0.0)
         return (
-            f"Set {channels[0]}_REVERSED to {1 - now} (it is {now}), or reverse the linkage. If the craft visibly "
-            "turned the right way, correct AHRS_ORIENTATION"
+            f"Set {channels[0]}_REVERSED to {1 - now} (it is {now}), or reverse the linkage. If the craft did "
+            "turn the right way, correct AHRS_ORIENTATION"
         )
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
@@ -247,7 +247,7 @@ def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> No
     cap = craft.parameters.read_existing([_CAP]).get(_CAP, 100.0) / 100.0
     if 0.0 < cap < throttle - _ROUNDING:
         raise PreconditionFailed(
-            f"{_CAP} is {100.0 * cap:.0f} %, so the autopilot would saturate the throttle steps, which go up to "
+            f"{_CAP} is {100.0 * cap:.0f} %, so the autopilot would limit the throttle steps of up to "
             f"{throttle:.0%}. Use --throttle {cap:.2f}, or set {_CAP} to 100. "
             "Nothing was armed"
         )
@@ -274,9 +274,9 @@ def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
     pressure = told.get("pressure", math.nan)
     if pressure <= 0.0:
         raise PreconditionFailed(
-            f"the water-pressure sensor reports {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), a negative pressure, so "
-            "the autopilot has no depth. ArduPilot's simulator does this if its --home is higher than 10 m "
-            "above the sea. Start it with an altitude of 0. Nothing was armed"
+            f"the water-pressure sensor reports a negative pressure, {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), so "
+            "the autopilot has no depth. ArduPilot's simulator does this if its --home is more than 10 m "
+            "above sea level: start it with an altitude of 0. Nothing was armed"
         )
 
 
@@ -287,11 +287,11 @@ def remarks_on(craft: MavlinkCraft) -> list[str]:
     values, found = names.to_canonical(own), []
     if values.get("ARMING_CHECK") == 0.0:
         name = names.own("ARMING_CHECK")
-        found.append(f"{name} is {own[name]:g}: this vehicle arms without its own checks")
+        found.append(f"{name} is {own[name]:g}: this vehicle arms without the autopilot's own checks")
     if int(values.get("MANUAL_OPTIONS", 0.0)) & _MANUAL_SCALES:
         found.append(
-            "MANUAL_OPTIONS scales the steering by speed in MANUAL too, so relays are smaller than commanded. The "
-            "measured servo output is used"
+            "MANUAL_OPTIONS scales the steering by speed in MANUAL, so relays are smaller than commanded. "
+            "Identification uses the measured servo output"
         )
     return found
 
@@ -353,7 +353,7 @@ def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
     deadline, said = Deadline.after(craft.clock, _CHECKS_PATIENCE), False
     while not craft.armed and craft.telemetry.latest.get("prearm_ok", math.nan) == 0.0 and not deadline.expired:
         if not said:
-            observer.say(f"waiting for the vehicle's own checks{_reasons(craft)}")
+            observer.say(f"waiting for the autopilot's arming checks{_reasons(craft)}")
             said = True
         craft.observe()
 
@@ -368,8 +368,8 @@ def _await_position(craft: MavlinkCraft, observer: Observer) -> None:
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
-                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, and rejects "
-                    f"{craft.firmware.hold_mode} without one. Check GPS (sky view, fix type) and compass, and try again"
+                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, which "
+                    f"{craft.firmware.hold_mode} needs. Check GPS (sky view, fix type) and compass, then try again"
                 )
             craft.observe()
     finally:
@@ -404,7 +404,7 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     if idle:
         raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} needs")
     if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
-        raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering, a normalised output")
+        raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering (normalised output)")
 
 
 _MESSAGE_OF: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
@@ -432,7 +432,7 @@ def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
     while not math.isfinite(now.value(kind.needs)):
         if now.t > until:
             raise PreconditionFailed(
-                f"{kind.name} needs a forward rangefinder, but the vehicle reports no distance ({message}, "
-                "orientation 0) in its range. Nothing was armed"
+                f"{kind.name} needs a forward rangefinder, but the vehicle reports no distance within its range "
+                f"({message}, orientation 0). Check the rangefinder. Nothing was armed"
             )
         now = craft.observe()

@@ -195,7 +195,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     size = abs(settings.step) if settings.step is not None else SHARE_OF_TOP * top
     if not (math.isfinite(kept) and top > size > LEAST_NOISES * known.noise_std):
         raise PreconditionFailed(
-            f"a speed step of {size:.2f} m/s up to {top:.2f} m/s is hidden by the noise of "
+            f"a speed step of {size:.2f} m/s up to {top:.2f} m/s is too small for the speed noise of "
             f"{known.noise_std:.3f} m/s. Use a larger --throttle or --step, or raise WP_SPEED ({limit:g} m/s)"
         )
     drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
@@ -243,7 +243,7 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, be
         size = abs(settings.step) if settings.step is not None else size
     if not size > LEAST_NOISES * known.noise_std:
         raise PreconditionFailed(
-            f"a turn-rate step of {math.degrees(size):.1f} deg/s is hidden by the noise. Use a larger --step"
+            f"a turn-rate step of {math.degrees(size):.1f} deg/s is smaller than the noise. Use a larger --step"
         )
     step = StepSettings(
         "r",
@@ -271,8 +271,8 @@ def reduction_of(fit: AxisFit) -> Reduction | None:
     curve = Remark(
         "quadratic-actuator",
         fit.model.axis.force,
-        f"thrust depends by {square:.0%} on the square of the throttle; the margins cover both ends of the step",
-        f"MOT_THST_EXPO about {min(max(square, -1.0), 1.0):.2f} would linearise it (then tune again)",
+        f"{square:.0%} of the thrust grows with the square of the throttle. The margins cover both ends of the step",
+        f"MOT_THST_EXPO about {min(max(square, -1.0), 1.0):.2f} would linearise the thrust. Then tune again",
     )
     remarks = (curve,) if abs(square) > STRAIGHT else ()
     return Reduction(fit.model, fit.model.axis.force, fit.craft_covariance, Actuator(square=square), remarks=remarks)

@@ -92,7 +92,7 @@ class Recheck:
     there are none.
     """
 
-    words = "fly once more at half or twice these sizes if the first relays do not determine the damping of the loop"
+    words = "if these relays do not determine the damping of the loop, fly again at half or twice their size"
 
     def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
         self._axis, self._runs, self._observer = axis, runs, observer
@@ -117,7 +117,7 @@ class Recheck:
             return
         present = craft.parameters.read_existing(list(self.tune.gains))
         self.changed = self.tune.changed(present)
-        others = f"; since then {', '.join(self.changed)} changed" if self.changed else "; its gains are unchanged"
+        others = f". Changed since: {', '.join(self.changed)}" if self.changed else ". Its gains are unchanged"
         self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
@@ -142,7 +142,7 @@ class Recheck:
             return None
         self.factor = factor
         half = "half of" if factor < 1.0 else "twice"
-        self._observer.say(f"these sizes do not determine the damping of the loop: flying again at {half} them")
+        self._observer.say(f"the relays do not determine the damping of the loop: flying again at {half} their size")
         return other
 
 
@@ -185,7 +185,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     note: tuple[str, ...] = ()
     if check.factor:
         changed = "halved" if check.factor < 1.0 else "doubled"
-        note = (f"The first sizes gave no clear result, so they were {changed} and flown again.",)
+        note = (f"The first relays gave no clear result, so their sizes were {changed} and flown again.",)
     if check.changed:
         note = (*note, f"Gains changed since the tune: {', '.join(check.changed)}.")
     if sheet is not None and "oscillation" in told:
@@ -207,14 +207,14 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         return verdict("poorly damped", text, "bad", note)
     if over + over_std > LARGE_OVERSHOOT:
         shown = f"{100.0 * over:.0f} +- {100.0 * over_std:.0f} %"
-        text = f"Undecided: a step overshoots by {shown}; the limit is {100.0 * LARGE_OVERSHOOT:.0f} %."
+        text = f"Undecided: a step overshoots by {shown}. The limit is {100.0 * LARGE_OVERSHOOT:.0f} %."
         return verdict("undecided", text, "neutral", note)
     if zeta < POORLY_DAMPED:
-        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}; the minimum is {POORLY_DAMPED}."
+        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}. The minimum is {POORLY_DAMPED}."
         return verdict("undecided", text, "neutral", note)
     if then is None:
         well = " well" if zeta - zeta_std > WELL_DAMPED else ""
-        text = f"Good: the {axis} loop is damped{well}. There is no earlier tune to compare it with."
+        text = f"Good: the {axis} loop is{well} damped. There is no earlier tune to compare with."
         return verdict("good", text, "good", note)
     return verdict("good", f"Good: the {axis} loop is as good as after its tune.", "good", note)
 
@@ -224,9 +224,9 @@ def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
     if then is None:
         return ""
     if now.overshoot - std > max(then.overshoot, 0.0) + MORE:
-        return f"a step overshoots by {100.0 * now.overshoot:.0f} %, before by {100.0 * then.overshoot:.0f} %"
+        return f"a step overshoots by {100.0 * now.overshoot:.0f} % (after the tune: {100.0 * then.overshoot:.0f} %)"
     if now.settling > SLOWER * then.settling and now.rise > SLOWER * then.rise:
-        return f"a step settles in {now.settling:.1f} s, before in {then.settling:.1f} s"
+        return f"a step settles in {now.settling:.1f} s (after the tune: {then.settling:.1f} s)"
     return ""
 
 

@@ -68,7 +68,7 @@ def link_of(run: Path | None) -> str:
     path = _journal_of(folder) if folder is None or folder.name == JOURNAL or (folder / JOURNAL).exists() else None
     link = Journal.read(path).link if path is not None else ""
     if not link:
-        raise UsageError("no journal with the vehicle's link. Use --connect URI")
+        raise UsageError("no journal states the vehicle's link. Use --connect URI")
     return link
 
 
@@ -173,7 +173,9 @@ class _Restoring:
         if not self._differences and (self._disarms or self._changes_mode):
             self._left |= self._state_changed_by_others((), armed_by_us=False)
         if not self._differences and (self._disarms or self._changes_mode):
-            self._observer.say(f"the vehicle is in {self._command().mode} now, possibly after a restart: trying again")
+            self._observer.say(
+                f"the vehicle is in {self._command().mode} now, possibly after a restart: restoring it again"
+            )
             self._put_back_state()
         for name, value in self._state.debts.items():
             if name in decided and name in self._left:
@@ -192,9 +194,8 @@ class _Restoring:
         if undecided:
             shown = "; ".join(f"{what}: {why}" for what, why in undecided.items())
             raise NotAsFound(
-                f"left unchanged, since another operator may have set it: {shown}. "
-                "Run `gcs-autotune restore` without --yes "
-                "to decide each",
+                f"left unchanged, since another operator may have set it: {shown}. Run `gcs-autotune restore` "
+                "without --yes to decide each",
                 differences=undecided,
             )
         if self._state.armed and not self._session.armed:
@@ -245,7 +246,7 @@ class _Restoring:
         if restarted:
             outcomes.append(self._booted_mode())
         if self._is_in_another_mode and mode not in (*left_in, *outcomes):
-            left["mode"] = f"its mode is {mode}, set by neither the run nor a failsafe"
+            left["mode"] = f"its mode is {mode}, which neither the run nor a failsafe set"
         drives = "mode" in left and mode not in self._firmware.stops_in
         if self._state.armed is False and self._session.armed and (drives or restarted or not armed_by_us):
             left[_ARMED] = f"it is armed in {mode}" + ("" if drives else ", and not by the run")
@@ -301,7 +302,9 @@ class _Restoring:
         asked = dict(self._left)
         for what, why in asked.items():
             undo = {"mode": f"go to {self._state.mode}", _ARMED: "disarm"}.get(what) or f"write {changes[what][1]:g}"
-            if self._operator.ask(f"{what}: {why}. Another operator may have set it. Overrule: {undo}?", self._serve):
+            if self._operator.ask(
+                f"{what}: {why}. Another operator may have set it. Change it anyway ({undo})?", self._serve
+            ):
                 del self._left[what]
         return set(asked)
 
@@ -361,8 +364,8 @@ def _check_identity(session: Session, state: JournalState, parameters: Parameter
     strange = difference(state.vehicle, state.fingerprint, session.vehicle, parameters)
     if strange:
         raise WrongVehicle(
-            f"the journal is of another vehicle than the one on this link ({strange}). Nothing was written. Use the "
-            "right --connect. For the same hull with another board use `gcs-autotune params restore` with the run's "
+            f"the vehicle on this link is not the one in the journal ({strange}). Nothing was written. Correct "
+            "--connect. For the same hull with another board use `gcs-autotune params restore` with the run's "
             "parameters_before.param"
         )
 

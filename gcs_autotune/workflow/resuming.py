@@ -59,7 +59,7 @@ def same_options(error: BaseException) -> str:
     """Return a sentence on the options to continue with after *error*. A limit that ended the run must be changed."""
     tripped = error.guard if isinstance(error, GuardTripped) else ""
     option = next((guard.option for guard in GUARDS if guard.name == tripped), "")
-    return f"with another --{option}, otherwise the same options" if option else "with the same options"
+    return f"change --{option} and keep the other options" if option else "use the same options"
 
 
 def way_on(settings: TuneSettings, finished: list[str], error: BaseException) -> str:
@@ -70,7 +70,7 @@ def way_on(settings: TuneSettings, finished: list[str], error: BaseException) ->
         return ""
     link, run = shlex.quote(settings.connection.uri), shlex.quote(str(settings.directory))
     return (
-        f"of this run only {', '.join(kept)} can be used again. To continue from there, "
+        f"these records of the run can be used again: {', '.join(kept)}. To continue from there, "
         f"{same_options(error)}: gcs-autotune tune {settings.axis} --connect {link} --resume {run}"
     )
 
@@ -108,7 +108,9 @@ class Earlier:
             return
         path = self._run / SETTING_OUT
         if not path.exists():
-            raise UsageError(f"{self._run} cannot be resumed: it has no {SETTING_OUT}")
+            raise UsageError(
+                f"{self._run} cannot be resumed: it contains no {SETTING_OUT}. Start again without --resume"
+            )
         self._told = conformed(load_json(path, "the start settings of a run"), _SetOut, path)
         if alike:
             self._check_settings(_shape(settings))
@@ -128,8 +130,10 @@ class Earlier:
         then = self._told.settings
         other = [name for name, value in wanted.items() if then.get(name) != value]
         if other:
-            shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} there, {wanted[name]} here" for name in other)
-            raise UsageError(f"{self._run} was flown with other settings ({shown}). Use the same, or omit --resume")
+            shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} then, {wanted[name]} now" for name in other)
+            raise UsageError(
+                f"{self._run} was flown with other settings ({shown}). Use the same settings, or omit --resume"
+            )
 
     @property
     def names(self) -> list[str]:
@@ -159,7 +163,7 @@ class Earlier:
         then = self._told.vehicle
         strange = difference(then, self._told.fingerprint, here, craft.parameters)
         if not strange and then.get("version") != here.version:
-            strange = f"its firmware is {then.get('version') or 'unknown'} there, {here.version or 'unknown'} here"
+            strange = f"its firmware was {then.get('version') or 'unknown'} then and is {here.version or 'unknown'} now"
         if strange:
             raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}). Start again without --resume")
         held = self._told.parameters
@@ -167,8 +171,8 @@ class Earlier:
         if other:
             shown = ", ".join(f"{n} {held.get(n)} then, {own.get(n)} now" for n in sorted(other))
             raise PreconditionFailed(
-                f"the vehicle has other parameters than when {self._run} was flown ({shown}), so its "
-                "experiments are not valid now. Start again without --resume, or restore the parameters"
+                f"the vehicle's parameters have changed since {self._run} was flown ({shown}), so its "
+                "experiments are not valid now. Restore the parameters, or start again without --resume"
             )
 
 

@@ -144,7 +144,7 @@ class ManoeuvreRunner:
             wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
             if wrong or self.contradicted:
                 raise
-            self._observer.say(f"steering, which is held during this: {error}")
+            self._observer.say(f"steering check: {error}")
 
     def _is_spoilt_by_us(self, begun: float, reason: str) -> bool:
         """Return whether this computer paused and left the vehicle without commands since link time *begun* [s].
@@ -159,8 +159,8 @@ class ManoeuvreRunner:
         self._spoilt += 1
         told = f"this computer paused for {pause:.1f} s without sending commands, so the vehicle released the overrides"
         if self._spoilt > MOST_SPOILT:
-            raise PreconditionFailed(f"{reason}. But {told}. Close other programs or use a faster computer")
-        self._observer.say(f"{reason}. But {told}")
+            raise PreconditionFailed(f"{reason}. The cause: {told}. Close other programs or use a faster computer")
+        self._observer.say(f"{reason}. The cause: {told}")
         return True
 
     def _explain(self, error: AutotuneError) -> None:
@@ -191,7 +191,7 @@ class ManoeuvreRunner:
             return
         if self._gains or manoeuvre.purpose == "check" or not manoeuvre.in_manual:
             self.contradicted = True
-            raise PreconditionFailed(f"{manoeuvre.name}: {found}. The run ends here")
+            raise PreconditionFailed(f"{manoeuvre.name}: {found}. The run was ended")
         self._observer.say(f"{manoeuvre.name}: {found}")
 
     def bear(self, error: AutotuneError) -> bool:
@@ -321,7 +321,7 @@ class Patience:
         if change is not None and not self._may_undo(change):
             return False
         if not craft.armed:
-            self._say("arming it again, as announced")
+            self._say("arming the vehicle again, as announced")
             craft.arm()
         craft.neutral()
         session = craft.session  # where our commands came late: until they do not

@@ -265,13 +265,13 @@ def check_identifiable(precision: Precision, first: ManoeuvreKind, firmware: Fir
     if not able:
         raise UsageError(
             f"{asked}: no actuator drives {' or '.join(precision.dofs)} on this vehicle ({firmware.name} has "
-            f"{', '.join(firmware.channels)}), so no run can identify it. Nothing was flown"
+            f"{', '.join(firmware.channels)}), so no run can identify this parameter. Nothing was flown"
         )
     forces = {DOFS[dof].force for dof in able}
     if not forces & first.drives:
         raise UsageError(
-            f"{asked}: {first.name} drives {' and '.join(sorted(first.drives))} and does not excite it. Omit the "
-            f"manoeuvre, or use one that drives {' or '.join(sorted(forces))}. Nothing was flown"
+            f"{asked}: {first.name} drives {' and '.join(sorted(first.drives))} and does not excite this parameter. "
+            f"Omit the manoeuvre, or use one that drives {' or '.join(sorted(forces))}. Nothing was flown"
         )
 
 
@@ -356,8 +356,8 @@ class SelfPlanner:
         best = min(away[:-MAX_UNSUCCESSFUL], default=math.inf)
         if min(away[-MAX_UNSUCCESSFUL:]) > best - _noticed(best):
             return None, (
-                f"not reached: the last {MAX_UNSUCCESSFUL} runs brought no improvement, since the model lacks an "
-                "effect that they contain (see the doubts; gcs-autotune diagnose searches for the cause)"
+                f"not reached: the last {MAX_UNSUCCESSFUL} runs brought no improvement, because the model lacks an "
+                "effect that the runs contain. See the doubts, or run gcs-autotune diagnose"
             )
         if seen.choices is None:
             return self._blindly(number, run_of)
@@ -370,14 +370,14 @@ class SelfPlanner:
         for choice in worth:
             offer = self._offers[choice.offer]
             if choice.seconds > self._left:
-                troubles.append(f"{offer.title} takes longer than the time that --total-time leaves")
+                troubles.append(f"{offer.title} takes longer than the rest of --total-time")
                 continue
             run = run_of(replace(offer.settings, name=f"{number}-{offer.settings.kind.name}"))
             guessed = run.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
             trouble = _beyond(choice, run.envelope) or ("" if guessed else run.preview.trouble) or run.why_not
             if not trouble:
                 expected = until.told(choice.relative)
-                return run, f"{offer.title}: expected {expected} in {choice.seconds:.0f} s"
+                return run, f"{offer.title}: expected precision after {choice.seconds:.0f} s: {expected}"
             troubles.append(f"{offer.title}: {trouble}")
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
@@ -390,8 +390,10 @@ class SelfPlanner:
             self._tried.append(name)
             run = run_of(replace(offer.settings, name=f"{number}-{name}"))
             if run.preview.seconds <= self._left and not run.preview.trouble and not run.why_not:
-                return run, f"{offer.title}, another manoeuvre, since the model of the runs so far is unstable"
-        return None, "not reached: the model of these runs is unstable, and no other manoeuvre can be flown"
+                return run, (
+                    f"{offer.title}, a manoeuvre not flown yet, because the model of the runs so far is unstable"
+                )
+        return None, "not reached: the model of the runs is unstable and no other manoeuvre can be flown"
 
 
 def _noticed(away: float) -> float:

@@ -120,8 +120,8 @@ def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains 
     if fit is None or fit.unexplained >= UNEXPLAINED:
         alone = None if question.axis.needs_speed or run is None else _fit(question, run)
         by_itself = alone is not None and alone.unexplained < BY_ITSELF
-        much = "not" if fit is None else f"only by {fit.fit_percent:.0f} %"
-        return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
+        much = "does not explain" if fit is None else f"explains only {fit.fit_percent:.0f} % of"
+        return Assessment(f"one model {much} step and oscillation", another_size=by_itself)
     covariance, m = fit.craft_covariance, fit.model
     values = (m.alpha, m.beta, m.beta_quadratic, m.delta, m.delay)
     stds = tuple(float(std) for std in np.sqrt(np.maximum(np.diag(covariance), 0.0)))
@@ -262,10 +262,13 @@ class KnownDesign:
             return "no gains meet the specification with the present model"
         if self._times >= TWICE and now.gains is not None:
             self.known = True
-            return f"the gains are known. The model's uncertainty changes their ITAE by only {now.gains.spread:.0%}"
+            return (
+                "the gains are known: the model's uncertainty changes their predicted ITAE by only "
+                f"{now.gains.spread:.0%}"
+            )
         if now.another_size:
             self.another_size = True
-            return "the model explains this oscillation but not the step, so small and large commands act differently"
+            return "no single model explains both oscillation and step: small and large commands act differently"
         return ""
 
     def weigh(self, whole: Assessment) -> None:

@@ -91,7 +91,7 @@ def study(
     outcomes = [_outcome(name, runs, unseen, settings, pieces, lenient=len(methods) > 1) for name in methods]
     fitted = [o.fit for o in outcomes if o.fit is not None]
     if not fitted:
-        raise UsageError(f"no method could identify these runs. Reason of output-error: {outcomes[0].refusal}")
+        raise UsageError(f"no method could identify these runs. The method output-error reports: {outcomes[0].refusal}")
     outcomes.sort(key=lambda o: o.fit is None)
     if settings.dof is None:
         outcomes[0] = _naming_what_moved_too(outcomes[0], runs)
@@ -155,7 +155,7 @@ def _other_model(settings: StudySettings, runs: Sequence[Trial], stage: Stage) -
         return settings.compare
     method = str(settings.compare)
     lookup(METHODS, method, "identification method")
-    stage(f"{method}: fitting, to compare with", 0, 1)
+    stage(f"fitting {method} for comparison", 0, 1)
     other = fit(runs, structure_of(settings), method, dof=settings.dof, delay=settings.delay, use=settings.use)
     return model_file_of(other)
 
@@ -324,16 +324,18 @@ def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) 
 
 def _checked_on(runs: Sequence[Trial], unseen: Sequence[Trial]) -> str:
     if unseen:
-        return f"Predicted from the inputs alone, only the initial state fitted: {', '.join(t.name for t in unseen)}."
+        return (
+            f"Predicted from the inputs alone (only the initial state is fitted): {', '.join(t.name for t in unseen)}."
+        )
     if len(runs) == 1:
         share = round(100 * HELD_BACK)
         return (
-            f"Single run: a second model is identified without its last {share} % and predicts that part "
-            "(the model above uses the whole run)."
+            f"Single run: a second model is identified without its last {share} % and predicts that part. "
+            "The model above uses the whole run."
         )
     return (
-        "Each run is predicted by a model identified from the others (the model above uses all of them). "
-        "Only the initial state is fitted to the predicted run."
+        "Each run is predicted by a model identified from the others. Only the initial state is fitted to the "
+        "predicted run. The model above uses all runs."
     )
 
 

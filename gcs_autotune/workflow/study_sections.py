@@ -62,7 +62,7 @@ SHOWN = 6
 WELL_KNOWN = 0.02
 """Relative standard error below which a parameter needs no further run. A control design tolerates more."""
 
-ENOUGH = "These runs determine every parameter of this model to 2 % or better; more runs are not necessary"
+ENOUGH = "These runs determine every parameter of this model to 2 % or better. More runs are not necessary"
 
 Rows = tuple[tuple[str, ...], ...]
 Plot: TypeAlias = tuple[str, Callable[[], "Figure"]]
@@ -126,11 +126,11 @@ def profiled(fit: Fit[Model], runs: Sequence[Trial], names: Sequence[str]) -> In
     found = [profile(fit, runs, name) for name in names]
     pictures = (
         (
-            "Rise of the deviance with each parameter; the line marks the end of the 95 % interval.",
+            "Deviance (-2 log-likelihood) over each parameter. The line marks the end of the 95 % interval.",
             partial(profile_plot, found),
         ),
         (
-            "Correlation of the estimates; dark squares are strongly correlated pairs.",
+            "Correlation of the estimates. Dark squares are strongly correlated pairs.",
             partial(correlation_plot, identifiability(fit, runs)),
         ),
     )
@@ -171,7 +171,7 @@ def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySetting
         No coupled form was requested.
     """
     if form is None:
-        raise UsageError("--choose drops terms of a coupled model. Use --dof horizontal, 6dof or a form's TOML file")
+        raise UsageError("--choose applies to a coupled model. Use --dof horizontal, 6dof or a form's TOML file")
     form = form.knowing(settings.known).driven_by({name for run in runs for name in run.channels})
     form, _ = scaled_form(form, runs)
     method = settings.method if settings.method in METHODS else "output-error"
@@ -213,7 +213,7 @@ def next_manoeuvres(fit: Fit[Model], runs: Sequence[Trial], seconds: float) -> P
 
 
 def _times(factor: float) -> str:
-    return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
+    return "becomes identifiable" if math.isinf(factor) else f"std / {factor:.1f}"
 
 
 def response_plots(fits: Sequence[Fit[Model]]) -> tuple[Plot, ...]:

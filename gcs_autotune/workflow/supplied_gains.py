@@ -35,17 +35,17 @@ def load_gains(path: Path, axis: str) -> SuppliedGains:
     """
     file = path / PROPOSED if path.is_dir() else path
     if path.is_dir() and not file.is_file():
-        raise BadFile(f"{path} has no {PROPOSED}. Use a run that proposed gains without writing them")
+        raise BadFile(f"{path} contains no {PROPOSED}. Use a run that proposed gains without writing them")
     values, flown = load_params(file), _proof_in(file.parent / TRIALS_FOLDER)
     stepped = AXES[axis].stepped
     if flown is not None and flown.meta.get("signal") != stepped:
         raise UsageError(
             f"the run of {file} steps {flown.meta.get('signal')}, but a tune of {axis} steps {stepped}. Use the "
-            "axis of that run"
+            "axis flown in that run"
         )
     if flown is None and AXES[axis].controls_velocity:
         raise UsageError(
-            f"{file} is not in a run with a {axis} step, which sets the step for the proof. "
+            f"{file} is not in a run directory with a {axis} step. That step is needed to test the gains. "
             "Use the directory of a dry run (`tune ... --dry-run`)"
         )
     if flown is None:

@@ -138,10 +138,10 @@ def tune_loop(
         values = tuple(NewValue(c.parameter, c.old, c.new, c.reason) for c in offer.changes)
         observer.note(ProposedGains(values, *offer.costs))
     if offer.refusal or not offer.changes:
-        observer.end("unchanged", f"{offer.refusal or 'no better gains were found'}; nothing was written")
+        observer.end("unchanged", f"{offer.refusal or 'the design gave no better gains'}; nothing was written")
     elif dry_run:
         observer.end("dry-run", "dry run: nothing was written")
-    elif not agrees(f"Write {_shown(offer.changes)} and prove it by the same step?"):
+    elif not agrees(f"Write {_shown(offer.changes)} and test them by the same step?"):
         observer.end("declined", "the new gains were declined; nothing was written")
     else:
         loop.fly_baseline()
@@ -152,7 +152,7 @@ def _prove(loop: TunableLoop, offer: Offer, observer: TuneObserver, journal: Jou
     with loop.lend(journal) as loan:
         observer.say("writing " + ", ".join(f"{name} {value:g}" for name, value in offer.new.items()))
         loan.set(offer.new)
-        observer.say("written and read back")
+        observer.say("new gains written and verified by reading back")
         result = loop.prove()
         better = result.verdict.better
         observer.verdict = (better, tuple(result.verdict.reasons))

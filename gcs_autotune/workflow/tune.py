@@ -68,7 +68,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
-    changes = f"write some of {gains}, after asking again, and restore the old values unless the new ones prove better"
+    changes = f"write some of {gains}, after asking again, and restore the old values unless the new ones are better"
 
     loop = autopilot_loop(context)
     return Mission(
@@ -107,14 +107,14 @@ def _learn(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) -> T
     log.say(f"present parameters saved to {record.save_parameters('before', own)}")
     if settings.resume is not None:
         names = ", ".join(earlier.names) or "no completed experiment there"
-        log.say(f"using from {settings.resume}: {names}; vehicle and parameters are unchanged")
+        log.say(f"using from {settings.resume}: {names}. Vehicle and parameters are unchanged")
     for remark in remarks_on(craft):
         log.say(remark)
     context = TuneContext(settings, visit, runner, earlier, axis, given, present, throttle, speed)
     if settings.gains is not None:
         log.given_changes = changes_of(context, settings.gains)
         if not log.given_changes:
-            raise UsageError(f"the vehicle already has the gains of {settings.gains.file}; nothing to prove")
+            raise UsageError(f"the vehicle already has the gains of {settings.gains.file}. There is nothing to test")
     return context
 
 
@@ -125,7 +125,7 @@ def _leave_report(log: TuneLog, record: RunDirectory) -> None:
     story = log.story()
     try:
         if story.awaits_proof and story.proposal is not None:
-            comment = f"proposed by gcs-autotune {story.title}, {story.when}, neither written nor proved. To prove:"
+            comment = f"proposed by gcs-autotune {story.title}, {story.when}, not written and not tested. To test them:"
             record.save_proposed(story.proposal.new, *log.parameter_types(), f"{comment}\n{proof_command(story)}")
         write_story(story, record.path)
     except (OSError, BadFile) as error:

@@ -57,7 +57,7 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
         cure = cure_of(firmware, [o for o, _ in servos.driving("N")])
         return PreconditionFailed(
             f"{trial.name}: the craft turned {_degrees(late.turned)} to {to} in {late.seconds:.0f} s while "
-            f"steered to {steered}, the opposite direction. {cure}. {limit}"
+            f"the steering was to {steered}. {cure}. {limit}"
         )
     idle = np.abs(whole.throttle) > IDLE
     if not by_thrust:
@@ -73,7 +73,7 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
     steering = "against the steering" if math.sqrt(float(np.mean(whole.steering**2))) > FELT else "without steering"
     return PreconditionFailed(
         f"{trial.name}: {throttle:.0%} throttle, {steering}, turned the craft {_degrees(by_throttle)} to {to} in "
-        f"{seconds:.0f} s instead of driving it ahead: {cure}. {limit}"
+        f"{seconds:.0f} s instead of driving it straight ahead: {cure}. {limit}"
     )
 
 
@@ -106,7 +106,7 @@ def tripped(error: GuardTripped) -> str:
 
     No larger limit is suggested, because the cause is already reported.
     """
-    return f"This tripped the safety limit '{error.guard}'. The actuators were brought to neutral"
+    return f"This exceeded the safety limit '{error.guard}'. The actuators were set to neutral"
 
 
 def _degrees(angle: float) -> str:

@@ -66,7 +66,10 @@ class Physics:
             _refuse(effect)
         craft.begin(str(self._seed))
         if not craft.plant.water.over_ground:
-            raise BadEffect("steady-current@through water: ArduPilot's GPS measures over ground. Omit the place")
+            raise BadEffect(
+                "steady-current@through water cannot be simulated, because ArduPilot's GPS measures over ground. "
+                "Omit the place"
+            )
         self.craft = craft
         self._tells_true = not any(effect.overrides("alter_measurement") for effect in craft.effects)
         self._reading = SensorReading()
@@ -130,9 +133,12 @@ def _refuse(effect: HiddenEffect) -> None:
     """Raise ``BadEffect`` if *effect* cannot be passed to ArduPilot."""
     if effect.overrides("alter_report"):
         raise BadEffect(
-            f"{effect.slug} acts on the record, which ArduPilot itself writes under --ardupilot-json. "
-            "Use this simulator's own autopilot (omit --ardupilot-json)"
+            f"{effect.slug} acts on the record, which ArduPilot itself writes under --ardupilot-json. Use this "
+            "simulator's own autopilot (omit --ardupilot-json)"
         )
     level = _LEVEL.intersection(effect.place.split("+"))
     if level:
-        raise BadEffect(f"{effect.slug}@{effect.place}: roll and pitch are held level under --ardupilot-json")
+        raise BadEffect(
+            f"{effect.slug}@{effect.place} cannot be simulated, because roll and pitch are held level under "
+            "--ardupilot-json"
+        )

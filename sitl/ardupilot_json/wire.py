@@ -61,13 +61,16 @@ def read_servos(datagram: bytes) -> Servos:
         The magic number or the length is wrong.
     """
     if len(datagram) < 2:
-        raise BadPacket(f"{len(datagram)} bytes: too short for a servo packet")
+        raise BadPacket(f"{len(datagram)} bytes are too few for a servo packet")
     (magic,) = struct.unpack_from("<H", datagram)
     form = _PACKETS.get(magic)
     if form is None:
-        raise BadPacket(f"magic number {magic}, not {_MAGIC_16} or {_MAGIC_32}: not from ArduPilot's JSON interface")
+        raise BadPacket(
+            f"magic number {magic} is neither {_MAGIC_16} nor {_MAGIC_32}, so the packet is not from ArduPilot's "
+            "JSON interface"
+        )
     if len(datagram) != form.size:
-        raise BadPacket(f"{len(datagram)} bytes with magic number {magic}; its size must be {form.size}")
+        raise BadPacket(f"{len(datagram)} bytes with magic number {magic}, but that packet must have {form.size} bytes")
     _, rate, count, *pwm = form.unpack(datagram)
     return Servos(rate, count, tuple(pwm[:_OUTPUTS]))
 

@@ -124,7 +124,7 @@ class ParameterDialect:
 
     def __init__(self, store: ParameterStore, generation: str = "own", firmware: str = "") -> None:
         if generation not in GENERATIONS:
-            raise UnknownGeneration(f"no firmware names '{generation}'; there are {', '.join(GENERATIONS)}")
+            raise UnknownGeneration(f"no firmware names '{generation}'. Use one of {', '.join(GENERATIONS)}")
         self._store = store
         self.answers_errors = generation in _ANSWER_ERRORS
         words = GENERATIONS[generation]

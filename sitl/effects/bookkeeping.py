@@ -44,9 +44,9 @@ class TimeOffset(HiddenEffect):
     """Signals with a stamp that is late relative to the inputs (negative: early)."""
 
     slug = "time-offset"
-    meaning = "commands and signals have timestamps of different clocks"
+    meaning = "commands and signals are stamped by different clocks"
     parameters = (EffectParameter("offset", "s"),)
-    on_vehicles = "the timestamps of servo reports relative to all others"
+    on_vehicles = "the time stamps of servo reports relative to all others"
 
     def lateness(self) -> Mapping[str, float]:
         """Return the offset for all signals."""
@@ -69,7 +69,9 @@ class OnColumns(HiddenEffect):
         known = (*setting.inputs, *setting.signals)
         if len(names) != self.count or not set(names) <= set(known):
             wanted = "one column" if self.count == 1 else "two columns joined by +"
-            raise BadEffect(f"{self.slug} needs {wanted} as its place, of {', '.join(known)}; not '{self.place}'")
+            raise BadEffect(
+                f"{self.slug} needs {wanted} as its place, chosen from {', '.join(known)}. '{self.place}' is not valid"
+            )
         if self.count > 1 and setting.on_vehicle and not any(set(names) <= carried for carried in _CARRIED_TOGETHER):
             raise BadEffect(f"{self.slug}: no message contains both {' and '.join(names)}")
         self._names = names
@@ -79,7 +81,7 @@ class UnitError(OnColumns):
     """A column in another unit than its heading states."""
 
     slug = "unit-error"
-    meaning = "a column is in another unit than in its header"
+    meaning = "a column is in another unit than its header states"
     parameters = (EffectParameter("factor", "1", "value in the file divided by the true value"),)
     on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
 

@@ -46,9 +46,9 @@ class EffectParameter:
             return f"{value:g} is not a finite number"
         in_degrees = f". Did you mean {math.radians(value):.3g} ({value:g} degrees)?" * (self.unit == "rad")
         if value < self.least:
-            return f"{value:g} is too small; the minimum is {self.least:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too small. The minimum is {self.least:g} {self.unit}{in_degrees}"
         if value > self.most:
-            return f"{value:g} is too large; the maximum is {self.most:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too large. The maximum is {self.most:g} {self.unit}{in_degrees}"
         return ""
 
 

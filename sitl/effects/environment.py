@@ -68,7 +68,7 @@ class WindMoment(HiddenEffect):
     meaning = "the wind turns the bow (moment proportional to the sine of the heading relative to the wind)"
     parameters = (
         EffectParameter("strength", "input unit", least=0.0),
-        EffectParameter("direction", "rad", "heading that the bow turns to"),
+        EffectParameter("direction", "rad", "heading towards which the wind turns the bow"),
     )
     on_vehicles = "yaw"
 
@@ -174,10 +174,10 @@ class TetherPull(HiddenEffect):
     parameters = (
         EffectParameter("stiffness", "N/m or N m/rad"),
         EffectParameter("anchor", "m or rad", "position without pull, in one degree of freedom", 0.0),
-        EffectParameter("x", "m", "the same on the plane, north", 0.0),
-        EffectParameter("y", "m", "the same on the plane, east", 0.0),
+        EffectParameter("x", "m", "position without pull, north (motion in the plane)", 0.0),
+        EffectParameter("y", "m", "position without pull, east (motion in the plane)", 0.0),
     )
-    on_vehicles = "yaw (default), heave, surge+sway (its part along the hull)"
+    on_vehicles = "yaw (default), heave, surge+sway (the component along the hull)"
 
     def begin(self, setting: Setting) -> None:
         """Find the degrees of freedom and the anchor."""
@@ -189,7 +189,7 @@ class TetherPull(HiddenEffect):
             return
         self._dof = find_dof(self, setting, among=("yaw", "heave", "surge"))
         if self._dof == "surge" and ("yaw" in setting.dofs or "sway" in setting.dofs):
-            raise BadEffect("tether-pull: for a craft that turns, use the place 'surge+sway'")
+            raise BadEffect("tether-pull of a craft that turns needs the place 'surge+sway'")
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
         """Add the spring force."""

@@ -74,7 +74,7 @@ class MassChange(HiddenEffect):
     slug = "mass-change"
     meaning = "inertia changes during the run (a payload picked up or dropped)"
     parameters = (
-        EffectParameter("ratio", "1", "new inertia divided by old", least=1e-3),
+        EffectParameter("ratio", "1", "ratio of the new inertia to the old", least=1e-3),
         EffectParameter("time", "s", "since the start"),
     )
     on_vehicles = "all (default), yaw, surge, heave"
@@ -122,8 +122,8 @@ class GroundEffect(HiddenEffect):
     meaning = "drag grows close to the bottom"
     parameters = (
         EffectParameter("strength", "1", "relative drag increase at the bottom"),
-        EffectParameter("length", "m", "height over which it decays", least=1e-3),
-        EffectParameter("bottom", "m", "depth of the bottom; 0: the water's", 0.0),
+        EffectParameter("length", "m", "height over which the increase decays", least=1e-3),
+        EffectParameter("bottom", "m", "depth of the bottom; 0: depth of the water", 0.0),
     )
     on_vehicles = "heave (default), yaw, surge (ROVs)"
 

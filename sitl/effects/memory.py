@@ -99,7 +99,7 @@ class Backlash(OnInput):
     """Backlash: the output stays at rest until the command has crossed the gap."""
 
     slug = "backlash"
-    meaning = "backlash in the linkage: every reversal first crosses the gap"
+    meaning = "backlash in the linkage: after each reversal the command first crosses the gap"
     parameters = (EffectParameter("width", "input unit", "full width of the gap", least=0.0),)
 
     def begin(self, setting: Setting) -> None:

@@ -15,7 +15,7 @@ def find_input(effect: HiddenEffect, setting: Setting) -> str:
     place = setting.axis_names.get(place, place)
     if place not in setting.inputs:
         known = ", ".join([*setting.inputs, *setting.axis_names]) or "none"
-        raise BadEffect(f"{effect.slug}: this craft has no input '{effect.place}'; it has {known}")
+        raise BadEffect(f"{effect.slug}: this craft has no input '{effect.place}'. Its inputs are {known}")
     return place
 
 
@@ -26,7 +26,7 @@ def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] =
         raise BadEffect(f"{effect.slug} acts on {' or '.join(among)}, which this craft does not have")
     place = effect.place or there[0]
     if place not in there:
-        raise BadEffect(f"{effect.slug} cannot be placed on '{place}' here. Use {' or '.join(there)}")
+        raise BadEffect(f"{effect.slug} cannot act on '{place}' here. Use {' or '.join(there)}")
     return place
 
 

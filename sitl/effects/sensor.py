@@ -28,10 +28,10 @@ class SensorPosition(HiddenEffect):
     point."""
 
     slug = "sensor-position"
-    meaning = "the sensor of speed and position is off-centre: a turn looks like sway"
+    meaning = "the sensor of speed and position is off-centre, so a turn looks like sway"
     parameters = (
-        EffectParameter("x_P", "m", "ahead of the middle", 0.0),
-        EffectParameter("y_P", "m", "to starboard of it", 0.0),
+        EffectParameter("x_P", "m", "distance of the sensor ahead of the centre", 0.0),
+        EffectParameter("y_P", "m", "distance of the sensor to starboard of the centre", 0.0),
     )
     on_vehicles = "signals joined by + (default u+v+x+y; z+w of a craft that tilts)"
 
@@ -46,7 +46,7 @@ class SensorPosition(HiddenEffect):
         strange = [name for name in self._names if name not in (*usual, "z", "w")]
         if strange:
             raise BadEffect(
-                f"sensor-position: {strange[0]} does not depend on the sensor's position; u, v, x, y, z, w do"
+                f"sensor-position: {strange[0]} does not depend on the sensor's position. Use u, v, x, y, z or w"
             )
         self._state = setting.state
 
@@ -77,11 +77,11 @@ class CompassDeviation(HiddenEffect):
     """Semicircular deviation due to iron on the craft: ``A + B sin psi + C cos psi``."""
 
     slug = "compass-deviation"
-    meaning = "iron on board deflects the compass (sine and cosine of the heading)"
+    meaning = "iron aboard deflects the compass (sine and cosine of the heading)"
     parameters = (
         EffectParameter("B", "rad", default=0.0, least=-_NEEDLE, most=_NEEDLE),
         EffectParameter("C", "rad", default=0.0, least=-_NEEDLE, most=_NEEDLE),
-        EffectParameter("A", "rad", "the lubber line's misalignment", 0.0, least=-math.pi, most=math.pi),
+        EffectParameter("A", "rad", "misalignment of the lubber line", 0.0, least=-math.pi, most=math.pi),
     )
     on_vehicles = "psi"
 
@@ -119,7 +119,7 @@ class MeasurementDelay(HiddenEffect):
     slug = "measurement-delay"
     meaning = "a signal is reported late"
     parameters = (EffectParameter("delay", "s", least=0.0),)
-    on_vehicles = "a signal or several joined by + (all: psi+r+u+x+y+z+w, the default)"
+    on_vehicles = "one signal, or several joined by + (default: all, psi+r+u+x+y+z+w)"
 
     def begin(self, setting: Setting) -> None:
         """Clear the history."""

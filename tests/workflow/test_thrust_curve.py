@@ -174,7 +174,10 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
     )
     step = dying_swing(0.0, DEAD_BAND)
     assert again_with_step(context, Identified(plain, runs), step).curved is None
-    assert asked == ["identifying, with the step", (fit_thrust_curve, (runs, plain, step), {"with_band": True})]
+    assert asked == [
+        "identifying from the experiments and the step",
+        (fit_thrust_curve, (runs, plain, step), {"with_band": True}),
+    ]
     assert inspect.signature(fit_thrust_curve).parameters["with_band"].default is False
 
 

@@ -148,7 +148,7 @@ class Parameters:
             self._check_answers(missing)
             raise ParameterMissing(
                 f"{self.session.vehicle} has no parameter {', '.join(missing)}. "
-                "Its firmware is too old, too new or lacks that feature",
+                "Its firmware is too old or too new, or built without this feature. Check the firmware",
                 name=missing[0],
             )
         return found
@@ -200,14 +200,14 @@ class Parameters:
         """Determine whether parameters are missing or the vehicle no longer answers, and raise the matching error."""
         if not self.known and self.session.contested:
             raise NoReply(
-                f"{self.session.contested}. That one answers no parameter requests "
+                f"{self.session.contested}. The sender in use answers no parameter requests "
                 f"({', '.join(missing)}), so it may not be the vehicle. End the other program, or use a signed link"
             )
         known = next((name for name in self.known if name not in missing), None)
         if known is not None and not self.read_existing([known], as_is=True):
             raise NoReply(
                 f"{self.session.vehicle} sends messages, but no longer answers parameter requests "
-                f"({', '.join(missing)}). Check for a restart, and the speed of the link"
+                f"({', '.join(missing)}). Check whether the vehicle restarted, and the speed of the link"
             )
 
     def read_first(self, names: Iterable[str]) -> tuple[str, float]:
@@ -299,8 +299,8 @@ class Parameters:
 
     def _not_accepted(self, name: str, wanted: float, found: float) -> ParameterNotAccepted:
         return ParameterNotAccepted(
-            f"{name}: wrote {wanted:g}, but the vehicle holds {found:g}{self._why(name)}. "
-            "It may be read-only, limited to whole numbers, or set by another ground station",
+            f"{name}: wrote {wanted:g}, but the vehicle reports {found:g}{self._why(name)}. "
+            "The parameter may be read-only, limited to whole numbers, or set by another ground station",
             name=name,
             wanted=wanted,
             found=found,

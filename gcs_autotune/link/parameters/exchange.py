@@ -48,7 +48,7 @@ def encoded(name: str) -> bytes:
         It is not a valid parameter name.
     """
     if not (0 < len(name) <= _NAME and name.isascii()):
-        raise UsageError(f"'{name}' is not a parameter name: 1 to {_NAME} plain letters")
+        raise UsageError(f"'{name}' is not a parameter name. Use 1 to {_NAME} plain characters")
     return name.encode("ascii")
 
 
@@ -174,7 +174,7 @@ class ParamExchange:
     def _vehicle(self) -> tuple[int, int]:
         vehicle = self._session.vehicle
         if vehicle is None:
-            raise NoReply("parameters were requested before a vehicle was found. Discover one first")
+            raise NoReply("parameters were requested before a vehicle was discovered. Discover a vehicle first")
         return vehicle.system, vehicle.component
 
 

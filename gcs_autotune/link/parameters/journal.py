@@ -222,7 +222,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
                 case _Closed() | _Resumed():
                     pass
                 case _ if head is None:
-                    raise Refused("it does not start with the original state")
+                    raise Refused("the journal does not start with the original state")
                 case _Ordering() | _Ordered() | _Yielded():
                     orders.take(event)
                 case _Lent():
@@ -392,7 +392,7 @@ class Journal:
             end = os.fstat(self._descriptor).st_size
             try:
                 if os.write(self._descriptor, data) != len(data):
-                    raise OSError(errno.ENOSPC, "the line was truncated; the disk is full")
+                    raise OSError(errno.ENOSPC, "the line was truncated: the disk is full")
                 _sync(self._descriptor)
             except OSError:
                 with suppress(OSError):

@@ -117,7 +117,7 @@ class ParameterTransaction:
             left = self._left[name]
             if not same_float32(value, left):
                 raise ParameterNotAccepted(
-                    f"{name} is {value:g}, but was proved with {left:g}: another station changed it",
+                    f"{name} is {value:g}, but was tested with {left:g}: another station changed it",
                     name=name,
                     wanted=left,
                     found=value,
@@ -149,7 +149,7 @@ class ParameterTransaction:
             names = ", ".join(f"{name} (was {self.old[name]:g})" for name in failures)
             raise NotAsFound(
                 f"could not restore {names}. The old values are in {self._journal.path}. "
-                "Run `gcs-autotune restore` with it once the vehicle answers again",
+                "Run `gcs-autotune restore` with this file once the vehicle answers again",
                 differences={n: f"should be {self.old[n]:g}: {error}" for n, error in failures.items()},
             )
         self._release()
@@ -165,7 +165,7 @@ class ParameterTransaction:
             if same_float32(value, self.old[name]) or same_float32(value, self._left[name]):
                 continue
             self._session.notes.append(
-                f"{name} stays at {value:g}, written by another station; its original value is {self.old[name]:g}"
+                f"{name} stays at {value:g}, written by another station. Its original value is {self.old[name]:g}"
             )
             self.written.remove(name)
             with suppress(PreconditionFailed):  # a full disk: the journal only says too much then
@@ -204,7 +204,7 @@ class ParameterTransaction:
         try:
             self._journal.record("returned", name=name, value=self.old[name])
         except PreconditionFailed as error:
-            self._session.notes.append(f"{name} is restored, but the journal could not record it: {error}")
+            self._session.notes.append(f"{name} is restored, but this could not be written to the journal: {error}")
 
     def _release(self) -> None:
         self._parameters.unwatch(list(self.old))

@@ -70,11 +70,11 @@ def _sitl(rest: str, options: LinkOptions) -> Transport:
         given[key].append(unquote(value))
     for key in ("seed", "model", "names"):
         if len(given[key]) > 1:
-            raise UsageError(f"'sitl:{rest}': use only one {key}")
+            raise UsageError(f"'sitl:{rest}': the option {key} occurs more than once. Use it once")
     try:
         seed = whole(given["seed"][0], _MOST_SEED) if given["seed"] else options.seed
     except Refused as error:
-        raise UsageError(f"'sitl:{name}': a seed: {error}") from None
+        raise UsageError(f"'sitl:{name}': the seed is invalid: {error}") from None
     model, names = (given[key][0] if given[key] else None for key in ("model", "names"))
     return open_sitl(SitlArguments(name, seed, tuple(given["effect"]), tuple(given["param"]), model, names))
 
@@ -156,7 +156,7 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
     scheme, colon, rest = uri.strip().partition(":")
     if not colon:
         raise UsageError(
-            f"'{uri}' is not a connection. Write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
+            f"'{uri}' is not a connection URI. Write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
             "/dev/ttyUSB0,57600 or sitl:charlie"
         )
     rest, has_slashes = rest.removeprefix("//"), rest.startswith("//")

@@ -93,8 +93,8 @@ _CAUSES = {
     "another port",
     "SOCKET_ERROR": "cannot listen on {where}: {said}. Close another program that uses that port, or choose another "
     "port",
-    "CONNECTION_ERROR": "cannot open {where}: {said}. Check that it is plugged in, your permission, and that no other "
-    "program uses it",
+    "CONNECTION_ERROR": "cannot open {where}: {said}. Check that it is plugged in, that you have permission, and "
+    "that no other program uses it",
     "BAUDRATE_UNKNOWN": "cannot open {where}: MAVSDK does not support this speed. Try 57600 or 115200, or --backend "
     "pymavlink",
 }
@@ -208,8 +208,8 @@ def _import_mavsdk() -> Any:
     if not hasattr(module, "Mavsdk") or not hasattr(module, "ForwardingOption"):
         version = getattr(module, "__version__", "before 4")
         raise UsageError(
-            f"--backend mavsdk needs MAVSDK 4 or newer, which runs without a server process; installed is {version}: "
-            f"{_INSTALL}, or omit --backend"
+            f"--backend mavsdk needs MAVSDK 4 or newer, which runs without a server process. Installed is {version}. "
+            f"Run {_INSTALL}, or omit --backend"
         )
     return module
 

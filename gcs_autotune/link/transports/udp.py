@@ -79,7 +79,7 @@ class UdpIn(_UdpSocket):
             self._socket.close()
             raise CannotOpenLink(
                 f"cannot listen on UDP {address}: {error.strerror}. Close another ground station that uses that "
-                "port, or choose another one. If a simulator itself listens there, use udpout:"
+                "port, or choose another port. If a simulator itself listens on this port, use udpout:"
             ) from error
         self._socket.setblocking(False)
 

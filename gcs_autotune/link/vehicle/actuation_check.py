@@ -112,13 +112,11 @@ def check_overrides_taken(
     taken = streamer.probe_override()
     if not taken and rc_monitor.count > heard:
         raise PreconditionFailed(
-            f"the vehicle does not accept our overrides: RC_CHANNELS shows {streamer.differing}; "
+            f"the vehicle does not accept this tool's overrides: RC_CHANNELS shows {streamer.differing}; "
             + why_deaf(parameters, firmware, session.port.system)
         )
     if not taken:
-        session.notes.append(
-            "the vehicle sends no RC_CHANNELS, so its acceptance of overrides is checked only at its outputs"
-        )
+        session.notes.append("the vehicle sends no RC_CHANNELS, so only its outputs show whether it accepts overrides")
     streamer.rest()
     session.wait_for(lambda: streamer.is_obeyed or None, 1.0)
 
@@ -146,7 +144,7 @@ def check_outputs_follow(
 
 def _deaf_outputs(level: float, streamer: SetpointStreamer, telemetry: Telemetry, mode: str) -> PreconditionFailed:
     output = telemetry.outputs.get("N", math.nan)
-    what = "RC_CHANNELS shows our overrides, but" if streamer.is_obeyed else "neither RC_CHANNELS nor"
+    what = "RC_CHANNELS shows the overrides, but" if streamer.is_obeyed else "neither RC_CHANNELS nor"
     return PreconditionFailed(
         f"the steering output does not follow: {level:+.0%} was sent, {what} SERVO_OUTPUT_RAW shows it "
         f"({output:+.0%} in {mode}). Check SERVOn_FUNCTION and the motor directions, the safety switch "

@@ -128,7 +128,7 @@ class Commands:
                 raise NoReply(f"{enum_name('MAV_CMD', command)} started but did not finish. Try again")
         raise NoReply(
             f"no answer to {enum_name('MAV_CMD', command)} within {waited:g} s; "
-            "check the losses of the link, and that the autopilot accepts our system id"
+            "check the losses of the link, and that the autopilot accepts this tool's system id"
         )
 
     def _ours(self, ack: Message, command: int) -> bool:
@@ -138,7 +138,7 @@ class Commands:
     def _message(self, command: int, confirmation: int, values: Sequence[float]) -> Message:
         vehicle = self._session.vehicle
         if vehicle is None:
-            raise NoReply("a command was sent before a vehicle was found. Discover one first")
+            raise NoReply("a command was sent before a vehicle was discovered. Discover a vehicle first")
         params = [float(v) for v in values] + [0.0] * (7 - len(values))
         return mavlink.MAVLink_command_long_message(vehicle.system, vehicle.component, command, confirmation, *params)
 
@@ -173,7 +173,7 @@ class Commands:
         except CommandDenied as error:
             self._session.pause(_TEXT_DELAY)
             raise ModeRefused(
-                f"mode {mode} was rejected{self._said(begun)}; the vehicle stays in {self.mode}"
+                f"mode {mode} was rejected{self._said(begun)}. The vehicle stays in {self.mode}"
             ) from error
         else:
             self.accepted_mode = number
@@ -182,7 +182,8 @@ class Commands:
         )
         if not taken and self._session.heartbeats == beats:
             raise LinkLost(
-                f"mode {mode} was accepted, but then the link was silent: no HEARTBEAT for {_HEARTBEAT_PATIENCE:g} s"
+                f"mode {mode} was accepted, but no HEARTBEAT arrived for {_HEARTBEAT_PATIENCE:g} s after that. Check "
+                "the link"
             )
         if not taken:
             raise ModeRefused(f"mode {mode} was accepted, but the vehicle is in {self.mode}{self._said(begun)}")
@@ -256,7 +257,7 @@ class Commands:
         reasons = [t for t in said if t.startswith(_EXPLAINS)] or said
         reasons = reasons or [t for t in earlier if t.startswith(_EXPLAINS)][-3:]
         reasons = list(dict.fromkeys(reasons))
-        why = quoted(reasons) or "it gave no reason"
+        why = quoted(reasons) or "no reason reported"
         return ArmingRefused(f"the vehicle does not arm: {why}. Fix this and try again", reasons=reasons)
 
     def _said(self, since: float) -> str:

@@ -97,8 +97,8 @@ def check_answers_come(
     else:
         said = f"the link is full: it carries {carried:.0f} bytes/s"
     raise TelemetryFault(
-        f"{said}. An answer takes {latency.quickest:.1f} s behind the vehicle's message streams. {FASTER}. Nothing "
-        "was armed"
+        f"{said}. Queued behind the vehicle's message streams, an answer takes {latency.quickest:.1f} s. {FASTER}. "
+        "Nothing was armed"
     ) from error
 
 
@@ -147,9 +147,9 @@ def check_uplink(session: Session, streamer: SetpointStreamer, latency: Latency)
     second = _load_uplink(session, streamer, latency)
     if not second.is_enough:
         raise TelemetryFault(
-            f"the uplink is too slow: of {second.sent:.0f} bytes/s that an experiment needs it carries "
-            f"{second.carried:.0f}, and its delay grows ({second.grown:.1f} s after "
-            f"{_UPLINK_SECONDS:g} s). Use a faster link (a higher baud rate, a better radio), or close other programs "
+            f"the uplink is too slow: it carries {second.carried:.0f} bytes/s, but an experiment needs "
+            f"{second.sent:.0f}. Its delay grows to {second.grown:.1f} s after "
+            f"{_UPLINK_SECONDS:g} s. Use a faster link (a higher baud rate, a better radio), or close other programs "
             "on this one. Nothing was armed"
         )
     session.notes.append(

@@ -200,7 +200,7 @@ def _servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
         if error.told == error.of:
             raise
         raise PreconditionFailed(
-            f"{error} Only {error.told} of {error.of} requests were answered; the link may be too slow"
+            f"{error} Only {error.told} of {error.of} requests were answered. The link may be too slow"
         ) from error
 
 
@@ -217,8 +217,8 @@ def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
 def _note_late_rates(session: Session, lag: float) -> None:
     if lag >= _LATE:
         session.notes.append(
-            f"the autopilot's gyro filter ({_GYRO_FILTER}) delays turn rates by {1e3 * lag:.0f} ms. Their "
-            "timestamps are corrected, and the heading, which has no delay, is fitted first"
+            f"the autopilot's gyro filter ({_GYRO_FILTER}) delays turn rates by {1e3 * lag:.0f} ms. The timestamps of "
+            "turn rates are corrected. The heading has no delay and is fitted first"
         )
 
 
@@ -238,7 +238,7 @@ def _adopt_gcs_id(session: Session, parameters: Parameters, firmware: Firmware) 
     try:
         name, value = parameters.read_first(firmware.gcs_id_parameters)
     except ParameterMissing:
-        session.notes.append("the vehicle does not report which ground station it obeys; using system id 255")
+        session.notes.append("the vehicle does not report which ground station it obeys. Using system id 255")
         return
     if int(value) != session.port.system:
         session.notes.append(f"{name} is {value:g}: using system id {value:g}")

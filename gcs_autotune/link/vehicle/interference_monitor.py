@@ -214,7 +214,7 @@ class InterferenceMonitor:
             name, old, new = self._parameters.intrusions[0]
             raise GuardTripped(
                 f"another ground station wrote {name} = {new:g} (it was {old:g}): "
-                f"{self._who(frozenset({'PARAM_SET'}), name)}. Disconnect it and start again",
+                f"{self._who(frozenset({'PARAM_SET'}), name)}. Disconnect that station and start again",
                 guard="parameters",
                 value=new,
                 limit=old,
@@ -237,7 +237,7 @@ class InterferenceMonitor:
         if self._watchdog.has_restarted:
             return "restart", Intervention(str(self._watchdog.fault), mode_stands=False, armed_stands=False)
         if change.guard == "mode" and self._commands.copy_arrived(change.mode, seen):
-            what = f"{change.what}: a late copy of our own command (the vehicle answered it twice)"
+            what = f"{change.what}: a late copy of this tool's own command (the vehicle answered it twice)"
             return "mode", Intervention(what, mode_stands=False, armed_stands=False)
         named = self._named(change)
         want = self._want_of_overrides(change)
@@ -250,23 +250,23 @@ class InterferenceMonitor:
                 return "pause" if cure else "failsafe", Intervention(
                     what, mode_stands=False, armed_stands=False, may_go_on=True
                 )
-            what += ". The vehicle did not report it, so another station may have ordered it"
+            what += ". The vehicle did not report a failsafe, so another station may have ordered this"
             return change.guard, Intervention(
                 what, mode_stands=change.guard == "mode", armed_stands=False, is_certain=False, may_go_on=gap > 0.0
             )
         unanswered = change.guard == "mode" and change.mode in self._unanswered
         certain = not unanswered and not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
-        copy = "" if certain else ", unless it was a late copy of our own command"
+        copy = "" if certain else ", unless it was a late copy of this tool's own command"
         if unanswered:
-            copy = ", unless it was our own command, which was never answered"
+            copy = ", unless it was this tool's own command, which the vehicle never answered"
         pause = self._longest_pause()
         short = (
-            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe does this after it)"
+            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe acts after so short a pause)"
             if pause > _LEAST_REPORTED and not self._is_own_cause()
             else ""
         )
         who = self._lost_on_the_way(named, change) or self._who(change.kinds)
-        what = f"{change.what}, not by us{self._last_words()}: {who}{copy}{short}"
+        what = f"{change.what}, not by this tool{self._last_words()}: {who}{copy}{short}"
         by_mode = change.guard == "mode"
         return change.guard, Intervention(
             what,
@@ -292,11 +292,11 @@ class InterferenceMonitor:
         since = self._session.clock.now() - _LOOK_BACK
         if named is None or self._other_stations.has_ordered(change.kinds, since):
             return ""
-        lacks = "overrides" if named.by_overrides else "a heartbeat of ours"
+        lacks = "overrides" if named.by_overrides else "a heartbeat of this tool"
         return (
             f"it reports its {named.name}, which does this after {named.needs:g} s without {lacks}. This computer "
-            f"paused for {self._longest_pause():.1f} s at most, so its messages were lost on the way. Use a better "
-            "link. Another station may have ordered the same"
+            f"paused for {self._longest_pause():.1f} s at most, so its messages were lost on the link. Use a better "
+            "link. It is also possible that another station ordered this"
         )
 
     def _want_of_overrides(self, change: _Change) -> tuple[SetFailsafe, float, str, str] | None:
@@ -326,9 +326,9 @@ class InterferenceMonitor:
             channel, sent, shown = departed
             self._check_late(channel, sent, shown)
             raise GuardTripped(
-                f"overrides other than ours are active: RC channel {channel} shows {shown} us, but {sent} us were "
-                f"sent{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks. If there are none, our "
-                "overrides do not reach the vehicle",
+                f"overrides of another sender are active: RC channel {channel} shows {shown} us, but {sent} us were "
+                f"sent{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks. If there are none, the "
+                "overrides of this tool do not reach the vehicle: check the link",
                 guard="sticks",
                 value=float(shown),
                 limit=float(sent),
@@ -337,7 +337,7 @@ class InterferenceMonitor:
         if moved is not None:
             raise GuardTripped(
                 f"the sticks were moved: RC channel {moved[0]}, which this tool does not drive, went from {moved[1]} "
-                f"to {moved[2]} us: {self._whose_stick()}. Do not touch transmitter and joysticks while this tool "
+                f"to {moved[2]} us: {self._whose_stick()}. Do not touch the transmitter or joysticks while this tool "
                 f"steers",
                 guard="sticks",
                 value=float(moved[2]),
@@ -373,7 +373,7 @@ class InterferenceMonitor:
             return "a pilot, since the vehicle reports that its own RC receiver steers it (MANUAL_INPUT_STATUS)"
         since = self._session.clock.now() - _LOOK_BACK
         if self._other_stations.has_ordered(_STICK_ORDERS, since) or not self._rc_monitor.has_receiver:
-            return f"overrides other than ours ({self._other_stations.culprit(_STICK_ORDERS, since)})"
+            return f"overrides of another sender ({self._other_stations.culprit(_STICK_ORDERS, since)})"
         own = self._session.port.system
         return f"its RC transmitter, or overrides of another station with system id {own}"
 
@@ -384,10 +384,10 @@ class InterferenceMonitor:
         if moved is not None and not name and not ordered:
             return (
                 f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us, by a switch of the "
-                "transmitter, or overrides other than ours"
+                "transmitter, or by overrides of another sender"
             )
         if self._is_own_cause() and not name and not ordered:
-            return "it was the vehicle's own failsafe. Fix its cause, and start again"
+            return "the vehicle's own failsafe did this. Fix its cause and start again"
         return self._other_stations.culprit(kinds, since, name)
 
     def _is_own_cause(self) -> bool:
@@ -457,8 +457,8 @@ class RateKeeper:
             self._noted |= set(thin)
             who = self._other_stations.culprit(_REQUESTS, self._session.clock.now() - _RATES_LOOK_BACK)
             self._session.notes.append(
-                f"low rates for a while, requested again: {', '.join(thin.values())}. Messages were lost, or another "
-                f"station requested other rates ({who})"
+                f"message rates were low and were requested again: {', '.join(thin.values())}. Messages were lost, "
+                f"or another station requested other rates ({who})"
             )
 
     def _ask_again(self, name: str, rate: float) -> None:

@@ -280,7 +280,9 @@ class MavlinkCraft:
         if not self._interference.is_ours:
             return
         if not self.session.ask_state(_FRESH):
-            raise LinkLost(f"{self.session.vehicle} sent no HEARTBEAT for {_FRESH:g} s, so its mode is unknown")
+            raise LinkLost(
+                f"{self.session.vehicle} sent no HEARTBEAT for {_FRESH:g} s, so its mode is unknown. Check the link"
+            )
         self._interference.check_state()
 
     def arm(self) -> None:
@@ -425,8 +427,8 @@ class MavlinkCraft:
             self._end_of_hold()
             if not self._streamer.let_go_visibly():
                 raise NotAsFound(
-                    "the overrides were released, but the vehicle still shows them. They end after "
-                    "RC_OVERRIDE_TIME (neutral until then). Check whether another station sends the same",
+                    "the overrides were released, but the vehicle still shows them. They expire after "
+                    "RC_OVERRIDE_TIME (neutral until then). Check whether another station sends the same overrides",
                     differences={"overrides": "still in force"},
                 )
 

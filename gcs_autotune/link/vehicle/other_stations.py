@@ -147,10 +147,10 @@ class OtherStations:
         before, self.in_control = self.in_control, told
         ours = self._session.port.system
         if told.station not in (0, ours):
-            how = "it releases control on request" if told.takeover_allowed else "it does not release control"
+            how = "that station releases control on request" if told.takeover_allowed else "that station keeps control"
             self._session.notes.append(
                 f"the vehicle reports that {self._called_system(told.station)} is in control of it (CONTROL_STATUS), "
-                f"and may reject our commands; {how}. Release control there, or let that station fly"
+                f"and may reject commands of this tool; {how}. Release control there, or let that station fly"
             )
         elif before is not None:
             who = "this tool is" if told.station else "no station is"
@@ -160,7 +160,7 @@ class OtherStations:
         """Record another station's request for control, which the vehicle forwards to the station in control."""
         if int(message.command) == REQUEST_OPERATOR_CONTROL and message.target_system == self._session.port.system:
             self._session.notes.append(
-                f"{self._called_system(int(message.param4))} requests control of the vehicle; nothing was released"
+                f"{self._called_system(int(message.param4))} requests control of the vehicle. Control was not released"
             )
 
     def _suspect(self, kinds: Collection[str], since: float, name: str) -> str:
@@ -173,7 +173,7 @@ class OtherStations:
         ]
         if present:
             return f"also on this link: {', '.join(present)}"
-        return "no other station is on this link, so it came over another link, or from on board"
+        return "no other station is on this link, so the order came over another link or from on board"
 
     @property
     def at_work(self) -> str:
@@ -217,8 +217,8 @@ class OtherStations:
         Signal and noise are in the radio's units; 255 means unknown.
         """
         self.radio = (
-            f"signal {m.rssi} over noise {m.noise} here, {m.remrssi} over {m.remnoise} on board, {m.txbuf} % of its "
-            f"buffer free, {m.rxerrors} packets damaged"
+            f"signal {m.rssi} and noise {m.noise} here, {m.remrssi} and {m.remnoise} on board; {m.txbuf} % of its "
+            f"buffer free; {m.rxerrors} packets damaged"
         )
 
     def _is_for_our_vehicle(self, frame: Frame) -> bool:

@@ -104,7 +104,7 @@ class Rates:
                 ) from error
             if self.granted[name].granted < rate:
                 self._session.notes.append(
-                    f"{name}: requested {rate:g} Hz, the vehicle grants {self.granted[name].granted:g} Hz"
+                    f"{name}: requested {rate:g} Hz, but the vehicle grants {self.granted[name].granted:g} Hz"
                 )
         return {name: self.granted[name].granted for name in wanted}
 
@@ -338,7 +338,7 @@ class Rates:
         span = (stamps[-1] - stamps[0]) * n / (n - 1) if n > 1 else 0.0  # n messages stand for n periods
         if span <= 0.0:
             raise TelemetryFault(
-                "heartbeats arrive, but no ATTITUDE. Check whether another ground station changes the stream rates"
+                "HEARTBEAT arrives, but no ATTITUDE. Check whether another ground station changes the stream rates"
             )
         self.measured = {name: counts[name] / span for name in watched}
         heard = self._session.routing.traffic - traffic

@@ -134,8 +134,7 @@ def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool
         turned = f", RC{number}_REVERSED 0" if is_reversed else ""
         raise PreconditionFailed(
             f"RC{number}_TRIM is {trim:g}: this firmware scales the throttle stick from there to RC{number}_MAX "
-            f"({high:g}), so neutral is not the middle of its travel. "
-            f"Set RC{number}_TRIM {low:g}{turned} and try again"
+            f"({high:g}), so neutral is not the middle of its travel. Set RC{number}_TRIM {low:g}{turned} and try again"
         )
     return 0.5 * (low + high)
 
@@ -146,7 +145,7 @@ def _channel(values: Mapping[str, float], firmware: Firmware, force: str) -> int
     number = int(values.get(name, firmware.channels[force]))
     if not 1 <= number <= _CHANNELS:
         raise PreconditionFailed(
-            f"{name} is {number}, but overrides reach only channels 1 to {_CHANNELS}. Map it there"
+            f"{name} is {number}, but overrides reach only channels 1 to {_CHANNELS}. Map it to one of these"
         )
     return number
 
@@ -171,18 +170,20 @@ def why_deaf(parameters: Parameters, firmware: Firmware, source_system: int) -> 
     names = [*firmware.gcs_id_parameters, "MAV_GCS_SYSID_HI", "MAV_OPTIONS", "RC_OPTIONS", "RC_OVERRIDE_TIME"]
     values = parameters.read_existing([*names, *switches])
     if not values:
-        return "it does not answer requests either: the uplink is broken (a one-way link, or a weak radio)"
+        return "the vehicle does not answer requests either: the uplink is broken (a one-way link, or a weak radio)"
     name = next((n for n in firmware.gcs_id_parameters if n in values), "")
     low, high = int(values.get(name, source_system)), int(values.get("MAV_GCS_SYSID_HI", 0.0))
     if not low <= source_system <= max(low, high):
-        return f"{name} is {low}, but our system id is {source_system}. Use --source-system {low}"
+        return f"{name} is {low}, but this tool's system id is {source_system}. Use --source-system {low}"
     if int(values.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
-        return f"RC_OPTIONS is {values['RC_OPTIONS']:g}: its bit 1 makes it ignore overrides. Clear it"
+        return f"RC_OPTIONS is {values['RC_OPTIONS']:g}: its bit 1 makes the vehicle ignore overrides. Clear this bit"
     if values.get("RC_OVERRIDE_TIME", 3.0) == 0.0:
-        return "RC_OVERRIDE_TIME is 0, so it ignores overrides. Set it to 3 (seconds)"
+        return "RC_OVERRIDE_TIME is 0, so the vehicle ignores overrides. Set it to 3 (seconds)"
     switch = next((n for n in switches if values.get(n) == _OVERRIDE_SWITCH), "")
     if switch:
-        return f"{switch} is {_OVERRIDE_SWITCH}: that switch disables overrides. Set it to its other position"
+        return (
+            f"{switch} is {_OVERRIDE_SWITCH}: this transmitter switch disables overrides. Set it to its other position"
+        )
     signed = "; MAV_OPTIONS bit 0 is set" if int(values.get("MAV_OPTIONS", 0.0)) & _ENFORCE_SYSTEM else ""
     return (
         f"its parameters show no reason ({name or 'station id'} {low}, RC_OPTIONS {values.get('RC_OPTIONS', 0.0):g}"

@@ -142,7 +142,7 @@ class Watchdog:
             return True
         if t > before:
             if t - before > _JUMP + _SLACK * self._pace * (now - self._stamp_received):
-                self._report(f"its clock jumped from {before:.1f} s to {t:.1f} s between two attitudes")
+                self._report(f"its clock jumped from {before:.1f} s to {t:.1f} s between two ATTITUDE messages")
             self._keep_pace(t, now)
             self._stamp, self._stamp_received = t, now
             return True
@@ -176,14 +176,14 @@ class Watchdog:
     def check_attitude(self, t: float, attitude: Sequence[float]) -> None:
         """Check one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
         if not all(math.isfinite(value) for value in attitude):
-            self._report("the attitude is not a number; the autopilot's estimator has failed")
+            self._report("the attitude is not a number: the autopilot's estimator has failed")
             return
         if attitude != self._attitude:
             self._attitude, self._since = attitude, t
             return
         for start, limit in ((self._turning_since, _FROZEN_TURNING), (self._acting_since, _FROZEN)):
             if not math.isnan(start) and t - max(self._since, start) > limit:
-                self._report(f"the attitude has been frozen for {t - self._since:.1f} s while the actuators work")
+                self._report(f"the attitude has been frozen for {t - self._since:.1f} s while the actuators move")
 
     def note_outputs(self, t: float, forces: Mapping[str, float]) -> None:
         """Record the measured outputs (fractions), stamped *t* [s]."""

@@ -179,7 +179,7 @@ def _numbers(examined: _Examined) -> Iterator[Section]:
     numbers, first = examined.diagnosis.numbers, first_gain(examined.diagnosis)
     if numbers is None or not numbers.rows:
         return
-    held_out = f"Held out: {first.held_out}. Before any cause is added." if first is not None else ""
+    held_out = f"Held out: {first.held_out}. Errors before any cause is added." if first is not None else ""
     gains = (gains_table(numbers.gains), Note(held_out if numbers.gains else "", kind="quiet"))
     improvement = Section("numbers-gains", "Improvement by the corrected numbers, on held-out data", gains)
     yield Section("numbers", numbers_title(numbers), (numbers_table(numbers), improvement), facts=IN_RESULT)
@@ -205,7 +205,7 @@ def _improvement(examined: _Examined) -> Iterator[Section]:
     if not gains and not figures:
         return
     first = first_gain(diagnosis)
-    how = "The table shows held-out data, the figures show the runs used."
+    how = "The table shows held-out data. The figures show the runs used for the fit."
     held_out = f"Held out: {first.held_out}. {how}" if first is not None and first.held_out else ""
     parts: tuple[Part, ...] = (gains_table(gains), Note(held_out, kind="quiet"), *_gains_figure(diagnosis), *figures)
     yield Section("after", "Improvement on held-out data", parts, facts=IN_RESULT)
@@ -216,7 +216,7 @@ def _hints(examined: _Examined) -> Iterator[Section]:
         Section(f"hint-{i}", f"{i}. {hint_title(hint)}", hint_notes(examined.diagnosis, hint))
         for i, hint in enumerate(examined.diagnosis.hints, start=1)
     )
-    yield Section("hints", "Hints: what these runs point to, without enough evidence", hints, facts=IN_RESULT)
+    yield Section("hints", "Hints: possible causes with too little evidence", hints, facts=IN_RESULT)
 
 
 def _remains(examined: _Examined) -> Iterator[Section]:
@@ -224,7 +224,7 @@ def _remains(examined: _Examined) -> Iterator[Section]:
     findings = diagnosis.left.findings
     parts: tuple[Part, ...] = (
         *bullets(findings),
-        Note("" if findings else "Nothing distinguishable from noise."),
+        Note("" if findings else "The residual cannot be distinguished from noise."),
         Note(left_sentence(diagnosis.left)),
         *_missing(diagnosis),
         *_left(diagnosis),
@@ -347,7 +347,7 @@ def _after(examined: _Examined) -> tuple[Figure, ...]:
 def _gains_figure(diagnosis: Diagnosis) -> Iterator[Figure]:
     gains = diagnosis.gains if diagnosis.causes or diagnosis.numbers is None else diagnosis.numbers.gains
     if diagnosis.after:
-        caption = "Remaining error per signal with its 95 % interval; left of the line is better."
+        caption = "Remaining error of each signal with its 95 % interval. Left of the line the error has fallen."
         yield Figure("gains", caption, partial(draw_gains, gains))
 
 
@@ -374,12 +374,12 @@ def _view_caption(view: View, cause: str) -> str:
     what = f"Simulation error of the {signal_words(view.portrait.signal)} "
     share = format_share(view.share)
     if view.kind == "spectrum":
-        how = f"over frequency: {share} of it is concentrated at one frequency, beyond an even spread."
+        how = f"over frequency: {share} of its variance is at one frequency, above that of an even spread."
     elif view.kind == "cross":
-        how = f"correlated with earlier {signal_words(view.name)}: up to {share} of it."
+        how = f"correlated with earlier {signal_words(view.name)}: up to {share} of its variance."
     else:
         channel = "time" if view.name == "time" else signal_words(view.name)
-        how = f"over {channel}: {share} of it is correlated; noise would scatter evenly about the line."
+        how = f"over {channel}, which explains {share} of its variance. Noise would scatter evenly about the line."
     return what + how + (f" This indicates {cause}." if cause else "")
 
 
@@ -387,7 +387,7 @@ def _curve(cause: Cause, i: int) -> Iterator[Figure]:
     curve = cause.curve
     if curve is None or len(curve.x) < 2 or not np.isfinite(curve.y).any():
         return
-    polar = " In the polar plot the dark circle is zero; outside is positive." if curve.polar else ""
+    polar = " In the polar plot the dark circle marks zero. Values outside it are positive." if curve.polar else ""
     yield Figure(f"curve-{i}", f"Identified: {curve.title}.{polar}", partial(draw_curve, curve))
 
 
@@ -404,10 +404,10 @@ def _missing(diagnosis: Diagnosis) -> Iterator[Figure]:
     missing = diagnosis.missing
     curves = () if missing is None else tuple(missing.curves.values())[:MOST_CURVES]
     for i, curve in enumerate(curves, start=1):
-        share = f"{format_share(curve.share)} of it" if curve.share > 0.0 else "none of it"
+        share = f"{format_share(curve.share)} of its power" if curve.share > 0.0 else "none of it"
         caption = (
-            f"Missing force without an identified cause, over {missing_over(curve)}: "
-            f"the curve of {curve.predicted_by} predicts {share}."
+            f"Missing force without an identified cause, over {missing_over(curve)}. "
+            f"The curve from {curve.predicted_by} predicts {share}."
         )
         assert missing is not None
         yield Figure(f"missing-{i}", caption, partial(draw_missing, missing, curve))

@@ -289,7 +289,7 @@ def draw_left(portrait: Portrait) -> Figure | None:
 
 def _correlation(axes: Axes, lag: Array, rho: Array, limit: float) -> None:
     if np.isfinite(limit):
-        axes.axhspan(-limit, limit, color=FAINT, alpha=0.25, lw=0, label="95 % band of noise")
+        axes.axhspan(-limit, limit, color=FAINT, alpha=0.25, lw=0, label="noise (95 % band)")
     axes.axhline(0.0, color=INK, lw=0.7)
     axes.plot(lag, rho, color=BEFORE, lw=1.4)
     axes.set_ylim(-1.05, 1.05)

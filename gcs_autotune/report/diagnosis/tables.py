@@ -143,11 +143,11 @@ def effects_document(effects: Mapping[str, Effect]) -> Document:
             rows.append(("", f"shows in {effect.shown_by}"))
             if effect.mistaken_for:
                 others = ", ".join(effect_words(s) for s in effect.mistaken_for)
-                rows.append(("", f"mistaken for {others}; distinguished by {effect.separated_by}"))
+                rows.append(("", f"easily mistaken for {others}; to distinguish: {effect.separated_by}"))
         if rows:
             table = Table(("effect", "what; parameters"), "ll", tuple(rows))
             sections.append(Section(family.replace(" ", "-"), heading, (table,), facts=IN_RESULT))
-    about = Note(f"The bounds are for a reference craft: {CRAFT}. A fit derives them from its runs.")
+    about = Note(f"The bounds shown are for a reference craft: {CRAFT}. A fit derives its own from the runs.")
     sections.append(Section("bounds", "Bounds", (about,), facts=IN_RESULT))
     return Document("Effects", tuple(sections), facts=effects_to_dict(effects))
 

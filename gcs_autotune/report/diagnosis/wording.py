@@ -141,13 +141,13 @@ def verdict_of(diagnosis: Diagnosis) -> Verdict:
 def _verdict(diagnosis: Diagnosis) -> Verdict:
     tone = _TONES[diagnosis.verdict]
     if diagnosis.verdict == "no-effect":
-        follows = ["This holds for the motion of these runs; other motion may show more."]
+        follows = ["This holds for the motion in these runs. Other motion may show a missing effect."]
         if diagnosis.numbers is not None and diagnosis.numbers.rows:
             follows.insert(0, f"These runs agree with every number of the {diagnosis.numbers.of}.")
         return Verdict(_nothing(diagnosis), "neutral" if diagnosis.doubts else tone, tuple(follows))
     if diagnosis.verdict == "unfinished":
         return Verdict(
-            _unfinished(diagnosis), tone, ("No cause is reported: the rest of the search may reject any of them.",)
+            _unfinished(diagnosis), tone, ("No cause is reported yet: the rest of the search may still reject it.",)
         )
     if diagnosis.verdict == "unexplained":
         return Verdict(_unexplained(diagnosis), tone, _findings(diagnosis.left))
@@ -155,12 +155,12 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
     if diagnosis.verdict == "partly-explained":
         sentences.append(_hypotheses(diagnosis))
     elif diagnosis.verdict == "wrong-numbers":
-        sentences.append("With these numbers the runs show no missing effect.")
+        sentences.append("With the numbers corrected, the runs show no missing effect.")
     else:
-        followed = "With this the simulation follows the held-out data"
+        followed = "The extended model follows the held-out data"
         sentences.append(f"{followed}{_as_closely(diagnosis.left)}.")
     if diagnosis.indistinguishable:
-        sentences.append("Other causes remain possible: see below what these runs do not distinguish.")
+        sentences.append("Other causes remain possible. See below: causes that these runs do not distinguish.")
     return Verdict(
         _wrong(diagnosis.numbers, diagnosis) if diagnosis.numbers and diagnosis.wrong_numbers else _found(diagnosis),
         tone,
@@ -233,12 +233,12 @@ def _beside_numbers(diagnosis: Diagnosis) -> list[str]:
         sentences.append(numbers_sentence(diagnosis.numbers, causes=bool(diagnosis.causes)))
         sentences += scale_words(diagnosis.numbers)
         if diagnosis.causes:
-            sentences.append("On top of that " + _found(diagnosis))
+            sentences.append("Also " + _found(diagnosis))
     if diagnosis.gain is not None:
         sentences.append(gain_sentence(diagnosis.gain))
         if diagnosis.numbers is not None:
             owner = diagnosis.numbers.of
-            fitted, as_it_is = "fitted to these runs", "without fitting, which alone increases its error"
+            fitted, as_it_is = "fitted to these runs", "as supplied. Fitting it to these runs increases its error"
             over = fitted if diagnosis.numbers.over == "fitted" else as_it_is
             sentences.append(f"This improvement is relative to the {owner} {over}.")
     return sentences
@@ -248,18 +248,22 @@ def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
     """Return the improvement on held-out data due to corrected numbers, before any cause is added."""
     gain = numbers.gain
     if all(n.of_record for n in numbers.wrong):
-        return "This was corrected before any other comparison."
+        return "The correction was made before any other comparison."
     if gain is None:
         return f"Without correction the {numbers.of} diverges on these runs."
     if gain.ratio >= 1.0:
-        return "They compensate for a missing effect: corrected alone, they do not reduce the held-out error."
+        return (
+            "The wrong numbers compensate for a missing effect. Correcting only them does not reduce the held-out "
+            "error."
+        )
     before, after = (format_error(e, gain.unit, 3) for e in (gain.before, gain.after))
     interval = interval_words(gain)
-    these = "these" if len(numbers.wrong) > 1 else "this"
+    these = "these numbers" if len(numbers.wrong) > 1 else "this number"
     return (
         f"With {these} corrected{', before any cause is added' if causes else ''},"
         f" the error of the simulated {signal_words(gain.signal)}{_ahead(gain)} falls from {before} to {after}"
-        " on held-out data" + (f" (to {format_share(gain.ratio)}; 95 % interval {interval})." if interval else ".")
+        " on held-out data"
+        + (f" (to {format_share(gain.ratio)} of the error before; 95 % interval {interval})." if interval else ".")
     )
 
 
@@ -274,7 +278,8 @@ def scale_words(numbers: Numbers) -> list[str]:
     if np.any(np.abs(factors - mean) > 3.0 * errors):
         return []
     return [
-        f"All differ by one factor ({format_number(mean, 3)}). The scale of the commands is an equally likely cause."
+        f"All numbers differ by the same factor ({format_number(mean, 3)}). "
+        "A wrong scale of the commands is an equally likely cause."
     ]
 
 
@@ -373,7 +378,7 @@ def _unexplained(diagnosis: Diagnosis) -> str:
     if math.isfinite(error):
         said += f": the error of the simulated {signal_words(signal)} is {format_error(error, unit, 3)}"
     if not diagnosis.tried:
-        return f"{said}. No candidate was tried completely."
+        return f"{said}. The search finished none of the candidates."
     if diagnosis.hints:
         return f"{said}. Of {diagnosis.tried} candidates tried, {len(diagnosis.hints)} are reported as hints."
     return f"{said}. None of the {diagnosis.tried} candidates tried improves prediction of held-out data."

@@ -162,14 +162,14 @@ def _runs(story: FlightStory) -> Iterator[Section]:
 
 _HOW_TO_READ_COURSE = (
     "After each run the model was identified again. The next run was the one expected to reach the required precision "
-    'in the least time. "Held-out prediction": how much of a run the model of the previous runs explained.'
+    'in the least time. "Held-out prediction": how much of a run the model from the earlier runs explained.'
 )
 
 
 def _course(story: FlightStory) -> Iterator[Section]:
     if story.steps:
         rows = tuple((s.run, s.why, format_seconds(s.seconds), _predicted(s), s.known) for s in story.steps)
-        table = Table(("run", "why", "length", "held-out prediction", "precision after it"), "llrrl", rows)
+        table = Table(("run", "reason", "length", "held-out prediction", "precision after the run"), "llrrl", rows)
         note = Note(_HOW_TO_READ_COURSE, kind="quiet")
         yield Section("story", "Course of the trial", (note, table), facts=IN_RESULT)
 
@@ -238,7 +238,7 @@ def _draw_signals(trial: Trial, signals: Sequence[str], inputs: Sequence[str]) -
 
 
 def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> Iterator[Figure]:
-    own = "Model (free run) and measurement. Below: the residual."
+    own = "Model (simulated from the inputs alone) and measurement. Below: the residual."
     unseen = () if model.unseen is None else model.unseen.traces
     shown = [*((t, own) for t in model.fit.traces), *((t, f"Held-out prediction of {t.run}.") for t in unseen)]
     for i, (trace, caption) in enumerate(shown):
@@ -248,7 +248,7 @@ def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> Iterator[Figure]:
 
 
 def _track(runs: Mapping[str, Trial]) -> Figure:
-    caption = "Track from its start, north up; the prediction starts heading north."
+    caption = "Track from its start, north up. The predicted track starts with heading north."
     return Figure("track", caption, partial(draw_track, {n: _from_origin(trial) for n, trial in runs.items()}))
 
 

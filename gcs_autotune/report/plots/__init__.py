@@ -57,4 +57,4 @@ def plot(
         return plot_step(result, ax)
     if isinstance(result, Diagnosis):
         return plot_residuals(result, ax, run, signal)
-    raise UsageError(f"a {type(result).__name__} has no plot; a fit, a proposal and a diagnosis have one")
+    raise UsageError(f"a {type(result).__name__} has no plot. Plot a fit, a proposal or a diagnosis")

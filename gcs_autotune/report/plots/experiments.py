@@ -50,7 +50,7 @@ def profile_plot(profiles: Sequence[Profile]) -> Figure:
         axes.locator_params(axis="x", nbins=4)
         axes.set_xlabel(f"{found.name} [{found.unit}]")
         axes.set_title("closed" if found.closed else "open", fontsize="small", loc="left")
-    grid[0].set_ylabel("rise of -2 log L")
+    grid[0].set_ylabel("increase of -2 log-likelihood")
     return figure
 
 
@@ -70,7 +70,7 @@ def plan_plot(proposal: RankedManoeuvre, plan: Ranking | None = None) -> Figure:
     figure = Figure(figsize=(7.0, 1.2 + 0.32 * len(rows)), layout="constrained")
     axes = figure.subplots()
     axes.barh(rows - 0.2, np.minimum(before, edge), 0.38, color=GREY, label="from the runs so far")
-    axes.barh(rows + 0.2, np.minimum(after, edge), 0.38, color=BLUE, label="with the manoeuvre")
+    axes.barh(rows + 0.2, np.minimum(after, edge), 0.38, color=BLUE, label="with the proposed manoeuvre")
     axes.set_yticks(rows, proposal.names, fontsize="small")
     axes.invert_yaxis()
     axes.set_xscale("log")

@@ -87,7 +87,7 @@ def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "
     found = next((t for t in traces if run in ("", t.run) and signal in ("", t.signal)), None)
     if found is None:
         have = ", ".join(f"{t.signal} of {t.run}" for t in traces) or "none"
-        raise UsageError(f"there is no trace of {signal or 'any signal'} of {run or 'any run'}; there is: {have}")
+        raise UsageError(f"no trace of {signal or 'any signal'} of {run or 'any run'}. Available: {have}")
     _draw_motion(ax, found, "")
     ax.set_xlabel("time [s]")
     ax.legend(fontsize="small")

@@ -49,8 +49,8 @@ MOST_TRACES = 12
 
 _HOW_TO_READ_STD = (
     "Rounded to the standard error. The bound (Cramér-Rao) is the smallest standard error of any unbiased method on "
-    "these runs. A ratio std / bound near 1 means that the fit uses all information. Above 1 the residuals are not "
-    "white, or a richer structure is possible."
+    "these runs. A ratio std / bound near 1 means that the fit uses all information. A larger ratio means that the "
+    "residuals are not white, or that the model needs more terms."
 )
 
 
@@ -91,7 +91,7 @@ def model_section(fit: Fit[Model], slug: str = "model") -> Section:
             Note(_HOW_TO_READ_STD, kind="quiet"),
             Figure(
                 f"{slug}-correlation",
-                "Correlation of the estimates. These runs do not separate pairs near ±1.",
+                "Correlation of the estimates. Near ±1 the runs do not distinguish the two parameters.",
                 partial(draw_correlation, fit),
             ),
             Figure(f"{slug}-intervals", INTERVALS_CAPTION, partial(draw_intervals, fit.parameters)),
@@ -102,7 +102,7 @@ def model_section(fit: Fit[Model], slug: str = "model") -> Section:
 
 def _key_figures(fit: Fit[Model], unseen: Validation | None) -> Iterator[KeyFigure]:
     fitted = [p for p in fit.parameters.values() if p.status in ("fitted", "at_bound")]
-    yield KeyFigure(format_percent(fit.fit_percent), "fit", "free run, identification runs")
+    yield KeyFigure(format_percent(fit.fit_percent), "fit", "simulated over the identification runs")
     if unseen is not None:
         yield KeyFigure(format_percent(unseen.fit_percent), "prediction", "held-out data")
     yield KeyFigure(str(len(fitted)), "parameters", f"from {len(fit.used)} run{'s' if len(fit.used) > 1 else ''}")
@@ -172,7 +172,7 @@ def _methods(study: Study) -> Iterator[Section]:
             *estimate_tables(study),
             Figure(
                 "methods",
-                "Estimates of each method relative to the selected one, with 95 % intervals.",
+                "Estimates of each method relative to those of the selected method, with 95 % intervals.",
                 partial(draw_methods, study.fit, fits),
             ),
         ),

@@ -60,9 +60,9 @@ _NAMED = {
     "I_y": "moment of inertia in pitch",
     "I_z": "moment of inertia in yaw",
     "I_xz": "product of inertia",
-    "x_G": "centre of gravity, ahead",
-    "y_G": "centre of gravity, to starboard",
-    "z_G": "centre of gravity, down",
+    "x_G": "centre of gravity, distance ahead of the origin",
+    "y_G": "centre of gravity, distance to starboard of the origin",
+    "z_G": "centre of gravity, depth below the origin",
     "delay": "input delay",
     "lag": "first-order lag of the force",
     "V_x": "current to the north",
@@ -103,7 +103,7 @@ def _over_bound(p: Parameter) -> str:
 
 def _remark(p: Parameter) -> str:
     if p.status == "fitted" and p.std > abs(p.value) > 0.0:
-        return "not distinct from zero"
+        return "not distinguishable from zero"
     if p.status == "at_bound" and p.value == 0.0:
         return "none"
     return {"fitted": "", "absent": "absent", "fixed": "known"}.get(p.status, "AT ITS BOUND")

@@ -82,26 +82,25 @@ def decision_sentence(fit: AxisFit) -> str:
     assert decision is not None  # asked by the caller
     gap = decision.sigma_beta - decision.sigma_beta_quadratic
     numbers = (
-        "Between the two experiments the linear damping differs by "
-        f"{format_percent(decision.sigma_beta)}, the quadratic one by "
-        f"{format_percent(decision.sigma_beta_quadratic)}, the inertia by {format_percent(decision.sigma_alpha)}."
+        f"Difference between the two experiments: linear damping {format_percent(decision.sigma_beta)}, quadratic "
+        f"damping {format_percent(decision.sigma_beta_quadratic)}, inertia {format_percent(decision.sigma_alpha)}."
     )
     if decision.verdict == "undecided":
         return (
-            f"{numbers} The difference of {format_percent(abs(gap))} is within the margin of "
-            f"{format_percent(decision.margin)}, so this criterion does not decide. A third experiment with a clearly "
-            "different relay output can."
+            f"{numbers} The two damping figures are {format_percent(abs(gap))} apart, within the margin of "
+            f"{format_percent(decision.margin)}, so this criterion does not decide. Fly a third experiment with a "
+            "clearly different relay output."
         )
     advised = structure_words(decision.verdict)
     steadier = (
-        f"{numbers} The more consistent of the two, by {format_percent(abs(gap))} with a margin of "
+        f"{numbers} The smaller damping figure, by {format_percent(abs(gap))} at a margin of "
         f"{format_percent(decision.margin)}, indicates {advised}"
     )
     if fit.structure == decision.verdict:
         return f"{steadier}, and so do the fits." if len(fit.candidates) > 1 else f"{steadier}."
     if len(fit.candidates) <= 1:
-        return f"{steadier}; {structure_words(fit.structure)} was requested."
-    return f"{steadier}. The fits to the whole records support {structure_words(fit.structure)}, which is used."
+        return f"{steadier}. The user requested {structure_words(fit.structure)}."
+    return f"{steadier}. The fits to the whole records support {structure_words(fit.structure)}. The latter is used."
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
@@ -110,7 +109,7 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
     if model.beta != 0.0 and fit.structure != "nonlinear":
-        said.append(f"Slow motion decays with a time constant of {format_seconds(model.alpha / model.beta)}.")
+        said.append(f"At low speed, motion decays with a time constant of {format_seconds(model.alpha / model.beta)}.")
     if model.input_unit == "1":
         said.extend(_top_speed(fit, unit))
     said.extend(_actuator_sentence(fit, own) for own in fit.effects)
@@ -120,7 +119,7 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
         by_it = _with_error(fit, lambda moved, effects: moved.alpha / _acting(effects, output))
         per_force = pretty_unit(fit.parameters[axis.parameter_names()[0]].unit)
         said.append(
-            f"{_of_full(output)} gives {format_number(acting)} of the table's unit of force. Relative to that force "
+            f"{_of_full(output)} gives {format_number(acting)} in the table's unit of force. Relative to this force "
             f"the inertia is {format_value(*by_it)} {per_force}, if the thrust curve holds between the outputs flown."
         )
     trace = fit.traces[0] if fit.traces else None
@@ -246,9 +245,9 @@ def remainder_sentence(left: Remainder, unit: str) -> str:
     if not math.isfinite(left.rms):
         return ""
     if left.unexplained <= 0.0:
-        return f"The residual of {rms} rms is white, like measurement noise."
+        return f"The residual ({rms} rms) is white, like measurement noise."
     noise, rest = format_error(left.noise, unit, 2), format_error(left.unexplained, unit, 2)
-    return f"The residual is {rms} rms: {noise} white, like noise; {rest} correlated and unexplained."
+    return f"The residual is {rms} rms: {noise} white (noise), {rest} correlated and unexplained."
 
 
 def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
@@ -260,8 +259,8 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
 
     if own.slug == "quadratic-actuator":
         return (
-            f"The force at output x is (1 - q) x + q x² with q = {number('share')}; 0 is proportional, 1 quadratic "
-            "like a plain propeller."
+            f"The force at output x is (1 - q) x + q x² with q = {number('share')}. q = 0 is proportional; q = 1 is "
+            "quadratic, like a plain propeller."
         )
     if own.slug == "dead-zone":
         return f"The actuator has a dead zone: no force below {number('width')} of full output."
@@ -279,7 +278,7 @@ _STATUS: Mapping[str, str] = {
     "fitted": "",
     "absent": "not in this structure",
     "fixed": "fixed",
-    "at_bound": "AT ITS BOUND: do not trust it",
+    "at_bound": "AT ITS BOUND: not reliable",
 }
 """Parameter status -> remark."""
 
@@ -394,8 +393,7 @@ def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str,
 
 _HOW_TO_READ_BIC = (
     "BIC weighs the misfit against the number of fitted parameters. A structure more than 10 above the best explains "
-    "the record clearly worse. A structure with negative damping is only chosen without an alternative, since water "
-    "does not push."
+    "the record clearly worse. Negative damping is not physical: such a structure is chosen only if there is no other."
 )
 
 

@@ -107,7 +107,7 @@ def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, en
     for name, colour in zip(names, (INK, *COLOURS), strict=False):
         channel = trial[name]
         t = np.concatenate([[start], channel.t[(channel.t > start) & (channel.t <= end)], [end]])
-        scale, unit = (100.0, "% of full") if channel.unit == "1" else (to_people(channel.unit)[1], "")
+        scale, unit = (100.0, "% of full output") if channel.unit == "1" else (to_people(channel.unit)[1], "")
         units.append(unit or pretty_unit(to_people(channel.unit)[0]))
         few = thin(finite(t - start, scale * np.array([channel.held_at(moment) for moment in t])))
         axes.step(few.t, few.y, where="post", color=colour, lw=1.0, label=name if len(names) > 1 else None)
@@ -181,7 +181,7 @@ def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
         told = half <= WIDEST
         axes.plot([-min(half, limit), min(half, limit)], [i, i], color=AFTER if told else BEFORE, lw=2.4)
         axes.plot(0.0, i, "o", ms=4.5, color=AFTER if told else BEFORE)
-        words = f"± {format_percent(half)}" + ("" if told else ", not distinct from zero")
+        words = f"± {format_percent(half)}" + ("" if told else ", not distinguishable from zero")
         axes.text(1.01, i, words, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
         if math.isfinite(p.bound) and p.bound > 0.0:
             bound = min(196.0 * p.bound / abs(p.value), limit)
@@ -197,8 +197,8 @@ def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
 
 
 INTERVALS_CAPTION = (
-    "Uncertainty of each parameter: its 95 % interval in percent of its value. Pale, if known: the smallest "
-    "interval that any unbiased method could reach with these runs."
+    "95 % interval of each parameter, in percent of its value. Pale (if known): the smallest interval that any "
+    "unbiased method could reach with these runs."
 )
 
 

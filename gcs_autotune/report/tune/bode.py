@@ -91,7 +91,7 @@ def draw_bode(loops: tuple[Sequence[OpenLoop], Sequence[OpenLoop]], margins: Seq
     bottom.set_ylim(max(bottom.get_ylim()[0], LEAST_PHASE), min(bottom.get_ylim()[1], 90.0))
     top.set_ylabel("magnitude [dB]")
     bottom.set_ylabel("phase [°]")
-    bottom.set_xlabel("frequency [rad/s]; thick lines: margins")
+    bottom.set_xlabel("frequency [rad/s] (thick lines: margins)")
     bottom.xaxis.set_major_formatter("{x:g}")
     bottom.xaxis.set_minor_formatter("")
     legend(top)

@@ -130,14 +130,14 @@ def _gains(story: TuneStory) -> Iterator[Section]:
         wanted = proposal.wanted
         how = (
             f"The gains make the closed loop follow a {wanted.kind.capitalize()} reference model with a characteristic "
-            f"frequency of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law}). The range is that of the "
+            f"frequency of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law}). The range is from the "
             "firmware's documentation."
         )
         predicted = metrics_table(proposal.before.metrics, proposal.after.metrics)
         parts += [
             Note(how, kind="quiet"),
             *(Note(sentence(note), detail=True) for note in proposal.notes),
-            Section("gains-predicted", "Predicted on the model", (predicted,), detail=True),
+            Section("gains-predicted", "Prediction of the model", (predicted,), detail=True),
         ]
     yield Section("gains", "Gains", tuple(parts), facts=IN_RESULT)
 
@@ -145,7 +145,7 @@ def _gains(story: TuneStory) -> Iterator[Section]:
 def _proof(story: TuneStory) -> Iterator[Section]:
     if story.awaits_proof and story.proving:
         command = Note(proof_command(story), PROOF_SENTENCE, kind="command")
-        yield Section("proof", "How to apply and prove them", (command,), facts=IN_RESULT)
+        yield Section("proof", "How to apply and test the new gains", (command,), facts=IN_RESULT)
 
 
 def _undo(story: TuneStory) -> Iterator[Section]:
@@ -175,8 +175,8 @@ def _model(story: TuneStory) -> Iterator[Section]:
 
 
 _HOW_TO_READ_CYCLES = (
-    "IS-O assumes sinusoidal motion and starts the refined fit, which uses every sample. In an IS-O row the two "
-    "damping columns are alternatives."
+    "The first-harmonic estimate (IS-O) assumes sinusoidal motion. It starts the refined fit, which uses every sample. "
+    "In an IS-O row the two damping columns are alternatives."
 )
 
 

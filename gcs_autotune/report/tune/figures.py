@@ -215,14 +215,14 @@ def relay_figures(story: TuneStory) -> Iterator[Figure]:
     found = (relay_series(trial, swung) for trial in story.relays[:MOST_RELAYS])
     relays = [series for series in found if series is not None]
     for i, relay in enumerate(relays, start=1):
-        caption = f"Relay experiment '{relay.name}': {noun} relative to its reference, with the switchings marked."
+        caption = f"Relay experiment '{relay.name}': {noun} relative to its reference, with the relay switches marked."
         if flown[relay.name].reason:
             caption += f" End: {flown[relay.name].reason}."
         if not len(relay.switches):
             caption = f"Throttle steps '{relay.name}': {noun} relative to its value before the first step."
         yield Figure(f"relay-{i}", caption, partial(_draw_relay, relay, story))
     if relays:
-        caption = f"Limit cycles: rate of change against {noun}. Bold: the last periods, at most five."
+        caption = f"Limit cycles: rate of change against {noun}. Bold: the last periods (at most five)."
         yield Figure("cycle", caption, partial(_draw_cycles, relays, swung))
 
 
@@ -278,7 +278,7 @@ def _bode_caption(margins: Sequence[LoopMargins], *, several: bool) -> str:
         words.append(f"{label} gains: {gain}, {format_quantity(found.phase, 'rad', 3)} in phase")
     thin_lines = " Thin lines: the loop at other speeds and outputs." if several else ""
     told = "; ".join(words)
-    return f"Bode plot of the design model, loop opened at the actuator. Margins: {told}.{thin_lines}"
+    return f"Bode plot of the design model, with the loop opened at the actuator. Margins: {told}.{thin_lines}"
 
 
 def _noun(watched: PlottedSignals) -> tuple[str, str, str]:
@@ -290,7 +290,7 @@ def _noun(watched: PlottedSignals) -> tuple[str, str, str]:
 def _step_caption(story: TuneStory) -> str:
     what = _noun(story.stepped)[0]
     if story.step_before is None and story.step_after is None:
-        return f"Predicted {what} step with the old and the new gains; not measured."
+        return f"Predicted (not measured) {what} step with the old and the new gains."
     if story.step_before is None or story.step_after is None:
         return f"Measured {what} step (left) and step back (right). Below: the actuator."
     return (
@@ -321,7 +321,7 @@ def _draw_step(story: TuneStory) -> Drawing | None:
             top.set_xlim(-LEAD, max(float(leg.target.t[-1]) for leg, _ in legs))
         bottom.set_xlabel("time since the step back [s]" if k else "time since the step [s]")
     top, bottom = columns[0]
-    top.set_ylabel(f"{what}, from the start [{unit}]")
+    top.set_ylabel(f"change of {what} [{unit}]")
     if SIGNALS[story.stepped.position].down:
         top.invert_yaxis()  # shared by the row: depth grows downwards
     _label_output(bottom, story)
@@ -390,7 +390,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
         top.invert_yaxis()  # depth grows downwards
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
-    bottom.set_xlabel("time [s]; shaded: the last periods, at most five" if len(relay.switches) else "time [s]")
+    bottom.set_xlabel("time [s] (shaded: the last periods, at most five)" if len(relay.switches) else "time [s]")
     legend(top)
     return figure
 

@@ -35,8 +35,8 @@ __all__ = [
 _METRICS: tuple[tuple[str, str, Callable[[StepMetrics], str]], ...] = (
     ("itae", "tracking error (ITAE per unit step)", lambda m: _with_unit(m.itae, "s²")),
     ("overshoot", "overshoot", lambda m: format_share(m.overshoot)),
-    ("rise", "rise time, 10 to 90 %", lambda m: format_seconds(m.rise, "not reached")),
-    ("settling", "settling time, to 5 %", settling_cell),
+    ("rise", "rise time (10 to 90 %)", lambda m: format_seconds(m.rise, "not reached")),
+    ("settling", "settling time (to within 5 %)", settling_cell),
     ("steady_error", "remaining error", lambda m: format_share(m.steady_error)),
     ("travel", "actuator travel per second", lambda m: format_share(m.travel)),
 )
@@ -112,7 +112,7 @@ def beside_table(story: TuneStory) -> Table:
     """Return the metrics of the turn-rate step of a heading tune; no rows without such a step."""
     before, after = story.beside or (None, None)
     table = metrics_table(before, after)
-    return replace(table, heads=("turn rates, lower is better", *table.heads[1:]))
+    return replace(table, heads=("turn rate, lower is better", *table.heads[1:]))
 
 
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:
@@ -126,7 +126,7 @@ def margins_table(proposal: Proposal) -> Table:
     shown = [_margin_cells(m) for m in (proposal.margins, proposal.worst_margins)]
     labels = ("stable", "gain margin", "phase margin", "delay margin")
     rows = tuple((label, *cells) for label, *cells in zip(labels, *shown, strict=True))
-    return Table(("", "identified model", "worst in 95 % region"), "lrr", rows)
+    return Table(("", "identified model", "worst case in its 95 % region"), "lrr", rows)
 
 
 def _margin_cells(margins: Margins) -> tuple[str, ...]:
