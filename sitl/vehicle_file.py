@@ -152,7 +152,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     Raises
     ------
     ValueError
-        It does not; the message states where.
+        It does not match or is inconsistent; the message states where.
     """
     _verify_units(own)
     conform(own, VehicleFile)

@@ -236,8 +236,12 @@ class Session:
 
         It waits at most *timeout*, and at most 0.1 s, or 20 ms in real time.
 
-        Raises ------ OperatorStopped The operator asked to stop and no shield is up. LinkLost The vehicle has been
-        silent for too long, or the connection broke.
+        Raises
+        ------
+        OperatorStopped
+            The operator requested a stop, and it is not deferred.
+        LinkLost
+            The vehicle has been silent for too long, or the connection broke.
         """
         self.operator.check()
         self._periodic_tasks.do(self.clock.now())

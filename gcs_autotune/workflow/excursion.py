@@ -53,7 +53,10 @@ STOPPED, LONGEST_COAST = 0.1, 60.0
 With quadratic drag the speed never quite reaches zero, so the second number ends the coast. Project choice.
 """
 SPARE, SPARE_METRES = 1.2, 2.0
-"""Margin over the worst craft for wind, waves and noise: a factor, and a minimum in metres. Project choice."""
+"""Margin over the craft that needs most, for wind, waves and noise.
+
+It is a factor, and a minimum in metres. Project choice.
+"""
 SUBMERGED, SUBMERGED_METRES = 1.1, 0.3
 """The margin for a submerged vehicle, which neither wind nor waves move: a factor, and a minimum in metres. Project
 choice."""

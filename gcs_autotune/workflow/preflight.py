@@ -240,7 +240,10 @@ def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> No
 
     With a lower cap the output is saturated during most of each manoeuvre, and nothing can be identified.
 
-    Raises ------ PreconditionFailed It caps it; the message has the numbers and the cure.
+    Raises
+    ------
+    PreconditionFailed
+        The autopilot caps it; the message states the numbers and the remedy.
     """
     if not excitation_of(dof).by_throttle or not craft.firmware.needs_way:
         return
@@ -299,9 +302,9 @@ def remarks_on(craft: MavlinkCraft) -> list[str]:
 _CHECKS_PATIENCE = 30.0
 _POSITION_PATIENCE = 90.0
 _SILENT = 2.5
-"""Time [s] to wait for the estimator's status, requested at 2 Hz.
+"""Longest time to wait for the estimator's status [s], requested at 2 Hz.
 
-After it the vehicle counts as not reporting it. Project choice.
+A vehicle that has not sent it by then counts as not reporting it. Project choice.
 """
 _REPORT = "EKF_STATUS_REPORT"
 _POS_HORIZ_ABS = 1 << 4

@@ -382,7 +382,10 @@ class SelfPlanner:
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
     def _blindly(self, number: int, run_of: Callable[[FlySettings], FlightRun]) -> tuple[FlightRun | None, str]:
-        """Return the gentlest run of a manoeuvre not flown yet. Used for an unstable model, which cannot predict."""
+        """Return the gentlest run of a manoeuvre that was not flown yet.
+
+        It is used if the model is unstable and therefore cannot predict.
+        """
         for offer in self._offers:
             name = offer.settings.kind.name
             if name in self._tried:

@@ -153,9 +153,12 @@ class KnownDesign:
 
     Call :meth:`start` first. *observer* receives the predicted ITAE.
 
-    Attributes ---------- known : whether the last relay ended because the gains are known. another_size : whether a
-    relay of another size is called for. counted_to : the vehicle's time [s] at the end of the half period that was
-    decisive; NaN when there is none, or when the relay ended with it.
+    Attributes
+    ----------
+    known : whether the last relay ended because the gains are known.
+    another_size : whether a relay of another amplitude is needed.
+    counted_to : the vehicle's time [s] at the end of the decisive half period; NaN when there is none, or when
+        the relay ended with it.
     """
 
     def __init__(

@@ -30,7 +30,8 @@ __all__ = ["excursion_of", "movements_of", "tune_legs"]
 
 
 def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[Itinerary]) -> Excursion:
-    """Return the excursion of a tune or an experiment, for the worst craft and the longest of *itineraries*.
+    """Return the excursion of a tune or an experiment, for the assumed craft that needs most and the longest of
+    *itineraries*.
 
     Raises
     ------

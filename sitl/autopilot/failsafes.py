@@ -19,9 +19,9 @@ _ACTION_NONE, _ACTION_TERMINATE = 0, 5
 
 
 class RoverFailsafe:
-    """``events``: present faults.
+    """The failsafes of a Rover.
 
-    ``triggered``: faults already acted on. FS_ACTION 5 disarms, others change to HOLD.
+    ``events``: present faults. ``triggered``: faults already acted on. FS_ACTION 5 disarms, others change to HOLD.
     """
 
     def __init__(self, parameters: ParameterStore, owner: Autopilot) -> None:

@@ -86,7 +86,7 @@ class MassChange(HiddenEffect):
         self._when = setting.start + self["time"]
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Scale the inertia from the given time on."""
+        """Scale the inertia from the time set by the effect's parameter."""
         if t >= self._when - 1e-9:
             for dof in self._dofs:
                 parameters[f"{dof}.alpha"] *= self["ratio"]

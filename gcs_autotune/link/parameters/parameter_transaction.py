@@ -35,8 +35,10 @@ class ParameterTransaction:
 
     As a context manager it restores everything on exit, unless :meth:`keep` was called.
 
-    Attributes ---------- old : name -> original value of every parameter lent. written : names written and not yet kept
-    or restored, in order.
+    Attributes
+    ----------
+    old : name -> original value of every parameter lent.
+    written : names written and not yet kept or restored, in order.
     """
 
     def __init__(self, parameters: Parameters, journal: Journal) -> None:

@@ -162,7 +162,10 @@ class InterferenceMonitor:
         On its first detection the sticks are set to neutral. Then, for about a second, two more heartbeats, the
         vehicle's clock and its status texts are awaited to identify the cause.
 
-        Raises ------ TelemetryFault Its heartbeats contradict each other. LinkLost: there are none.
+        Raises
+        ------
+        TelemetryFault
+            Its heartbeats contradict each other. LinkLost: no heartbeat arrived.
         """
         if self.is_ours and self.found is None and self._changes():
             self._let_go()

@@ -129,8 +129,10 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
 
 
 _MUCH = 0.02
-"""Relative difference between full output and the table's unit of force above which a sentence states it. Project
-choice."""
+"""Difference between a full force and the actual one [fraction] above which a sentence states the latter.
+
+Project choice.
+"""
 
 
 def _top_speed(fit: AxisFit, unit: str) -> list[str]:
