@@ -83,8 +83,10 @@ class Room:
 
 @dataclass(frozen=True, slots=True)
 class Vitals:
-    """State of the vehicle, about once a second: battery [V], [0..1], round trip [s] and rate of ATTITUDE [Hz]; NaN:
-    unknown."""
+    """State of the vehicle, about once a second.
+
+    Battery voltage [V], remaining charge [0..1], round trip [s] and rate of ATTITUDE [Hz]; NaN: unknown.
+    """
 
     mode: str
     armed: bool

@@ -30,7 +30,7 @@ class Range:
 
     @property
     def form(self) -> Any:
-        """Type of the value: a number, or a number or a list."""
+        """Type of the value: a number only, or either a number or a list."""
         one: Any = Annotated[
             float, Meta(gt=self.least, le=self.most) if self.above else Meta(ge=self.least, le=self.most)
         ]

@@ -209,7 +209,7 @@ class Outlook:
 def look_ahead(
     runs: Sequence[Trial], before: Fit[Model] | None, precision: Precision, offers: Sequence[Offer], overhead: float
 ) -> Outlook:
-    """Identify the form from all *runs* and rank the *offers*; runs in its own process.
+    """Identify the form from all *runs* and rank the *offers*. It runs in a separate process.
 
     Raises
     ------

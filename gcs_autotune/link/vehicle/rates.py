@@ -385,7 +385,7 @@ def _count(counts: Counter[str], name: str, _: Message) -> None:
 
 
 def _at_loops(rate: float, loop_period: float) -> float:
-    """Return the rate [Hz] if its interval is rounded up to whole loops."""
+    """Return the rate [Hz] that results if the message interval is rounded up to whole loops."""
     if rate <= 0.0 or loop_period <= 0.0:
         return rate
     return 1.0 / (math.ceil(1.0 / rate / loop_period - _ROUNDING) * loop_period)
