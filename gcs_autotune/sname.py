@@ -15,8 +15,8 @@ Signs
 Units
 -----
 All computations use SI and radians. Files contain the unit in the column heading, ``name[unit]``; :func:`to_si` lists
-the accepted units. A heading without a unit means the unit of :data:`SIGNALS`. For a force or moment it means a fraction
-of full actuator output, the unit ``1``.
+the accepted units. A heading without a unit means the unit of :data:`SIGNALS`. For a force or moment it means a
+fraction of full actuator output, the unit ``1``.
 """
 
 from __future__ import annotations

@@ -281,7 +281,7 @@ class _Flight:
         return replace(worst_of(each), seconds=seconds, stages=stages) if each else Excursion(0.0, 0.0)
 
     def _stages(self) -> list[Leg]:
-        """Return the stages of the runs and between them, with the times of the slowest assumed craft."""
+        """Return the stages of the runs and those between the runs, with the times of the slowest assumed craft."""
         legs: list[Leg] = []
         for run in self._left:
             taken = dict(run.excursion.stages)

@@ -217,7 +217,8 @@ class _TimeLeft(ProgressColumn):
 class StageBar:
     """One line for the current stage, removed at the end. Silent if *console* is not a terminal.
 
-    verbose : keep a line per stage, also without a terminal. given : time limit [s], shown if it is long enough.
+    verbose : keep a line for each completed stage, also without a terminal. given : time limit [s], shown if it is long
+        enough.
     """
 
     def __init__(self, console: Console, *, verbose: bool = False, given: float = math.inf) -> None:
