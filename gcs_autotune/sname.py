@@ -6,7 +6,8 @@ Signs
 * ``psi`` is measured from north over east. A positive yaw moment ``N`` turns the bow to starboard and makes
   ``r = dpsi/dt`` positive. ``z`` is depth (down positive). A positive ``Z`` pushes down. A positive ``X`` pushes ahead.
 * One degree of freedom, Miskovic2010, eq. (6.33): ``alpha * nu_dot + (beta + beta_nn * |nu|) * nu = tau + Delta``.
-  ``alpha`` is inertia including added mass. Drag coefficients are positive if they damp. ``Delta`` is the constant force
+  ``alpha`` is inertia including added mass. Drag coefficients are positive if they damp. ``Delta`` is the constant
+  force
   of tether, trim, wind or net weight, with the same sign as ``tau``. If the steering input has the opposite sign (a
   rudder whose positive angle turns to port), ``alpha`` and the drag coefficients are negative.
 * A rudder deflection ``delta`` (channel) is an input like ``N``. The *parameter* called ``delta`` in results is the
