@@ -53,7 +53,7 @@ def test_the_lead_in_is_left_out_of_the_manoeuvre_proper() -> None:
 
 
 def test_a_channel_that_is_not_there_is_named_beside_those_that_are() -> None:
-    with pytest.raises(MissingChannel, match="no channel 'delta'. It contains N, psi, r"):
+    with pytest.raises(MissingChannel, match=r"no channel 'delta'\. It contains N, psi, r"):
         trial()["delta"]
     assert "delta" not in trial() and "N" in trial()
 
@@ -109,7 +109,7 @@ def test_columns_are_renamed_as_asked_and_only_those_that_are_there(path: Path) 
     text = "zeit[s],kurs[deg]\n0,0\n1,90\n"
     run = load(path, text, zeit="t[s]", kurs="psi[deg]")
     assert run["psi"].values == pytest.approx([0.0, math.pi / 2.0])
-    with pytest.raises(UsageError, match="no column ruder. Its columns are zeit, kurs"):
+    with pytest.raises(UsageError, match=r"no column ruder\. Its columns are zeit, kurs"):
         load(path, text, ruder="delta[deg]")
 
 

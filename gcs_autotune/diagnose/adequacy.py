@@ -208,8 +208,8 @@ def generic_terms(form: Form) -> dict[str, str]:
         }
         if "yaw" in form.dofs:
             own |= {
-                f"{f}_sinpsi": "a force that depends on the heading",
-                f"{f}_cospsi": "a force that depends on the heading",
+                f"{f}_sinpsi": "a force proportional to the sine of the heading",
+                f"{f}_cospsi": "a force proportional to the cosine of the heading",
             }
         if dof in ("yaw", "heave"):
             own[f"{f}_{d.position}"] = f"a force proportional to {d.position}"
@@ -312,8 +312,8 @@ def _cubic_thrust(own: EffectInstance, form: Form) -> Sequence[str]:
 
 
 LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] = {
-    "quadratic-drag": (_cubic_drag, "cubic drag fits better than quadratic drag"),
-    "quadratic-actuator": (_cubic_thrust, "thrust cubic in the command fits better than thrust quadratic in it"),
+    "quadratic-drag": (_cubic_drag, "a cubic drag law fits better than a quadratic one"),
+    "quadratic-actuator": (_cubic_thrust, "a cubic thrust curve fits better than a quadratic one"),
 }
 """Slug of a cause -> derivatives of the generic law to compare it with, and the meaning of a better fit of that law."""
 

@@ -222,7 +222,7 @@ class WithProcessNoise:
         found = replace(found, ahead=after / before if 0.0 < before < math.inf else 1.0)
         if ratio < 1.0:
             return found
-        why = f"does not improve prediction {seconds:g} s ahead ({ratio:.2f} times the error)"
+        why = f"it does not improve prediction {seconds:g} s ahead ({ratio:.2f} times the error)"
         return replace(found, lacks="no-gain", unsound=why)
 
     def winner(self, scores: Sequence[Score]) -> Score | None:

@@ -194,7 +194,7 @@ def form_alone(form: Form, dof: str) -> Form | None:
     if not inputs or form.coriolis or damping not in form.parameters:
         return None
     rigid = {"u": "m", "v": "m", "w": "m", "p": "I_x", "q": "I_y", "r": "I_z"}[d.velocity]
-    title = f"{dof} alone, per unit of inertia"
+    title = f"model of {dof} alone, per unit of inertia"
     free = (gain, damping)
     return Form("plain", title, (dof,), free, {rigid: 1.0}, inputs, coriolis=False, per_inertia=(d.force,))
 
@@ -425,15 +425,15 @@ def _folds(segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: b
             own = tuple(b for blocks in pieces for b in blocks[k : k + 1])
             rest = tuple(b for blocks in pieces for b in (*blocks[:k], *blocks[k + 1 :]))
             folds.append((rest, own))
-        words = f"{len(folds)} blocks of every run left out in turn"
+        words = f"{len(folds)} blocks of every run held out in turn"
     elif len(runs) > 1:
         for run in runs:
             folds.append((tuple(s for s in segments if s.run != run), tuple(s for s in segments if s.run == run)))
-        words = f"each of {len(runs)} runs left out in turn"
+        words = f"each of {len(runs)} runs held out in turn"
     else:
         blocks = [b for s in segments for b in s.pieces(MOST_BLOCKS)]
         folds = [(tuple(b for b in blocks if b is not own), (own,)) for own in blocks]
-        words = f"{len(blocks)} blocks of the run left out in turn"
+        words = f"{len(blocks)} blocks of the run held out in turn"
     if held:
         folds.append((tuple(segments), tuple(held)))
         words += ", and the held-out runs"

@@ -261,7 +261,10 @@ def judged_at(
     if all(steady):
         return begun, None, ""
     far = wider[int(np.argmin(steady)) // 2]
-    words = f"sampled every {problem.interval:.2g} s the plain model has {_told(plain)}, every {far[0].interval:.2g} s "
+    words = (
+        f"sampled every {problem.interval:.2g} s, the plain model has {_told(plain)}. Sampled every "
+        f"{far[0].interval:.2g} s, it has "
+    )
     return begun, None, words + _told(far[1])
 
 
@@ -277,9 +280,10 @@ def _told(fit: NoisyFit) -> str:
 def _moved(first: Look, found: Look, seconds: float) -> str:
     term = found.best.effects[0].slug if found.best.effects else "no added term"
     return (
-        f"sampled every {first.problem.interval:.2g} s the plain model has {_told(first.plain)}, and the best model an "
-        f"error of {first.error:.2g} {seconds:g} s ahead; every {found.problem.interval:.2g} s or more, with {term}, "
-        f"{_told(found.best)} and {found.error:.2g}; this interval is used"
+        f"with samples {first.problem.interval:.2g} s apart, the plain model has {_told(first.plain)} and the best "
+        f"model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {found.problem.interval:.2g} s or "
+        f"more apart, the best model ({term}) has {_told(found.best)} and its error is {found.error:.2g}. The longer "
+        "interval is used"
     )
 
 
@@ -344,7 +348,8 @@ def changes_at(problem: NoisyProblem, fit: NoisyFit, other: NoisyProblem) -> lis
     before, after = _numbers(fit), _numbers(again)
     names = [n for n in before if n not in fit.form.free]
     return [
-        f"{n} {before[n][0]:.3g} every {problem.interval:.2g} s, {after[n][0]:.3g} every {other.interval:.2g} s"
+        f"{n} {before[n][0]:.3g} with samples {problem.interval:.2g} s apart, {after[n][0]:.3g} with samples "
+        f"{other.interval:.2g} s apart"
         for n in names
         if not _alike(*before[n], *after[n])
     ]

@@ -230,7 +230,7 @@ class SearchState:
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
         """Return the held-out error of every signal, before and after all causes."""
-        words = self.words + ("" if self.pieces is None else f"; in pieces of {self.pieces:.3g} s")
+        words = self.words + ("" if self.pieces is None else f", in pieces of {self.pieces:.3g} s")
         return gains_of(self.base_unseen, self.present_unseen, words) if order else ()
 
     def gains_of_each(
@@ -309,7 +309,7 @@ def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: F
     unseen, given_unseen = HeldOut((), False), None
     cut: tuple[str, ...] = ()
     try:
-        question.say("plain model: held-out runs", 0, 1)
+        question.say("plain model: prediction of the held-out runs", 0, 1)
         unseen = held_out(problem, parts, fitted, refit=True)
         given_unseen = None if given is None else held_out(problem, parts, given, refit=False)
     except OutOfTime as over:

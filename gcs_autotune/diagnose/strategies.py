@@ -107,7 +107,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
 
     judged : the step, if it is already scored.
     """
-    stage = f"cause {len(state.steps) + 1}"
+    stage = f"search for cause {len(state.steps) + 1}"
     white = whiteness_of(tests_of(state.problem, state.fitted))
     if judged is None:
         some = [s for s in state.question.slugs if EFFECTS[s].is_disturbance] if state.steps and white > DONE else None
@@ -222,7 +222,7 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
     Disturbances are excluded: a filter that learns from the residual predicts any ringing of a wrong model.
     """
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, step = state.step(f"{stage} and one more", path.taken[-1].fit, slugs=slugs, quick=True)
+    state, step = state.step(f"{stage} with one more cause", path.taken[-1].fit, slugs=slugs, quick=True)
     if not step.judged or step.judged[0].evidence <= 0.0:
         return state, None
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
@@ -270,7 +270,7 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     if not is_needed(likelihood, kept, without, state.tried):
         return state.with_model(without)
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, again = state.step(f"is {slug} still needed", without, slugs=slugs, quick=True, most=RIVALS)
+    state, again = state.step(f"check whether {slug} is still needed", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.effect.slug != slug), None)
     if rival is None:
         return state

@@ -83,5 +83,5 @@ class RoverYaw(VelocityLoop):
         """Return notes on the speeds at which the gains are valid, and on dependent loops."""
         return [
             *steering.speed_notes(model, settings, speed),
-            "ATC_STR_ANG_P is unchanged; `tune heading` chooses it together with these gains",
+            "ATC_STR_ANG_P is unchanged. `tune heading` chooses it together with these gains",
         ]

@@ -152,4 +152,4 @@ class SubHeading(PositionLoop):
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Return notes on conditions for which the gains are not designed."""
-        return ["the yaw model was identified without speed; ArduSub does not scale its yaw gains with speed"]
+        return ["the yaw model was identified without headway. ArduSub does not scale its yaw gains with speed"]

@@ -85,6 +85,6 @@ class SubYaw(VelocityLoop):
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
         """Return a note that explains why the angle gain is included."""
         return [
-            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and chosen with the rate gains. Here "
-            "they are chosen for turn rates; `tune heading` chooses the same gains for headings"
+            f"ArduSub's yaw stick moves a heading target, so {ANG} is part of the loop and is chosen with the rate "
+            "gains. These gains are optimised for turn rates. `tune heading` optimises the same gains for headings"
         ]

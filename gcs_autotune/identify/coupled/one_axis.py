@@ -137,7 +137,9 @@ def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
             candidates.append(StructureFit(structure, fit.model, fit.residual_rms, log_likelihood, spent, bic))
             found.append((bic if sane else bic + 1e6, fit))
         if not found:
-            raise NotInformative(f"run '{case.names[0]}': no drag structure could be fitted by this method")
+            raise NotInformative(
+                f"run '{case.names[0]}': this method could not fit any drag structure. Use method='output-error'"
+            )
         return replace(min(found, key=lambda pair: pair[0])[1], candidates=tuple(candidates))
 
     return fit_one_axis

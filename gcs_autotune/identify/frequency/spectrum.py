@@ -87,7 +87,7 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     omega, count = _grid(duration, max(run.dt for run in series), tapers)
     if len(omega) == 0:
         raise NotInformative(
-            f"{duration:.3g} s of record are too short for a frequency response with {tapers} tapers. Record longer"
+            f"a record of {duration:.3g} s is too short for a frequency response with {tapers} tapers. Record longer"
         )
     raw = _spectra(series, omega, count)
     found = _response(omega, raw, raw, np.zeros(len(omega)))

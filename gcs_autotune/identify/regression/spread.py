@@ -102,5 +102,5 @@ def excess_doubt(estimate: Estimate) -> Doubt | None:
     return Doubt(
         "beyond-noise",
         f"the errors of the equations of motion exceed the signal noise ({told}), so the standard errors are too small",
-        "check for an unknown delay, a missing term, wind or current; supply the delay, add terms, or use output-error",
+        "check for an unknown delay, a missing term, wind or current. Supply the delay, add terms, or use output-error",
     )
