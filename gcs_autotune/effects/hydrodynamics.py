@@ -164,12 +164,14 @@ class CoriolisCoupling(Effect):
     plain = "Your {craft} slides outwards and loses speed in a turn, but {simulation} does not."
     parameters = (
         Quantity(
-            "X_vr", "force s^2/(m rad)", "surge force per product of sway velocity and yaw rate; the mass in sway"
+            "X_vr",
+            "force s^2/(m rad)",
+            "surge force per product of sway velocity and yaw rate (equal to the mass in sway)",
         ),
         Quantity(
             "Y_ur",
             "force s^2/(m rad)",
-            "sway force per product of surge velocity and yaw rate; minus the mass in surge",
+            "sway force per product of surge velocity and yaw rate (minus the mass in surge)",
         ),
         Quantity("N_uv", "moment s^2/m^2", "yaw moment per product of surge and sway velocity (Munk)"),
     )

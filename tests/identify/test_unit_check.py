@@ -119,7 +119,9 @@ def test_a_track_is_compared_with_the_speed_over_ground_or_both_of_its_parts() -
     assert said(run(**TRACK, U=SPEED)) == said(run(**TRACK, u=0.8 * SPEED, v=0.6 * SPEED)) == []
     for speed in ({"U": SPEED / 3.6}, {"u": 0.8 * SPEED / 3.6, "v": 0.6 * SPEED / 3.6}):
         (text,) = said(run(**TRACK, **speed))
-        assert text.startswith("contradiction: x, y") and "km/h" in text and ("as U integrates" in text) is ("U" in speed)
+        assert (
+            text.startswith("contradiction: x, y") and "km/h" in text and ("as U integrates" in text) is ("U" in speed)
+        )
     assert said(run(**TRACK, u=SPEED / 3.6)) == [], "a part alone may be any share of it"
     assert said(run(x=TRACK["x"], U=SPEED / 3.6)) == []
 
