@@ -7,11 +7,13 @@ import math
 __all__ = ["EXACT", "UNKNOWN", "format_number", "format_value", "rounded", "rounded_to"]
 
 UNKNOWN = "?"
-"""Shown for NaN, an unknown number."""
+"""Text for NaN, an unknown number."""
 
 
 EXACT, EXACT_DIGITS = 1e-12, 9
-"""Relative standard error below which it is only rounding error, and the digits shown then. Chosen.
+"""Relative standard error below which it is only rounding error, and the number of digits shown then.
+
+Project choice.
 """
 
 
@@ -52,7 +54,7 @@ def _in_powers_of_ten(value: float, std: float) -> str:
 
 
 def rounded(value: float, last: int) -> str:
-    """Return *value* down to the decimal place 10**last, without a minus before zeros."""
+    """Return *value* rounded to the decimal place 10**last, without a minus before zeros."""
     text = f"{round(value, -last):.{max(0, -last)}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 
@@ -63,7 +65,7 @@ def rounded_to(value: float, std: float) -> str:
 
 
 _POWERS = 1e6
-"""Magnitude from which a power of ten is easier to read than zeros. Chosen."""
+"""Magnitude above which a power of ten is easier to read than zeros. Project choice."""
 
 
 def format_number(value: float, digits: int = 4) -> str:

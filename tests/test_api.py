@@ -163,7 +163,7 @@ def test_a_fit_draws_on_axes_it_is_given(found):
     assert api.plot(found, ax, signal="psi") is ax
     assert "heading" in ax.get_ylabel()
     assert isinstance(api.plot(found), Figure)
-    with pytest.raises(UsageError, match="there is: psi of example"):
+    with pytest.raises(UsageError, match="Available: psi of example"):
         api.plot(found, ax, signal="z")
 
 
@@ -199,5 +199,5 @@ def test_a_diagnosis_shows_its_cause_and_takes_a_fit_for_the_model_in_question(f
     ax = Figure().subplots()
     assert api.plot(told, ax) is ax
     assert "measured minus simulated" in ax.get_ylabel()
-    with pytest.raises(UsageError, match="there is no residual of w"):
+    with pytest.raises(UsageError, match="no residual of w"):
         api.plot(told, ax, signal="w")

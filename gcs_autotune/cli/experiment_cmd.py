@@ -89,7 +89,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
 
 
 COMMAND = Command(
-    description="Fly two relay experiments in one degree of freedom and identify it. No parameter is written. "
+    description="Fly two relay experiments in one degree of freedom and identify its model. No parameter is written. "
     "Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,

@@ -29,7 +29,7 @@ __all__ = ["NEAR_LIMIT", "at_speed", "notes_on", "on_other_speeds", "other_mode_
 LONG_DELAY = 0.05
 """Delay [s] above which a note explains that its location matters. It is set by hand."""
 TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
-"""Errors [rad or m] too small to mention."""
+"""Errors [rad or m] below which a note does not mention them."""
 POOR_MATCH = 0.08
 """Rms deviation from the reference step, relative to it, above which a note is given. It is set by hand."""
 NEAR_LIMIT = 0.01

@@ -34,7 +34,7 @@ The widest parabola for which they do is used. The value is the best on syntheti
 smaller ones leave more noise (tests/design/test_error_estimate.py).
 """
 LAST_PART = 1.0 / 3.0
-"""Fraction of the record, at its end, that the steady state is evaluated on."""
+"""Fraction of the record, at its end, from which the steady state is calculated."""
 
 
 class StepError(NamedTuple):

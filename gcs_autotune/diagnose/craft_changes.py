@@ -98,7 +98,7 @@ class CraftComparison:
         return " and ".join(said)
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data."""
+        """Return the comparison as plain data for a JSON file."""
         return {
             "dof": self.dof,
             "used": list(self.used),

@@ -151,7 +151,7 @@ def _check_answer(runs: Sequence[Trial], form: Form, signals: Sequence[str]) -> 
 
 
 GRID = 2000
-"""Maximum number of samples of the common grid."""
+"""Maximum number of samples of the common time grid of :func:`on_grid`."""
 
 LAGS = np.geomspace(0.3, 300.0, 13)
 """Time constants tried, in steps of the common grid."""

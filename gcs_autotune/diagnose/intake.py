@@ -1,8 +1,7 @@
 """Prepare runs for a diagnosis, or reject them with the reason.
 
-Nothing that an effect could explain is corrected. Wrong units, signs, offsets, and clocks that are fast or late are
-left to the effects. Runs from which no cause could be identified are rejected: a clock in the wrong unit, a broken
-heading, exchanged columns.
+Nothing that an effect could explain is corrected: wrong units, signs, offsets, and clocks that are fast or late. Runs
+from which no cause could be identified are rejected: a clock in the wrong unit, a broken heading, exchanged columns.
 """
 
 from __future__ import annotations

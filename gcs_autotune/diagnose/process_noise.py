@@ -85,7 +85,7 @@ class NoiseSearch:
     own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     """Held-out gain of each cause over the model without it."""
     interval: str = ""
-    """Description of how the result changes with the interval between the judged samples; empty if it does not."""
+    """Description of how the result changes with the sampling interval of the thinned runs; empty if it does not."""
 
     @property
     def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
@@ -108,7 +108,7 @@ class NoiseSearch:
         return {name for group in self.alike() for name in group} | {name_of(a.effect) for a in self.accepted}
 
     def stopped(self, over: OutOfTime) -> NoiseSearch:
-        """Return the search in its present state, marked as stopped."""
+        """Return the search so far, marked as stopped."""
         return replace(self, cut=(*self.cut, str(over)))
 
     @property
@@ -256,7 +256,7 @@ def search_with_process_noise(
 
 
 def _reconsidered(search: NoiseSearch) -> NoiseSearch:
-    """Return the search with the gain of the drifting force over its causes, and without superfluous causes."""
+    """Remove superfluous causes, and calculate the gain of the drifting force beside the remaining ones."""
     search = _without_idle(search)
     return replace(search, still=_over_constants(search.problem, search.fit))
 

@@ -217,7 +217,7 @@ def _weightless(state: SearchState) -> list[Doubt]:
 
 
 def _by_interval(state: SearchState) -> list[Doubt]:
-    """Return a doubt if the result changes with the interval between judged samples."""
+    """Return a doubt if the result changes with the sampling interval of the thinned runs."""
     search = None if state.noise_search is None else state.noise_search[1]
     if search is None or not search.interval:
         return []

@@ -56,7 +56,8 @@ def _words(test: Test) -> str:
 
 
 def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
-    """Return the plot data of every signal's residual."""
+    """Return the plots of every signal's residual: traces, spectrum, correlations, and residual over other
+    quantities."""
     found = []
     for name in fitted.levels:
         unit = SIGNALS[name][0]

@@ -1,9 +1,9 @@
-"""Choose the interval between judged samples, if the plain model with process noise is not usable.
+"""Choose the interval to which runs are thinned, if the plain model with process noise is not usable.
 
 At short intervals a fit follows what the craft model omits: the autopilot's smoother and the thrusters' lag. Its time
 constant may then be below the sampling interval, and its drifting force as large as the commands. A hydrodynamic term
 may have the wrong sign. At long intervals the craft's own motion is lost. Between them is a range in which the result
-does not depend on the interval. The runs are judged at an interval in that range.
+does not depend on the interval. The runs are thinned to an interval in that range.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ FEWEST = 60
 """Minimum number of samples that the longest run keeps."""
 
 GROWTH = 1.6
-"""Ratio of successive intervals tried."""
+"""Ratio of successive sampling intervals that are tried."""
 
 WIDER = (2.0, 4.0)
 """Factors on the present interval, at which the plain model must give the same result."""
@@ -63,7 +63,7 @@ LEGS = 2.0
 """Minimum horizon of compared predictions, in correlation times of the commands."""
 
 NICE = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-"""Rounded values [s] of the prediction horizon."""
+"""Values [s] that the prediction horizon is rounded to."""
 
 NEAREST, ROUGH = 3, 3
 """NEAREST: number of terms fitted to convergence at each interval. ROUGH: scoring iterations of rough fits."""
@@ -190,7 +190,7 @@ def _at_pace(problem: NoisyProblem, fit: NoisyFit, damping: float) -> NoisyFit |
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """The runs judged at one interval, with the plain model and the best model.
+    """The runs thinned to one interval, with the plain model and the best model.
 
     ``best``: the model with the hydrodynamic term that predicts best; the plain model if no term helps. ``error``: its
     rms error ahead. The likelihood is not used for this choice, because it is that of the next sample. It may prefer a
@@ -229,7 +229,7 @@ def _alike(a: float, a_std: float, b: float, b_std: float) -> bool:
 def judged_at(
     begun: Plain, at: Callable[[float], Plain | None], slugs: Sequence[str], price: float
 ) -> tuple[Plain, NoisyFit | None, str]:
-    """Choose the interval at which the runs are judged.
+    """Choose the interval to which the runs are thinned.
 
     Return the runs at that interval and the plain model there. Also return the best model with one more term, if that
     was tried, and a description if the interval matters.

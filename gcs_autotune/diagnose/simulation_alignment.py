@@ -455,7 +455,7 @@ def _numbers(channel: Channel) -> Channel:
 def _rate_of(simulations: Sequence[Trial], runs: Sequence[Trial]) -> tuple[float, float] | None:
     """Return the seconds of the simulations per second of the runs, with standard error.
 
-    Return None if the ratio does not differ from 1.
+    Return None if the ratio does not differ significantly from 1.
     """
     pairs = _pairs(simulations, runs, _told_best(simulations, runs))
     if not pairs:

@@ -91,7 +91,7 @@ class SearchState:
         return tuple(e for e in self.fitted.effects if (e.slug, e.place) not in had)
 
     def stopped(self, over: OutOfTime) -> SearchState:
-        """Return the state marked as stopped."""
+        """Return the state, marked as stopped."""
         return replace(self, cut=(*self.cut, str(over)))
 
     # -- models
@@ -250,7 +250,7 @@ class SearchState:
         return found
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[tuple[str, str], float]:
-        """Return the fraction of the mean square error above noise, over all signals, that each cause removed."""
+        """Return for each cause the fraction that it removed of the mean square error above noise, over all signals."""
         found: dict[tuple[str, str], float] = {}
         base, before = rms_of(self.base_unseen.rests), self.base_unseen
         for won in (s.accepted for s in self.steps if s.accepted is not None):

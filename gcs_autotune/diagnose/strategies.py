@@ -1,15 +1,15 @@
-"""The strategies of a search, each ``SearchState -> SearchState | None``: None where it has nothing to add.
+"""The strategies of a search, each ``SearchState -> SearchState | None``; None means that nothing was added.
 
-:data:`SEARCH` looks for causes over the runs as they are, :func:`follow` goes through them in order. If that finds
-nothing, those of ``retries`` search again.
+:data:`SEARCH` lists the strategies for whole runs, and :func:`follow` applies them in order. If they find nothing, the
+strategies of ``retries`` search again.
 
-===========================  ==========================================================================================
-``add_causes``               one cause after the other; each earlier one is compared with its rivals again
-``start_at_segments``        if the base diverged: again, with causes fitted in short pieces of the runs
+===========================  =========================================================================================
+``add_causes``               add one cause after the other; compare each earlier one with its rivals again
+``start_at_segments``        if the base diverged, start again with causes fitted in short pieces of the runs
 ``tie_break``                of causes that explain the runs equally well, report the most common
-``drop_explained_moments``   drop causes at a moment that a recorded command explains as well
+``drop_explained_moments``   drop causes at one time that a recorded command explains as well
 ``drop_insignificant``       drop causes whose intervals include no effect
-===========================  ==========================================================================================
+===========================  =========================================================================================
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ __all__ = [
 Strategy = Callable[[SearchState], SearchState | None]
 
 MOST_CAUSES = 6
-"""Maximum number of causes; an instrumented craft has three or four of its own."""
+"""Maximum number of causes; an instrumented craft usually has three or four."""
 
 DONE = 0.5
 """Whiteness p-value above which only disturbances are still tried."""
@@ -281,7 +281,8 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
 
 
 def drop_explained_moments(state: SearchState) -> SearchState | None:
-    """Remove a cause at a moment if, with all others present, a recorded command explains the runs as well."""
+    """Remove a cause that happens at one time if, with all others present, a recorded command explains the runs as
+    well."""
     effect = next((e for e in state.causes if state.scorer().follows_a_command(e, state.fitted)), None)
     rest = tuple(e for e in state.fitted.effects if e is not effect)
     fit = state.fitted

@@ -179,8 +179,7 @@ LEAST_GAIN = 0.05
 
 
 class GainDrift(Gradual):
-    """Commands are multiplied by ``1 - rate (t - t_0)``, but by no less than a twentieth; ``t_0`` is the run's first
-    stamp."""
+    """Commands are multiplied by ``1 - rate (t - t_0)``, at least by a twentieth; ``t_0`` is the run's first stamp."""
 
     slug = "gain-drift"
     meaning = "thrust weakens or grows during a run, because the battery sags or a motor heats up"

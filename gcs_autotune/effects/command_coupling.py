@@ -15,7 +15,7 @@ from gcs_autotune.models import FORCES
 __all__ = ["CommandCoupling"]
 
 VARIES = 0.2
-"""Least range of the other command during 80 % of the time, relative to its largest value. Chosen by hand.
+"""Least range of the other command during 80 % of the time, relative to its largest value. Set by hand.
 
 A command that is nearly constant acts like a constant force. On a boat whose throttle was applied once (range 0.03), a
 bias was reported as a coupling.
@@ -23,7 +23,7 @@ bias was reported as a coupling.
 
 
 NONE = 1e-6
-"""Size relative to the largest command below which a command counts as zero. Chosen by hand.
+"""Size relative to the largest command below which a command counts as zero. Set by hand.
 
 Rounding in a mixer leaves such values instead of zero.
 """

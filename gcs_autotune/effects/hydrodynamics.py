@@ -203,7 +203,7 @@ class CoriolisCoupling(Effect):
         return {"X_vr": (0.0, inf), "Y_ur": (-inf, 0.0), "N_uv": (-inf, inf)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the three derivatives themselves."""
+        """Return the three parameters, which are SNAME derivatives."""
         return {name: effect[name] for name in TERMS}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
@@ -268,7 +268,7 @@ class SwayYawCoupling(Effect):
         return {"Y_r": (-inf, inf), "N_v": (-inf, inf), "Y_rdot": (-most, most)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the three derivatives themselves; the model adds the mirrored entry of ``Y_rdot``."""
+        """Return the three parameters, which are SNAME derivatives; the model adds the mirrored entry of ``Y_rdot``."""
         return {name: effect[name] for name in ("Y_r", "N_v", "Y_rdot")}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
@@ -288,10 +288,10 @@ The value is set by hand: a smaller range is practically a constant command.
 """
 
 RATIOS, MOMENTS = (1.5, 0.67), 16
-"""Start values: inertia ratios, and number of evenly spaced moments.
+"""Start values of a change of inertia: its ratios, and the number of evenly spaced times.
 
-The data do not show the moment of a change between two changes of command. The moments therefore have to lie about as
-close as the commands.
+The data do not show the time of a change that lies between two changes of command. The times tried must therefore be
+about as close as the commands.
 """
 
 
@@ -305,7 +305,7 @@ FOLLOWS: index of the command in ``FORCES``. SIZE: its largest magnitude over th
 class MassChange(Effect):
     """The whole inertia changes by the factor ``ratio`` at ``time`` after the run's start; velocity does not jump.
 
-    With the constants ``FOLLOWS`` and ``SIZE`` there is no moment of change. The inertia then depends linearly on the
+    With the constants ``FOLLOWS`` and ``SIZE`` there is no time of change. The inertia then depends linearly on the
     size of a recorded command, up to the factor ``ratio`` at its largest value. This is the alternative to a change in
     time (:meth:`followers`).
     """
@@ -330,12 +330,12 @@ class MassChange(Effect):
         return ("+".join(data.form.dofs),)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a heavier and a lighter craft, at evenly spaced moments of the run."""
+        """Return a heavier and a lighter craft, with changes at evenly spaced times of the run."""
         moments = np.linspace(0.0, data.duration, MOMENTS + 2)[1:-1].tolist()
         return tuple({"ratio": ratio, "time": t} for ratio in RATIOS for t in moments)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a fifth to five times the inertia, and moments within the longest run."""
+        """Return a fifth to five times the inertia, and times within the longest run."""
         return {"ratio": (0.2, 5.0), "time": (0.02 * data.duration, 0.98 * data.duration)}
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
@@ -431,7 +431,8 @@ LENGTHS = (0.1, 0.3, 0.8)
 
 
 class GroundEffect(Effect):
-    """All drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``, as near the bottom.
+    """All drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``, so that it grows near the
+    bottom.
 
     ``bottom`` is the deepest recorded ``z``. If the true bottom is deeper by h, ``strength`` becomes ``exp(-h/length)``
     times its value at the bottom, and the motion is the same. If heave is simulated, the simulated depth is used;

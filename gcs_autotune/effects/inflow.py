@@ -136,9 +136,9 @@ THRUST = "X"
 """Name of the propeller's command; the rudder lies in its wash."""
 
 WASH = 0.05
-"""Least range of that command, relative to its root mean square.
+"""Least range of the propeller's command, relative to its root mean square.
 
-It is set by hand, and smaller than that of a speed, because a command has no noise.
+It is set by hand, and smaller than :data:`VARIES`, because a command has no noise.
 """
 
 
@@ -299,7 +299,7 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Return bounds: thrust does not increase with speed, and the loss at the highest speed is at most four times
-        it."""
+        the thrust."""
         return {"loss": (0.0, 4.0 / _fastest(place, data))}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:

@@ -1,4 +1,4 @@
-"""MATLAB (or Octave): a function of the equations of motion, for ode45."""
+"""Export a model to MATLAB (or Octave), as a function of the equations of motion for ode45."""
 
 from __future__ import annotations
 

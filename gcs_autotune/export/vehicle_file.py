@@ -14,7 +14,7 @@ from gcs_autotune.models import FORCES
 __all__ = ["to_vehicle_file"]
 
 AXES = {"surge": (0, "u", "X"), "sway": (1, "v", "Y"), "heave": (2, "w", "Z"), "yaw": (5, "r", "N")}
-"""Table of the file -> row, velocity, input."""
+"""Table of the vehicle file -> row of the equations, velocity, input."""
 PLANE = ("u", "v", "r")
 
 

@@ -89,7 +89,7 @@ class Validation:
 
     @classmethod
     def joined(cls, parts: Sequence[Validation]) -> Validation:
-        """Return several validations as one."""
+        """Return the traces and statistics of several validations as one validation."""
         return cls(tuple(t for part in parts for t in part.traces), tuple(s for part in parts for s in part.statistics))
 
     @property

@@ -59,7 +59,10 @@ class ModelFile:
 
     @property
     def written_as(self) -> Mapping[str, tuple[str, float]]:
-        """Derivative -> its name in a file of one degree of freedom and the sign between them; else empty."""
+        """Derivative -> its name in a file of one degree of freedom, and the sign between both.
+
+        It is empty for other files.
+        """
         if self.axis is None:
             return {}
         return dict(zip(self.axis.axis.derivative_names(), zip(PHYSICAL, SIGNS, strict=True), strict=True))

@@ -23,7 +23,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LaserCurve:
-    """``a``, ``c`` in the unit of the distance, ``b``, ``d`` per pixel (Miskovic2010, Table 3.1: per cm)."""
+    """Curve from a dot's distance from the picture's centre to the length of its beam.
+
+    ``a``, ``c`` are in the unit of the distance, ``b``, ``d`` per pixel (Miskovic2010, Table 3.1: per cm).
+    """
 
     a: float
     b: float

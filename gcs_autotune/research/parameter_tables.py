@@ -137,7 +137,7 @@ POOLED = 0.25
 """p-value above which levels count as not differing more than their rows do (Bancroft1964, sometimes-pooling)."""
 
 MATTERS = 0.1
-"""Relative difference that does not matter; if the possible difference is smaller, the answer is "no"."""
+"""Relative difference that does not matter; a quantity that cannot differ by more is reported as "no"."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -150,7 +150,7 @@ class ThrusterFit:
     pulls: PullTest
 
     def to_dict(self) -> dict[str, object]:
-        """Return the JSON form."""
+        """Return the fit as plain data for a JSON file."""
         return {
             "schema": 1,
             "source": self.pulls.name,

@@ -74,7 +74,7 @@ class OpenWater:
         return _force(self.beta, self.rho, self.D, 5, n, V_A)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a file."""
+        """Return the coefficients as plain data for a file."""
         return {"schema": 1, "model": "open water", **asdict(self)}
 
 
@@ -90,7 +90,7 @@ class PropellerFit:
     doubts: tuple[Doubt, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return the fit as plain data for a JSON file."""
         return {
             "schema": 1,
             "kind": self.kind,

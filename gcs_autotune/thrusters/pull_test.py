@@ -167,7 +167,7 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
     shapes = np.column_stack([np.ones_like(command), command, command * np.abs(command)])
 
     def unexplained(offset: float) -> float:
-        """Return the fraction of the force's variance that the commands do not explain at that offset."""
+        """Return the fraction of the force's variance that the commands do not explain, for one clock offset."""
         level = np.searchsorted(starts + offset, t, side="right") - 1
         used = (level >= 0) & (t <= ends[-1] + offset)
         if t[used].size < MIN_PULLS or np.ptp(t[used]) < ends[-1] - starts[0] - slack or np.ptp(F[used]) == 0.0:

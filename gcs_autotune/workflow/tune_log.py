@@ -1,4 +1,4 @@
-"""Events of a tune, collected as they happen, so that every ending has its report."""
+"""Events of a tune, collected as they happen, so that a report can be written after any ending."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class TuneLog(MissionLog):
         super().say(text)
 
     def meet(self, craft: MavlinkCraft) -> None:
-        """Store which vehicle it is and the rates of its telemetry."""
+        """Store the vehicle's identity and its telemetry rates."""
         self._craft = craft
         transport, vehicle = craft.session.transport, craft.session.vehicle
         self._vehicle = {
@@ -81,7 +81,7 @@ class TuneLog(MissionLog):
         return self._craft.parameters.types, (vehicle.system, vehicle.component)
 
     def flown(self, trial: Trial) -> None:
-        """Store a completed trial; one flown again replaces the interrupted one."""
+        """Store a completed trial. A repeated one replaces the interrupted one."""
         self._trials = [*(t for t in self._trials if t.name != trial.name), trial]
 
     @property
@@ -95,7 +95,7 @@ class TuneLog(MissionLog):
         self.say(reason)
 
     def abort(self, error: BaseException) -> None:
-        """Store what ended it early."""
+        """Store the reason why the tune ended early."""
         self._ending, self._reason = "aborted", str(error) or type(error).__name__
         self._events.append((self._t, f"aborted: {self._reason}"))
 

@@ -85,7 +85,7 @@ class RoverSpeed(VelocityLoop):
     defaults: Settings = DEFAULTS
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return ATC_ACCEL_MAX [m/s^2]."""
+        """Return the acceleration limit ATC_ACCEL_MAX [m/s^2]."""
         most = self._get(settings, "ATC_ACCEL_MAX")
         return most if most > 0.0 else math.inf
 

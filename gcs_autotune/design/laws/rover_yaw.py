@@ -45,7 +45,7 @@ class RoverYaw(VelocityLoop):
         return steering.matching_speed(settings, speed)
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return ATC_STR_ACC_MAX [rad/s^2]."""
+        """Return the acceleration limit ATC_STR_ACC_MAX [rad/s^2]."""
         most = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
         return most if most > 0.0 else math.inf
 

@@ -97,7 +97,7 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
 
 
 def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:
-    """Return model and parameters of a form of one axis."""
+    """Return the model in physical parameters and their table, from the fit of a form of one axis."""
     names = dof.derivative_names()
     order = list(fit.parameters)
     values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]

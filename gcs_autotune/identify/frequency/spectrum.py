@@ -77,7 +77,7 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`gcs_autotune.identify.signals.preparation.prepare`; NotInformative, too, when the runs are too short
+        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative also if the runs are too short
         for a single point.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)

@@ -56,7 +56,7 @@ def fit_by_ekf(case: Case) -> Fit[CoupledModel]:
 
 @on_settled_stamps
 def fit_by_ukf(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by the sigma-point filter; see :mod:`.sigma`.
+    """Fit a coupled model by the sigma-point filter; see :func:`.transition.sigma_step`.
 
     This filter cannot estimate a shift of stamps.
     """

@@ -280,7 +280,7 @@ def _commanded_alike(pair: tuple[str, str], segments: Sequence[Segment]) -> bool
 
 
 def base_limits(form: Form) -> Limits:
-    """Return the limits of the base's parameters: positive inertia, drag that damps, either sign for a rudder."""
+    """Return the limits of the base parameters: positive inertia, positive drag, and either sign for a rudder."""
     limits = Limits.physical(form)
     rows = {force for force, _ in form.inputs.get(STEERED_BY_ANGLE, ())}
     low = {n: v for n, v in limits.low.items() if n[0] not in rows}

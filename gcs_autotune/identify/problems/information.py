@@ -91,8 +91,10 @@ class FittedModel:
         return stamps, found[0]
 
     def recorded_motion(self, record: int) -> RecordedMotion:
-        """Return the simulated motion of one record with its accelerations and the inputs that act; errors as
-        :meth:`motion`."""
+        """Return the simulated motion of one record, with its accelerations and the inputs in force.
+
+        Errors are those of :meth:`motion`.
+        """
         own = self.records[record]
         t, X = self.motion(record)
         t, at = np.unique(t, return_index=True)

@@ -3,8 +3,8 @@
 The residuals of a regression underestimate the error. A few windows contain most of the information, and there the fit
 follows the noise. Therefore noise with the measured standard deviation is added to the signals again. Its effect on
 smoothing, rows and estimate is calculated to first order. The standard error from coloured residuals
-(:mod:`.covariance`) is used if it is larger, because it includes errors other than sensor noise. Correlations are those
-of the information matrix.
+(:func:`.scores_covariance`) is used if it is larger, because it includes errors other than sensor noise. Correlations
+are those of the information matrix.
 """
 
 from __future__ import annotations

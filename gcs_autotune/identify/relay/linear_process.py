@@ -231,7 +231,7 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`loop_trial` and :func:`gcs_autotune.identify.find_cycles`.
+        As for :func:`loop_trial` and :func:`gcs_autotune.identify.relay.limit_cycle.find_cycles`.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [loop_trial(run) for run in runs]

@@ -1,7 +1,8 @@
-"""Connection strings, as pymavlink, MAVProxy and MAVSDK users write them, to transports.
+"""Open a transport from a connection string in the notation of pymavlink, MAVProxy or MAVSDK.
 
-Adding one is a class with ``_read_available``, ``_write`` and ``_close``, a line in :data:`TRANSPORTS`, and its ends in
-the conformance suite (``tests/link/link_ends.py``); from another package an entry point (:data:`OFFERED`) is that line.
+To add a transport, write a class with ``_read_available``, ``_write`` and ``_close``. Add a line to :data:`TRANSPORTS`,
+and both ends to the conformance suite (``tests/link/link_ends.py``). Another package uses an entry point
+(:data:`OFFERED`) instead of the line.
 """
 
 from __future__ import annotations
@@ -69,11 +70,11 @@ def _sitl(rest: str, options: LinkOptions) -> Transport:
         given[key].append(unquote(value))
     for key in ("seed", "model", "names"):
         if len(given[key]) > 1:
-            raise UsageError(f"'sitl:{rest}': use only one {key}")
+            raise UsageError(f"'sitl:{rest}': the option {key} occurs more than once. Use it once")
     try:
         seed = whole(given["seed"][0], _MOST_SEED) if given["seed"] else options.seed
     except Refused as error:
-        raise UsageError(f"'sitl:{name}': a seed: {error}") from None
+        raise UsageError(f"'sitl:{name}': the seed is invalid: {error}") from None
     model, names = (given[key][0] if given[key] else None for key in ("model", "names"))
     return open_sitl(SitlArguments(name, seed, tuple(given["effect"]), tuple(given["param"]), model, names))
 
@@ -96,7 +97,7 @@ TRANSPORTS: Mapping[str, Opener] = {
     "serial_flowcontrol": lambda rest, options: SerialPort(_flow_controlled(rest, options)),
     "sitl": _sitl,
 }
-"""Scheme -> function that opens it, with our own sockets and ports."""
+"""Scheme -> function that opens it with this package's own sockets and ports."""
 
 OFFERED = "gcs_autotune.transports"
 """Entry-point group of other packages that provide further schemes."""
@@ -110,10 +111,10 @@ MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "serial_flowcontrol": lambda rest, options: MavsdkLink("serial", _flow_controlled(rest, options)),
     "sitl": _no_lockstep,
 }
-"""The same with MAVSDK."""
+"""Scheme -> function that opens it with MAVSDK."""
 
 BACKENDS: Mapping[str, Mapping[str, Opener]] = {"pymavlink": TRANSPORTS, "mavsdk": MAVSDK_TRANSPORTS}
-"""What carries the frames: our own sockets and ports with pymavlink's messages, or MAVSDK."""
+"""Libraries that can carry the frames: our own sockets and ports with pymavlink's messages, or MAVSDK."""
 
 _BARE_DEVICE = re.compile(r"(/|COM\d|\\\\)", re.IGNORECASE)
 
@@ -152,7 +153,7 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
     scheme, colon, rest = uri.strip().partition(":")
     if not colon:
         raise UsageError(
-            f"'{uri}' is not a connection. Write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
+            f"'{uri}' is not a connection URI. Write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
             "/dev/ttyUSB0,57600 or sitl:charlie"
         )
     rest, has_slashes = rest.removeprefix("//"), rest.startswith("//")

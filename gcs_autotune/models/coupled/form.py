@@ -1,4 +1,4 @@
-"""A form: which degrees of freedom, which derivatives, which inputs. The structure of a coupled model, without numbers.
+"""A form: the structure of a coupled model without numbers, with its degrees of freedom, derivatives and inputs.
 
 Forms come from the table :data:`FORMS` (one TOML file each in ``forms/``) or from a user's file::
 
@@ -6,7 +6,7 @@ Forms come from the table :data:`FORMS` (one TOML file each in ``forms/``) or fr
     title = "surge, sway and yaw, coupled"
     dofs = ["surge", "sway", "yaw"]
     free = ["X_udot", "Y_vdot", "N_rdot", "X_u", "X_uu", "Y_v", "Y_vv", "N_r", "N_rr"]
-    coriolis = true            # C(nu) from M; false: only the product terms named
+    coriolis = true            # C(nu) from M; false: only the listed product terms
 
     [known]                    # constants, in SI units
     m = 8.0
