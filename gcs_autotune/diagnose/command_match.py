@@ -428,8 +428,8 @@ def _on_other_clocks(
 
     Each has its own line and the name of the run's channel that it matches.
     """
-    told = {name for p in pairs for name in (p[0].name, p[1].name)}
-    rest = [(theirs[n], ours[n]) for n in theirs if n in ours and n not in told]
+    paired = {name for p in pairs for name in (p[0].name, p[1].name)}
+    rest = [(theirs[n], ours[n]) for n in theirs if n in ours and n not in paired]
     own = [(p, _own(p, line, steady)) for p in [*pairs, *rest]]
     known = [(p, o) for p, o in own if o is not line and len(o.t) >= max(FREE, 0.9 * _coverage(o, p)[1])]
     if len(known) < 2:

@@ -79,16 +79,16 @@ def check_clock(run: Trial) -> None:
         return
     step = min(steps)
     if step >= SLOW:
-        told = (
+        spacing = (
             f"{step:.4g} s apart and the run lasts {run.duration / 3600.0:.3g} h. The time seems to be in milliseconds"
         )
         head = "t[ms]"
         if step >= 1e4:
-            told, head = told.replace("milliseconds", "microseconds"), "t[us]"
+            spacing, head = spacing.replace("milliseconds", "microseconds"), "t[us]"
     else:
-        told = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s. The time seems to be in seconds already"
+        spacing = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s. The time seems to be in seconds already"
         head = "t[s]"
-    raise BadFile(f"the samples of run '{run.name}' are {told}. Rename the time column to {head}")
+    raise BadFile(f"the samples of run '{run.name}' are {spacing}. Rename the time column to {head}")
 
 
 def _confirmed(run: Trial) -> bool:
@@ -103,8 +103,8 @@ def _confirmed(run: Trial) -> bool:
         speed = np.interp(grid, rate.t, rate.values)
         angle = np.unwrap(position.values) if dof.angular else position.values
         moved = np.diff(np.interp(grid, position.t, angle)) / np.diff(grid)
-        size, told = float(np.std(moved)), float(np.std(speed))
-        if told > 0.0 and 1.0 / CONFIRMED < size / told < CONFIRMED:
+        size, rate_std = float(np.std(moved)), float(np.std(speed))
+        if rate_std > 0.0 and 1.0 / CONFIRMED < size / rate_std < CONFIRMED:
             return True
     return False
 

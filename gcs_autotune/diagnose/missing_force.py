@@ -162,8 +162,8 @@ def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> Missing
         curve = means(np.concatenate([p[0] for p in others]), np.concatenate([p[1] for p in others]))
         at = np.clip(np.searchsorted(edges, own_x, side="right") - 1, 0, len(edges) - 2)
         constant = float(np.mean(np.concatenate([p[1] for p in others])))
-        told = np.where(np.isfinite(curve[at]), curve[at], constant)
-        left += float(np.sum((own_y - told) ** 2))
+        predicted = np.where(np.isfinite(curve[at]), curve[at], constant)
+        left += float(np.sum((own_y - predicted) ** 2))
         whole += float(np.sum((own_y - constant) ** 2))
     # Between runs, for samples of one run are not independent; what one alone has seen has no band.
     each = np.array([means(p[0], p[1]) for p in pieces])
@@ -229,8 +229,8 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
         )
         if missing.waves is not None:
             found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
-        told = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
-        for curve in told[:2]:
+        dependencies = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
+        for curve in dependencies[:2]:
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
             found.append(
@@ -239,7 +239,7 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
                 f"{curve.x[low]:.3g}{x} and {curve.force[high]:+.3g} +- {curve.band[high]:.2g} at "
                 f"{curve.x[high]:.3g}{x}"
             )
-        if not told:
+        if not dependencies:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
             found.append(
                 f"the drifting force depends on no recorded quantity{others}. It comes from waves, wind, current or "
@@ -264,11 +264,11 @@ def _sure_of(missing: MissingForce) -> str:
 
 def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
     unit = SIGNALS[signal][0]
-    swing = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
+    amplitude = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
     kind = "moment" if DOFS[missing.dof].angular else "force"
     return (
-        f"{AXES.get(signal, signal)} also oscillates by {swing} with a period of {waves.period:.2g} s, as from waves "
-        f"or a loose sensor mount. The {kind} behind it is {waves.force:.2g} {_of(missing)}. Both sizes are standard "
+        f"{AXES.get(signal, signal)} also oscillates by {amplitude} with a period of {waves.period:.2g} s, as from "
+        f"waves or a loose sensor mount. The {kind} behind it is {waves.force:.2g} {_of(missing)}. Both sizes are standard "
         "deviations. This is not counted as a cause"
     )
 

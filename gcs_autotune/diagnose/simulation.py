@@ -73,15 +73,15 @@ def surrogate_of(
     base = form if form is not None else plain_form(flown, dof)
     segments, doubts = prepare_as_recorded(flown, base, use)
 
-    def told(stage: str, done: int, total: int) -> None:
+    def report(stage: str, done: int, total: int) -> None:
         if progress is not None:
             progress(f"the simulation: {stage}", done, total)
 
-    problem, found = stand_in(base, segments, told)
+    problem, found = stand_in(base, segments, report)
     if any(share > PLAIN_ENOUGH for share in _missed(problem, found).values()):
         slugs = [s for s in effects if EFFECTS[s].family != "data errors"]
         state = follow(
-            begin_with(Question(base, segments, slugs, progress=told, executor=executor_for(jobs)), problem, found),
+            begin_with(Question(base, segments, slugs, progress=report, executor=executor_for(jobs)), problem, found),
             SEARCH,
         )
         problem, found = state.problem, state.fitted
@@ -104,20 +104,20 @@ def _directly(simulations: Sequence[Trial], placed: Sequence[Trial], runs: Seque
 
     placed : the simulations with clock, signs and units corrected.
     """
-    told, right = _misses(simulations, runs), _misses(placed, runs)
-    if not right:
+    uncorrected, corrected = _misses(simulations, runs), _misses(placed, runs)
+    if not corrected:
         return []
-    said = (
-        f"the unmodified simulation differs from the run in {told}"
-        if told
+    differences = (
+        f"the unmodified simulation differs from the run in {uncorrected}"
+        if uncorrected
         else "the unmodified simulation does not overlap the run in time"
     )
-    if told != right:
-        said += f". With clock, signs and units corrected it differs in {right}"
+    if uncorrected != corrected:
+        differences += f". With clock, signs and units corrected it differs in {corrected}"
     return [
         Doubt(
             "simulation-off",
-            f"the errors shown are those of a model fitted to the simulation. Worst run (rms): {said}",
+            f"the errors shown are those of a model fitted to the simulation. Worst run (rms): {differences}",
             "supply the simulation's equations as a model file (--model), or start its runs at the state of the craft",
         )
     ]
@@ -143,12 +143,12 @@ def _misses(simulations: Sequence[Trial], runs: Sequence[Trial]) -> str:
 # -- the stand-in
 
 
-def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[Problem, Fitted]:
+def stand_in(form: Form, segments: Sequence[Segment], report: Progress) -> tuple[Problem, Fitted]:
     """Return the plain model with the quadratic drag, delay and trim that it needs to follow a simulation.
 
     If an :class:`.Effort` around the call is used up, the best fit so far is returned.
     """
-    told("plain model", 0, 1)
+    report("plain model", 0, 1)
     problem, best = fit_base(form, segments)
     base, terms = best, _terms(problem)
     try:
@@ -162,7 +162,7 @@ def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[P
             best = _without(problem, best, own) or best
     except OutOfTime:
         return problem, best
-    told("plain model", 1, 1)
+    report("plain model", 1, 1)
     return problem, best
 
 
