@@ -137,7 +137,7 @@ def _tears(x: Array) -> list[float]:
     """
     d = np.diff(x)
     large = np.flatnonzero(np.abs(d) > TORN)
-    found = []
+    jumps = []
     for group in np.split(large, np.flatnonzero(np.diff(large) > 1) + 1):
         if not 0 < len(group) <= NEIGHBOURS:
             continue
@@ -148,10 +148,10 @@ def _tears(x: Array) -> list[float]:
             continue
         turn = any(abs(float(steps.sum()) / whole - 1.0) < SAME for whole in TURNS)
         if len(group) == 1 and not turn:
-            found.append(float(steps[0]))
+            jumps.append(float(steps[0]))
         elif len(group) > 1 and turn and abs(float(np.sign(d[group]).sum())) == len(group):
-            found.append(float(steps.max()))
-    return found
+            jumps.append(float(steps.max()))
+    return jumps
 
 
 def check_roles(run: Trial) -> None:
@@ -202,17 +202,17 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
     BadFile, MissingChannel
         No run can be used; the error is that of the first run.
     """
-    found: list[Trial] = []
+    usable: list[Trial] = []
     doubts: list[Doubt] = []
     failures: list[tuple[str, DataError]] = []
     for run in runs:
         try:
-            found += _usable(run, doubts)
+            usable += _usable(run, doubts)
         except DataError as error:
             failures.append((run.name, error))
-    if not found:
+    if not usable:
         raise failures[0][1]
-    return found, [*doubts, *(left_out(name, failure) for name, failure in failures)]
+    return usable, [*doubts, *(left_out(name, failure) for name, failure in failures)]
 
 
 def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:

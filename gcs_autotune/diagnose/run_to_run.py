@@ -93,8 +93,8 @@ SIDES: Mapping[str, tuple[str, str]] = {
 def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:
     """Return the offsets of each run, with forces multiplied by *inertia*; empty if runs are alike."""
     says = problem.says(fit) if fit.noise.differs else None
-    found = () if says is None else says.offsets(fit.noise.day_force, fit.noise.day_thrust)
-    return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in found)
+    offsets = () if says is None else says.offsets(fit.noise.day_force, fit.noise.day_thrust)
+    return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in offsets)
 
 
 def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]:
@@ -113,9 +113,9 @@ def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]
 
 
 def _own(dof: str, unit: str, day: RunOffset) -> list[str]:
-    found = []
+    differences = []
     if abs(day.thrust) > SURE * day.thrust_std > 0.0:
-        found.append(f"{100.0 * abs(day.thrust):.0f} % {'more' if day.thrust > 0.0 else 'less'} thrust")
+        differences.append(f"{100.0 * abs(day.thrust):.0f} % {'more' if day.thrust > 0.0 else 'less'} thrust")
     if abs(day.force) > SURE * day.force_std > 0.0:
-        found.append(f"{abs(day.force):.2g} {unit} {SIDES[dof][day.force < 0.0]}")
-    return found
+        differences.append(f"{abs(day.force):.2g} {unit} {SIDES[dof][day.force < 0.0]}")
+    return differences
