@@ -239,7 +239,7 @@ class SwayYawCoupling(Effect):
     parameters = (
         Quantity("Y_r", "force s/rad", "sway force per yaw rate"),
         Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),
-        Quantity("Y_rdot", "force s^2/rad", "sway force per yaw acceleration, minus the mass matrix's entry"),
+        Quantity("Y_rdot", "force s^2/rad", "sway force per yaw acceleration (minus the entry of the mass matrix)"),
     )
     shown_by = "sway residual against yaw rate, and yaw residual against sway, also without speed ahead"
     mistaken_for = ("coriolis-coupling", "channel-swap", "steady-current")
