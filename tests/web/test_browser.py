@@ -414,7 +414,7 @@ def test_a_lost_server_is_said_and_a_stop_that_is_not_confirmed_too(visit: Any, 
         page.shows("#question-text", "Go ahead?")
         page.page.route("**/stop", lambda route: route.abort())
         page.page.click("#stop")
-        page.shows("#alarm", "STOP is not confirmed yet; trying again")
+        page.shows("#alarm", "STOP is not confirmed yet. Sending it again")
         page.page.unroute("**/stop")
         page.stopped()
     page.shows("#alarm", "No connection to the server")
