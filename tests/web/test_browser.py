@@ -330,7 +330,7 @@ def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_abo
         page = visit(link)
         page.start()
         page.shows("#question-text", "Go ahead?")
-    page.shows("#alarm", "A current run continues without this page")
+    page.shows("#alarm", "The current run continues without this page")
     page.page.close()
     page.troubles.clear()  # the browser said as much
     closed = visit(scripted, wait=False)
