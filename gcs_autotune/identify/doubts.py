@@ -147,7 +147,7 @@ def _unsettled(f: Findings) -> Doubt | None:
     cause = "only one period" if np.isinf(worst) else f"maxima and minima scatter by {100 * worst:.0f} %"
     return Doubt(
         "unsettled",
-        f"the oscillation never settled ({cause}, but the limit is {100 * SCATTER:.0f} %)",
+        f"the oscillation never settled ({cause}). The scatter must be at most {100 * SCATTER:.0f} %",
         "wait for calmer water, use a larger C (output) or x_a (switching value), or let the relay run longer",
     )
 

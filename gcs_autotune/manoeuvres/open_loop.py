@@ -290,7 +290,7 @@ GENTLER = 0.4
 At an eighth of it thrusters are still outside their dead band. Project choice.
 """
 WITHOUT_THROTTLE = 0.5
-"""Default thrust ahead of a craft without cruise throttle and without --throttle. Chosen."""
+"""Default thrust ahead of a craft without cruise throttle and without --throttle. Project choice."""
 ROOM: Mapping[str, str] = {
     "N": "a few turning circles under way; at the spot without --throttle",
     "X": "distance of speed times duration, straight ahead",

@@ -52,7 +52,7 @@ def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
 
 
 def moved(stretch: Pulse, signal: str, force: str) -> str:
-    """Return the motion caused by one pulse."""
+    """Return a sentence on the motion caused by one pulse."""
     angular = SIGNALS[signal].angular
     size = f"{abs(math.degrees(stretch.moved)):.1f} deg" if angular else f"{abs(stretch.moved):.2f} m"
     way = ("to starboard", "to port") if angular else ("down", "up")
@@ -141,7 +141,7 @@ def turns_by_itself(rate: float, speed: float, noise: float, throttle: float) ->
 
 
 def gained(seen: Pulse) -> str:
-    """Return the effect of a thrust pulse; ``moved`` is the speed gained [m/s]."""
+    """Return a sentence on the effect of a thrust pulse; ``moved`` is the speed gained [m/s]."""
     way = "ahead" if seen.moved > 0.0 else "astern"
     return (
         f"{seen.command:+.2f} of full X output gave the craft {abs(seen.moved):.2f} m/s {way} in {seen.seconds:.1f} s"

@@ -250,7 +250,7 @@ SHOWN = 5
 """Most rival structures shown. Project choice."""
 
 _POINTS = 9
-"""Number of rows of the compensation table. Chosen."""
+"""Number of rows of the compensation table. Project choice."""
 
 
 def thruster_document(fit: ThrusterFit) -> Document:

@@ -139,7 +139,7 @@ def sawtooth(height: float, turns: float = 4.0) -> Array:
 )
 def test_a_heading_tells_its_unit_where_it_wraps(height: float, words: str) -> None:
     for off in (1.0, 1.009):
-        with pytest.raises(BadFile, match=f"wraps round at .* rad: {words}"):
+        with pytest.raises(BadFile, match=f"wraps round at .* rad\\. {words}"):
             check_units(run(psi=sawtooth(height * off)))
     assert said(run(psi=sawtooth(2.0 * math.pi))) == []
     assert said(run(T[:19], psi=sawtooth(height)[:19])) == []

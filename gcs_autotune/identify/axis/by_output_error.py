@@ -365,10 +365,14 @@ def _model_lacking(chosen: Selection, odd: Sequence[OutlierRun]) -> Doubt:
     """
     runs = [Trial(r.run, r.measured) for r in chosen.records]
     dof = chosen.records[0].dof.name
-    besides = [name for name in moved_besides(runs, (dof,)) if name in ("surge", "sway")]
-    option = dof_option(runs, (dof,), besides) if besides else ""
+    other_motions = [name for name in moved_besides(runs, (dof,)) if name in ("surge", "sway")]
+    option = dof_option(runs, (dof,), other_motions) if other_motions else ""
     names = ", ".join(f"'{o.run}' by {o.sigmas:.0f} standard errors" for o in odd)
-    moved = f". The craft also moved in {' and '.join(besides)}, which the model does not include" if besides else ""
+    moved = (
+        f". The craft also moved in {' and '.join(other_motions)}, which the model does not include"
+        if other_motions
+        else ""
+    )
     return Doubt(
         "runs-disagree",
         f"the parameters differ between runs ({names}). In most runs, however, the model error exceeds the noise. "

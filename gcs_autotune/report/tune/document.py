@@ -1,4 +1,4 @@
-"""The report of a tune. One function per section."""
+"""The report of a tune, with one function per section."""
 
 from __future__ import annotations
 
