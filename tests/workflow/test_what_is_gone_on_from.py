@@ -152,7 +152,7 @@ def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
 def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:
     asked = settings(tmp_path)
     told = way_on(asked, ["sign-check", "relay-1", "step-before"], RuntimeError())
-    assert told.startswith("of this run only step-before, relay-1 can be used again")
+    assert told.startswith("these records of the run can be used again: step-before, relay-1")
     assert f"--resume {asked.directory}" in told
     assert way_on(asked, ["sign-check"], RuntimeError()) == ""
     assert set(USED_AGAIN) >= {"step-before", "relay-1"}
