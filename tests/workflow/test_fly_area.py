@@ -53,7 +53,7 @@ def test_a_straight_run_that_leaves_the_area_by_the_vehicles_own_cruise_is_refus
     ):
         fly(harness, square(6.0), "steps")
     assert harness.found == ""
-    assert any("its cruise of 1.2 m/s at 80% throttle" in text for text in harness.said)
+    assert any("its cruise speed of 1.2 m/s at 80% throttle" in text for text in harness.said)
     untried = SitlHarness(tmp_path / "untried", parameters={"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0})
     with pytest.raises(GuardTripped, match="m outside the pond"):
         fly(untried, square(6.0), "steps")
