@@ -144,7 +144,7 @@ class Intervention:
 
     @property
     def stands(self) -> bool:
-        """Whether any part of it must not be undone."""
+        """Whether any part of the change must not be undone."""
         return self.mode_stands or self.armed_stands
 
 

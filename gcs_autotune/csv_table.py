@@ -301,7 +301,7 @@ def _is_text(cells: Cells, i: int) -> bool:
 
 
 def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int]) -> NoReturn:
-    """Return the error of the first cell of *row* that is not a number."""
+    """Return the error for the first cell of *row* that is not a number."""
     if len(row) != len(cells.head):
         raise BadFile(
             f"{cells.path}, row {number}: {len(row)} cells instead of {len(cells.head)}. Correct or remove this row"

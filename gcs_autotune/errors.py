@@ -1,26 +1,26 @@
-"""Every error this package raises, in one tree.
+"""All errors that this package raises, as a tree.
 
 ::
 
     AutotuneError
     ├── LinkError
     │   ├── CannotOpenLink          port in use, no such device, wrong connection string
-    │   ├── NoVehicle               the link is open but no autopilot was heard
-    │   ├── SigningMismatch         one of us signs and the other does not, or with another key
-    │   ├── LinkLost                the vehicle was there and has gone silent
-    │   ├── NoReply                 asked, never answered (also a TimeoutError)
-    │   └── TelemetryFault          NaN, frozen or back-running telemetry, rates too low
-    ├── VehicleRefused              the vehicle understood and said no
-    │   ├── WrongVehicle            not a boat/ROV, or not one that has this axis
-    │   ├── CommandDenied           carries the MAV_RESULT
+    │   ├── NoVehicle               the link is open but no autopilot sends a heartbeat
+    │   ├── SigningMismatch         only one side signs, or the keys differ
+    │   ├── LinkLost                the vehicle was connected and has fallen silent
+    │   ├── NoReply                 a request was never answered (also a TimeoutError)
+    │   └── TelemetryFault          NaN, frozen or backwards telemetry, or too slow
+    ├── VehicleRefused              the vehicle rejected a command
+    │   ├── WrongVehicle            not a boat or ROV, or without this axis
+    │   ├── CommandDenied           contains the MAV_RESULT
     │   ├── ModeRefused
-    │   ├── ArmingRefused           carries the STATUSTEXTs that explain it
+    │   ├── ArmingRefused           contains the STATUSTEXTs with the reasons
     │   ├── ParameterMissing        this firmware has no parameter of that name
-    │   └── ParameterNotAccepted    wrote a, read back b
+    │   └── ParameterNotAccepted    the value read back differs from that written
     ├── ManoeuvreError
     │   ├── PreconditionFailed
     │   ├── NotAchieved             e.g. the limit cycle never settled
-    │   ├── GuardTripped            carries guard, value, limit
+    │   ├── GuardTripped            contains guard, value, limit
     │   ├── OperatorStopped         Ctrl-C, SIGTERM or "no" at a question
     │   └── NotAsFound              clean-up incomplete; lists what differs
     ├── DataError
@@ -30,10 +30,10 @@
     ├── DesignError
     │   └── NoGainsMeetSpec
     └── UsageError
-        └── UnknownName             carries the nearest spellings (also a KeyError)
+        └── UnknownName             contains the nearest spellings (also a KeyError)
 
-A message states what happened, to what, and what to do. A poor result is not an error; it has
-doubts. The command line maps the families to exit codes in one table (:data:`EXIT_CODES`).
+A message states what happened, to what, and what to do. A poor result is not an error; it is
+returned with doubts. The command line maps the families to exit codes in one table (:data:`EXIT_CODES`).
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 Progress = Callable[[int, int], None]
-"""Called with (tasks done, all tasks) after each."""
+"""Callback with (tasks done, all tasks), called after each task."""
 
 
 class Executor(Protocol):
@@ -89,7 +89,7 @@ class ProcessExecutor:
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
     ) -> Iterator[Result]:
-        """As :meth:`Executor.map`. The processes are started for it and end with it."""
+        """Run tasks as :meth:`Executor.map`. The processes are started for this call and end with it."""
         if min(self._jobs, len(tasks)) < 2:
             yield from SerialExecutor().map(function, tasks, progress)
             return

@@ -1,8 +1,8 @@
 """A MAVProxy module: ``module load gcs_autotune.mavproxy``, then ``autotune heading``, ``autotune stop``.
 
-MAVProxy imports a module by its dotted name if it has none of that name itself, and calls :func:`init`. The tune runs
-in a separate thread over MAVProxy's link: it reads what MAVProxy receives, and sends between MAVProxy's messages.
-Everything else, from announcement to clean-up, is as in ``gcs-autotune tune``.
+MAVProxy imports a module by its dotted name if it has no built-in module of that name. It then calls :func:`init`. The
+tune runs in a separate thread over MAVProxy's link: it reads what MAVProxy receives, and sends between MAVProxy's
+messages. Everything else, from announcement to clean-up, is as in ``gcs-autotune tune``.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class _Console:
 
     @property
     def answered_beforehand(self) -> bool:
-        """Whether questions are answered by ``--yes``."""
+        """Whether ``--yes`` answers the questions."""
         return self._yes
 
     def stop_requested(self) -> bool:

@@ -83,8 +83,10 @@ class Room:
 
 @dataclass(frozen=True, slots=True)
 class Vitals:
-    """State of the vehicle, about once a second: battery [V], [0..1], round trip [s] and rate of ATTITUDE [Hz]; NaN:
-    unknown."""
+    """State of the vehicle, about once a second.
+
+    Battery voltage [V], remaining charge [0..1], round trip [s] and rate of ATTITUDE [Hz]; NaN: unknown.
+    """
 
     mode: str
     armed: bool
@@ -173,7 +175,7 @@ class LeftAs:
 
 
 Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | PredictedTrack | LeftAs
-"""Facts reported in addition to ticks and sentences."""
+"""A fact that is reported in addition to ticks and sentences."""
 
 
 class Observer(Protocol):

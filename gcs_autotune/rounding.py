@@ -11,18 +11,16 @@ UNKNOWN = "?"
 
 
 EXACT, EXACT_DIGITS = 1e-12, 9
-"""Relative standard error below which it is only rounding error, and the number of digits shown then.
-
-Project choice.
-"""
+"""Relative standard error below which it is only rounding error, and the number of digits shown then. Project
+choice."""
 
 
 def format_value(value: float, std: float) -> str:
     """Round *value* to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ± 0.0002"``.
 
-    The error keeps one digit, or two when it begins with a 1 (as is the custom: 0.0012 to 0.001 would lose a
-    sixth). An error of 0 means a fixed number: four digits and no ``±``. Numbers from exact data, with only rounding
-    error, have none either. An unknown error is shown as ``± ?``.
+    The error has one digit, or two if it begins with a 1, because rounding 0.0012 to 0.001 would change it by a sixth.
+    An error of 0 means a fixed number, which has four digits and no ``±``. Numbers from exact data, with only rounding
+    error, have no ``±`` either. An unknown error is shown as ``± ?``.
     """
     if not math.isfinite(value):
         return UNKNOWN

@@ -1,23 +1,23 @@
-"""The notation: SNAME states, forces, their units, and every sign convention of this package.
+"""Notation of this package: SNAME states and forces, their units, and all sign conventions.
 
 Signs
 -----
 * Frames: NED (``x`` north, ``y`` east, ``z`` down) and the body frame FRD (forward, right, down).
-* ``psi`` is measured from north over east; a positive yaw moment ``N`` turns the bow to starboard and
-  makes ``r = dpsi/dt`` positive. ``z`` is depth (down positive); a positive ``Z`` pushes down.
-  A positive ``X`` pushes ahead.
+* ``psi`` is measured from north over east. A positive yaw moment ``N`` turns the bow to starboard and makes
+  ``r = dpsi/dt`` positive. ``z`` is depth (down positive). A positive ``Z`` pushes down. A positive ``X`` pushes ahead.
 * One degree of freedom, Miskovic2010, eq. (6.33): ``alpha * nu_dot + (beta + beta_nn * |nu|) * nu = tau + Delta``.
-  ``alpha`` is inertia including added mass; drag coefficients are positive when they damp; ``Delta`` is the
-  constant force of tether, trim, wind or net weight, on the side of ``tau``. Seen from a steering input of
-  reversed sign (a rudder whose positive angle turns to port) ``alpha`` and the drags come out negative.
-* A rudder deflection ``delta`` (channel) is an input like ``N``; the *parameter* called ``delta`` in results
-  is ``Delta`` above.
+  ``alpha`` is inertia including added mass. Drag coefficients are positive if they damp. ``Delta`` is the constant
+  force
+  of tether, trim, wind or net weight, with the same sign as ``tau``. If the steering input has the opposite sign (a
+  rudder whose positive angle turns to port), ``alpha`` and the drag coefficients are negative.
+* A rudder deflection ``delta`` (channel) is an input like ``N``. The *parameter* called ``delta`` in results is the
+  ``Delta`` above.
 
 Units
 -----
-SI and radians inside. Files carry the unit in the column head, ``name[unit]``; :func:`to_si` knows the
-units accepted there. A head without one is in the unit of :data:`SIGNALS`, but a force or moment is a fraction of
-full actuator output, the unit ``1``.
+All computations use SI and radians. Files contain the unit in the column heading, ``name[unit]``; :func:`to_si` lists
+the accepted units. A heading without a unit means the unit of :data:`SIGNALS`. For a force or moment it means a
+fraction of full actuator output, the unit ``1``.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ class Channel:
         return replace(self, t=self.t[keep], values=self.values[keep])
 
     def held_at(self, t: float) -> float:
-        """Return the value in force at *t* under zero-order hold (the first value before the first stamp)."""
+        """Return the value at *t* under zero-order hold; before the first stamp it is the first value."""
         i = int(np.searchsorted(self.t, t, side="right")) - 1
         return float(self.values[max(i, 0)])
 

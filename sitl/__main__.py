@@ -1,4 +1,4 @@
-"""``python -m sitl NAME``: one simulated vehicle as a process of its own."""
+"""``python -m sitl NAME``: run one simulated vehicle as a separate process."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ __all__ = ["main"]
 
 _OK, _USAGE, _IN_USE = 0, 2, 3
 _SLOWEST, _QUICKEST = 0.01, 1000.0
-"""Range of simulated seconds per second. Chosen."""
+"""Range of simulated seconds per second. Project choice."""
 _DEFAULT_ADDRESS = "udp:127.0.0.1:14550"
 
 
 def _seed(text: str) -> int:
-    """Return a seed typed on the command line."""
+    """Parse a seed from the command line."""
     try:
         return whole(text, 2**32 - 1)
     except Refused as error:
@@ -39,7 +39,7 @@ def _seed(text: str) -> int:
 
 
 class _Stopped(BaseException):
-    """The process was asked to end."""
+    """Raised when the process was asked to end."""
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -104,7 +104,7 @@ def _make_parser() -> argparse.ArgumentParser:
 
 
 class _Usage(ValueError):
-    """The command line is not valid."""
+    """Raised when the command line is not valid."""
 
 
 def _read_presets(arguments: Sequence[str]) -> dict[str, float]:

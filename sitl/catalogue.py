@@ -1,12 +1,14 @@
 """The available vehicles, and the loader of their data files.
 
-A data file is TOML; every number in it is a table ``{ value, unit, source }``. Adding a vehicle is one file in
-``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file. ``like = "NAME"``
-takes from a vehicle of the table what the file does not say. With ``[sway]`` (inertia, drag, on vectored frames
-``authority``) it slips sideways; ``[coupling]`` then holds SNAME derivatives between surge, sway and yaw, and
-``coriolis``: whether Coriolis' forces follow from the inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment,
-``authority`` of a frame whose lifting thrusters sit fore and aft) it pitches and swings back. With ``[rangefinder]`` it
-faces a wall. ``plant`` names the kind of body (``sitl/plants/table.py``); without it, it is a planar hull.
+A data file is TOML. Every number in it is a table ``{ value, unit, source }``. To add a vehicle, add a file in
+``vehicles/`` and a line in :data:`VEHICLES`. A vehicle of your own is selected by the path of its file. ``like =
+"NAME"`` copies missing values from a vehicle of the table.
+
+With ``[sway]`` (inertia, drag, on vectored frames ``authority``) the vehicle can move sideways. ``[coupling]`` then
+contains SNAME derivatives between surge, sway and yaw, and ``coriolis``: whether Coriolis forces follow from the
+inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment, ``authority`` of a frame with vertical thrusters fore and
+aft) it oscillates in pitch. With ``[rangefinder]`` it faces a wall.
+``plant`` names the kind of body (``sitl/plants/table.py``). Without it, the vehicle is a planar hull.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ _FIRMWARE = ("rover", "sub")
 
 
 class UnknownVehicle(KeyError):
-    """There is no vehicle of that name; the message lists the nearest ones."""
+    """Raised if there is no vehicle of that name; the message lists the nearest ones."""
 
     def __init__(self, name: str) -> None:
         near = difflib.get_close_matches(name, VEHICLES, n=3, cutoff=0.5)
@@ -67,14 +69,14 @@ class UnknownVehicle(KeyError):
 
 
 class BadVehicle(ValueError):
-    """A file that does not describe a vehicle; the message states what is wrong."""
+    """Raised for a file that does not describe a vehicle; the message states what is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleData:
-    """One vehicle's data file, numbers without their sources (SI, radians).
+    """One vehicle's data file, with the numbers without their sources (SI, radians).
 
-    ``parameters`` holds what its owner has set in the autopilot; ``ready_time`` [s] is when the autopilot's
+    ``parameters`` contains the autopilot parameters set by its owner; ``ready_time`` [s] is when the autopilot's
     estimates become good enough to arm.
     """
 
@@ -94,11 +96,11 @@ class VehicleData:
         return str(self.tables["actuators"]) in (RUDDER, TWIN_THRUSTER)
 
     def make_plant(self) -> Plant:
-        """Return a new plant of the vehicle's kind, at its starting place and at rest."""
+        """Return a new plant of the vehicle's kind, at its initial position and at rest."""
         return make_plant(self.tables)
 
     def make_rangefinder(self, seed: int) -> Rangefinder | None:
-        """Return the rangefinder facing a wall ahead, or None."""
+        """Return the rangefinder that faces a wall ahead, or None."""
         if "rangefinder" not in self.tables:
             return None
         at = values_of(self.tables["rangefinder"])
@@ -129,12 +131,12 @@ class VehicleData:
 
 
 def load_vehicle(name: str) -> VehicleData:
-    """Return the data of the vehicle called *name*, or of the file that *name* is the path of (``.toml``).
+    """Return the data of the vehicle called *name*, or of the file (``.toml``) whose path is *name*.
 
     Raises
     ------
     UnknownVehicle
-        There is none; the message gives the nearest spellings.
+        There is no such vehicle; the message states the nearest names.
     BadVehicle
         The file cannot be read, or lacks something.
     """
@@ -158,7 +160,7 @@ def load_vehicle(name: str) -> VehicleData:
 
 
 def _tables(path: Path) -> dict[str, Any]:
-    """Return the tables of a file, completed from the vehicle it is ``like``."""
+    """Return the tables of a file, completed from the vehicle that it is ``like``."""
     own = read(path, "toml")
     name = own.get("like")
     if isinstance(name, str) and name not in VEHICLES:

@@ -112,7 +112,9 @@ def _plain(diagnosis: Diagnosis) -> str:
     for i, dof in enumerate(model.form.dofs):
         damping = f"{DOFS[dof].force}_{DOFS[dof].velocity}"
         if damping in model.form.parameters and model[damping]:
-            found.append(f"{dof}: time constant {format_number(abs(float(model.inertia[i, i]) / model[damping]), 2)} s")
+            found.append(
+                f"time constant {format_number(abs(float(model.inertia[i, i]) / model[damping]), 2)} s in {dof}"
+            )
     return "; ".join([model.form.title, *found])
 
 

@@ -1,4 +1,4 @@
-"""The command line: one table of commands, one table of exit codes."""
+"""The command line, with the table of commands and the table of exit codes."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ COMMANDS: Mapping[str, Verb] = {
     ),
     "fly": Verb("fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model", "fly_cmd"),
     "recheck": Verb(
-        "check the tune of the heading, depth or speed loop by set-points; drives no actuator directly",
+        "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",
     ),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
@@ -80,7 +80,7 @@ YOUNG = 20_000
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code."""
+    """Run the command line with its arguments and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     # Before NumPy is imported. Our matrices are small: a second thread wins nothing on an idle machine, and beside
     # other programs (a ground station, a simulator) the two wait for each other.

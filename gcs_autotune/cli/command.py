@@ -109,7 +109,7 @@ def add_number(
 
 
 def _typed(rows: Sequence[Limit]) -> Callable[[str], float]:
-    """Return a parser of numbers for argparse that rejects values outside their limits."""
+    """Return a function for argparse that parses a number and rejects values outside its limits."""
 
     def read(text: str) -> float:
         try:

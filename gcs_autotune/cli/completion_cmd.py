@@ -29,7 +29,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
-    """Mark path arguments for shtab, shorten the help of verbs to one line, and add the manoeuvres."""
+    """Prepare the parsers for shtab: mark path arguments, shorten the help of verbs to one line, and add the
+    manoeuvres."""
     from gcs_autotune.manoeuvres import MANOEUVRES
 
     for action in parser._actions:

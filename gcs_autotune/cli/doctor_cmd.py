@@ -1,4 +1,4 @@
-"""``gcs-autotune doctor`` and ``gcs-autotune ports``: check this computer, list vehicles heard on its ports."""
+"""``gcs-autotune doctor`` and ``gcs-autotune ports``: check this computer, and list the vehicles on its ports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``gcs-autotune experiment``: fly relay experiments and identify; writes no parameter."""
+"""``gcs-autotune experiment``: fly relay experiments and identify a model. No parameter is written."""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
 The *canonical* name is the one used by our laws and axes: that of 4.5 and 4.6, except for the MAVLink system ids.
 Sources: "Parameter Name Changes", 4.6 to 4.7 (ardupilot.org, common-param-name-changes), and the control loops and
-metadata of ArduPilot 8264a9b4a2 (December 2025, "4.7.0-dev": PSC_D_*, MAV_* and ARMING_SKIPCHK are new there,
-ATC_ACCEL_Y_MAX, ATC_SLEW_YAW and Sub's PILOT_* still old). A vehicle usually has a mixture of old and new names, so
-every name is resolved separately.
+metadata of ArduPilot 8264a9b4a2 (December 2025, "4.7.0-dev"). That version has the new names PSC_D_*, MAV_* and
+ARMING_SKIPCHK, but the old names ATC_ACCEL_Y_MAX, ATC_SLEW_YAW and Sub's PILOT_*. A vehicle usually has a mixture of
+old and new names, so every name is resolved separately.
 
 The unit of the acceleration loop changed from throttle per cm/s^2 x 0.001 to throttle per m/s^2. So the factor is 0.1
 for all its gains, including FF. ArduPilot's own conversion of stored values (AC_PosControl.cpp, ``convert_parameters``)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 __all__ = ["DISARMS", "Failsafe", "SetFailsafe"]
 
 DISARMS = "disarmed"
-"""Outcome that is not a mode."""
+"""Outcome of a failsafe that disarms the vehicle instead of changing its mode."""
 
 
 @dataclass(frozen=True, slots=True)

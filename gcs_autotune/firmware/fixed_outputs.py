@@ -40,7 +40,7 @@ class Outputs:
 def with_outputs(values: Mapping[str, float], firmware: Firmware, said: str = "") -> Outputs:
     """Return *values* with the equivalent SERVOn parameters, for firmware versions without these.
 
-    said : the firmware's version text, e.g. ``APM:Rover v3.1``; used if no parameter determines the version.
+    said : the firmware's version text, e.g. ``APM:Rover v3.1``; used if no parameter shows the version.
 
     Raises
     ------

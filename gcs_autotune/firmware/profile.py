@@ -15,13 +15,13 @@ __all__ = ["Axis", "Firmware", "FixedOutputs", "Gain", "Unsuited", "pid_context"
 
 
 def pid_context(prefix: str) -> tuple[str, ...]:
-    """Return the parameters of an AC_PID *prefix* other than its gains: limit of the integral, filters."""
+    """Return the parameters of an AC_PID *prefix* other than its gains: the limit of the integral and the filters."""
     return tuple(f"{prefix}_{suffix}" for suffix in ("IMAX", "FLTT", "FLTE", "FLTD"))
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """One tunable parameter, with the range its vendor documents."""
+    """One tunable parameter, with its documented range."""
 
     parameter: str
     low: float
@@ -83,7 +83,7 @@ class Axis:
 
     @property
     def dof(self) -> str:
-        """Name in ``sname.DOFS`` of the motion identified."""
+        """Degree of freedom that is identified, by its name in ``sname.DOFS``."""
         return self.kind.dof
 
     @property

@@ -507,7 +507,7 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "unsettled",
         Findings,
         _unsettled,
-        "the oscillation never settled ({cause}, but the limit is {limit:.0f} %)",
+        "the oscillation never settled ({cause}). The scatter must be at most {limit:.0f} %",
         "wait for calmer water, use a larger C (output) or x_a (switching value), or let the relay run longer",
         of_the_runs=True,
     ),

@@ -74,7 +74,7 @@ class Limit:
 
     @property
     def factor(self) -> float:
-        """Factor from a typed value to SI and radians."""
+        """Factor from the typed value to SI and radians."""
         return _TO_SI.get(self.unit, 1.0)
 
     @property

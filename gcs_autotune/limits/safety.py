@@ -1,4 +1,4 @@
-"""Safety limits of a flight."""
+"""Limits for the options that set the safety envelope of a flight."""
 
 from __future__ import annotations
 

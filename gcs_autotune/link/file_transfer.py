@@ -25,10 +25,10 @@ _PIECE, _PAYLOAD = 239, 251
 _ABREAST = 5
 """Number of pieces requested at once, about what the buffer of a slow radio can store. Project choice."""
 _REPLY = 1.0
-"""Seconds after which a request is repeated. Chosen."""
+"""Seconds after which a request is repeated. Project choice."""
 _TRIES = 3
 _LONGEST = 1 << 20
-"""Largest file that is read [bytes]. Chosen."""
+"""Largest file that is read [bytes]. Project choice."""
 _ERRORS = {
     1: "it failed",
     4: "the file session was lost",
@@ -48,7 +48,7 @@ class _Reply:
 
 
 class _Exchange:
-    """The requests of one session and their replies."""
+    """Requests of one FTP session and their replies."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -78,7 +78,7 @@ class _Exchange:
             self.replies.append(_Reply(sequence, opcode == _ACK, asked, offset, data))
 
     def has(self, count: int) -> bool | None:
-        """Return True once that many replies have arrived, else None."""
+        """Return True once this many replies have arrived, else None."""
         return True if len(self.replies) >= count else None
 
     def answer(self, opcode: int, data: bytes = b"") -> _Reply:

@@ -1,4 +1,4 @@
-"""MAVLink frames over one transport: packed, signed and logged; received frames are verified."""
+"""MAVLink frames over one transport. Sent frames are packed and signed, received ones verified, and all are logged."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _STALE_PARTIAL = 0.5
 _MOST_SENDERS = 16
 """Number of senders whose unfinished frames are stored. Project choice."""
 _SECRET = ("SETUP_SIGNING",)
-"""Messages that contain a signing key; never logged, whoever sent them."""
+"""Messages that contain a signing key. They are never logged, whatever their sender."""
 
 
 class FramePort:
@@ -129,7 +129,7 @@ class FramePort:
         return []
 
     def _framer(self, origin: str) -> Framer:
-        """Return the framer of *origin*, so that half frames of different senders are not mixed."""
+        """Return the framer of *origin*. Each sender has its own, so that partial frames are not mixed."""
         if origin not in self._framers and len(self._framers) >= _MOST_SENDERS:
             del self._framers[next(iter(self._framers))]
         return self._framers.setdefault(origin, Framer(origin))
@@ -165,7 +165,7 @@ class FramePort:
 
 
 def time_base(transport: Transport) -> Callable[[], float]:
-    """Return the time [s since 1970] that stamps of a log of *transport* count from."""
+    """Return the time [s since 1970] that is zero for the time stamps of a log of *transport*."""
     if transport.is_simulated:
         return _simulated(transport.clock)
     return time.time

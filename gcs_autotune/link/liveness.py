@@ -1,9 +1,9 @@
-"""Which sender is the vehicle, and how long it has been silent.
+"""Determine which sender is the vehicle, and how long it has been silent.
 
 Silence counts only while we listen. The first sender found is used; another sender with the vehicle's ids is reported
-and ignored, because anybody can use MAVLink ids. Senders differ in their origin (address and port on UDP) and in their
+and ignored, because any sender can use these ids. Senders differ in their origin (address and port on UDP) and in their
 sequence numbers. After a restart or a radio reconnect the vehicle may use another port. If the sender in use has fallen
-silent, another one is asked for its board id and used if that matches.
+silent, another sender with the same ids is asked for its board id, and used if that matches.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Liveness:
         self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
 
     def now(self) -> float:
-        """Return :attr:`listened` [s], for deadlines that must not pass while an answer is unread."""
+        """Return the time listened so far [s], for deadlines that must not expire while an answer is unread."""
         return self.listened
 
     @property
@@ -65,25 +65,23 @@ class Liveness:
         return max((silence for end, silence in self._silences if end >= self.listened - span), default=0.0)
 
     def heard(self) -> None:
-        """Record a message from the vehicle."""
+        """Record that a message from the vehicle arrived."""
         if self.actual_silence > _LEAST_KEPT:
             self._silences.append((self.listened, self.actual_silence))
         self.last_received = self._word = self.listened
 
     def bear(self, silence: float) -> None:
-        """Tolerate a silence: :attr:`silence` starts *silence* [s] from now."""
+        """Tolerate a silence. :attr:`silence` counts from zero again only after *silence* [s]."""
         self.last_received = self.listened + silence
 
 
 LOSSY = 0.1
-"""Fraction of lost messages above which the loss is reported as a cause; a good radio loses 1 to 3 %.
-
-Project choice.
-"""
+"""Fraction of lost messages above which the loss is reported as a cause; a good radio loses 1 to 3 %. Project
+choice."""
 _ENOUGH = 12
 """Number of messages sent before their loss is computed. Project choice."""
 _JUMP = 128
-"""A larger step of the sequence number counts as backwards: out of order, or a restart."""
+"""Step of the sequence number above which it counts as backwards, because of messages out of order or a restart."""
 
 
 class Loss:
@@ -127,7 +125,7 @@ class Loss:
 
 
 GONE = 3.0
-"""Silence of the sender in use after which another may replace it [s]. Chosen: three heartbeats."""
+"""Silence of the sender in use after which another may replace it [s]. Project choice: three heartbeats."""
 _VOICES = 16
 """Number of sequences followed at once. Every lost message starts a new one."""
 _TURNS = 5

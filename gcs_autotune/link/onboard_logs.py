@@ -16,10 +16,10 @@ _PIECE = 90
 _STRETCH = 128 * _PIECE
 """Number of bytes requested at once, a few seconds on a slow radio. Project choice."""
 _QUIET = 1.0
-"""Seconds without new data after which missing data is requested again. Chosen."""
+"""Seconds without new data after which missing data is requested again. Project choice."""
 _TRIES = 5
 _LARGEST = 1 << 30
-"""Largest log that is downloaded [bytes]. Chosen."""
+"""Largest log that is downloaded [bytes]. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ class Overheard:
 
     @property
     def told(self) -> str:
-        """One sentence for the user."""
+        """A sentence for the user on what was received."""
         if self.trouble:
             return self.trouble
         if self.autopilots:

@@ -95,7 +95,7 @@ class PeriodicTask:
 
 
 class PeriodicTasks:
-    """The periodic tasks, in order of registration."""
+    """All periodic tasks, in order of registration."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -236,8 +236,12 @@ class Session:
 
         It waits at most *timeout*, and at most 0.1 s, or 20 ms in real time.
 
-        Raises ------ OperatorStopped The operator asked to stop and no shield is up. LinkLost The vehicle has been
-        silent for too long, or the connection broke.
+        Raises
+        ------
+        OperatorStopped
+            The operator requested a stop, and it is not deferred.
+        LinkLost
+            The vehicle has been silent for too long, or the connection broke.
         """
         self.operator.check()
         self._periodic_tasks.do(self.clock.now())
@@ -342,7 +346,7 @@ class Session:
 
     @property
     def tolerates_silence(self) -> bool:
-        """Whether the vehicle is silent now and :attr:`patience` allows it."""
+        """Whether the vehicle is silent now and :attr:`patience` permits this."""
         return self.vehicle is not None and _SILENT < self.liveness.silence <= self.patience
 
     def pause(self, seconds: float) -> None:

@@ -26,7 +26,7 @@ __all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signa
 
 Array = NDArray[np.float64]
 Columns: TypeAlias = Mapping[str, Any]
-"""Column name (as in the log's own FMT) -> values of many messages, or of one."""
+"""Column name (as in the log's own FMT) -> values of many messages, or of a single one."""
 
 RAD = math.pi / 180.0
 FIX_3D = 3
@@ -114,10 +114,8 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
 
 
 STRAY = 2.0
-"""Deviation of a stamp [s] from the median of its neighbours on each side above which it counts as damaged.
-
-Project choice.
-"""
+"""Deviation of a stamp [s] from the median of its neighbours on each side above which it counts as damaged. Project
+choice."""
 FAR = 600.0
 """Deviation [s] from the only neighbours available above which a stamp counts as damaged. Project choice."""
 NEIGHBOURS = 5

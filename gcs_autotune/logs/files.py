@@ -74,9 +74,9 @@ def load_runs(
       mode; its type is recognised by its content;
     * a MATLAB file or a ROS bag: that run;
     * a run directory: those of its ``trials/*.csv`` that were flown for identification, with their inputs during the
-      lead-in (recorded next to them). If none of these is complete: the incomplete ones, and the steps of a proof,
-      with a doubt; if no meta file names a manoeuvre (files from elsewhere), every CSV there;
-    * any other directory: its ``*.csv``, by the same rule, or its logs when it has no CSV.
+      lead-in. If none of these is complete: the incomplete ones and the steps of a proof, with a doubt. If no metadata
+      file contains a manoeuvre (files from another source): every CSV in that folder;
+    * any other directory: its ``*.csv``, by the same rules, or its logs if it contains no CSV.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def load_runs(
     NotInformative
         The log contains no segment that is armed, driven and moves.
     UsageError
-        A *pick*, *system* or *columns* that does not exist.
+        A *pick*, *system* or name in *columns* does not exist.
     """
     place = Path(path)
     form = format_of(place) if place.exists() else None

@@ -17,7 +17,7 @@ SIZE = 1 << 16
 """Number of bytes of a file that are examined to recognise it. Project choice."""
 
 RunReader: TypeAlias = Callable[[Path, Mapping[str, str]], list[Trial]]
-"""Reads (path, name in the file -> ``channel[unit]``); raises ``BadFile`` or ``UsageError``."""
+"""Function that reads (path, name in the file -> ``channel[unit]``). It raises ``BadFile`` or ``UsageError``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Head:
 
     @property
     def text(self) -> str:
-        """The same as text, undecodable bytes replaced."""
+        """The first bytes as text, with undecodable bytes replaced."""
         return self.data.decode("utf-8-sig", errors="replace")
 
     @property

@@ -2,8 +2,8 @@
 log.
 
 A vehicle reports its time in two ways: ``time_boot_ms`` and, in SERVO_OUTPUT_RAW and GPS_RAW_INT, ``time_usec`` since
-the same boot, which wraps after 71 minutes. Both are converted to one axis. A message without a timestamp
-gets its arrival time, relative to the last one with a timestamp.
+the same boot, which wraps after 71 minutes. Both are converted to one axis. A message without a timestamp gets a time
+from its arrival, counted from the last message with a timestamp.
 
 One table contains the sources of each message, in SI; degrees, centimetres and hectopascals are converted here.
 SIMSTATE and SIM_STATE are not in it, because real craft do not measure them.

@@ -45,7 +45,7 @@ UNKNOWN = "unknown vehicle"
 
 
 class RecordedParameters:
-    """Parameters of a log; a ``ParameterSource``."""
+    """The parameters recorded in a log, as a ``ParameterSource``."""
 
     def __init__(self, values: Mapping[str, float]) -> None:
         self.values = dict(values)

@@ -135,7 +135,7 @@ SHORTEST = 5.0
 SILENCE = 3.0
 """Longest silence [s] inside a run. Project choice."""
 NO_INPUT = ("motion-only", "no-inputs")
-"""Slugs of notes about a missing input."""
+"""Short names of the notes about a missing input."""
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 
 

@@ -107,7 +107,7 @@ def record_ulog(path: Path, system: int | None = None) -> Recording:
 
 
 def _take(store: SampleStore, census: Census, topic: str, columns: Columns) -> None:
-    """Write one topic; one with unexpected columns is skipped."""
+    """Write one topic into the store. A topic with unexpected columns is skipped."""
     t = np.asarray(columns["timestamp"], dtype=np.float64) * 1e-6
     if not len(t):
         return

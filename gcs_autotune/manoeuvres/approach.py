@@ -27,7 +27,7 @@ It yields commands, receives observations, and returns the first observation of 
 """
 
 LEAST_TIME = 3.0
-"""Shortest approach [s]: enough samples at 10 Hz to determine the noise within about 15 %. Chosen."""
+"""Shortest approach [s]: enough samples at 10 Hz to determine the noise within about 15 %. Project choice."""
 LONGEST_TIME = 30.0
 """Longest approach [s]. A boat that still accelerates then starts the manoeuvre anyway. Project choice."""
 STEADY_WINDOW = 3.0
@@ -38,9 +38,7 @@ STEADY_RATE = 0.02
 """Change of turn rate over the window below which a turn counts as steady, as a fraction of the largest rate seen."""
 COURSE_WINDOW = 1.0
 """Time [s] at the end of the approach over which the heading is averaged, because one compass sample is too noisy.
-
-Project choice.
-"""
+Project choice."""
 LONGEST_HOLD = 60.0
 """Longest hold [s] of a helm whose turn does not become steady (waves, an unstable craft). Project choice."""
 

@@ -94,7 +94,7 @@ def _holds(corners: Sequence[Point], x: float, y: float) -> bool:
 
 
 def _distance(corners: Sequence[Point], x: float, y: float) -> float:
-    """Return the distance to the nearest side."""
+    """Return the distance of a point to the nearest side of a polygon."""
     nearest = math.inf
     for (x1, y1), (x2, y2) in zip(corners, (*corners[1:], corners[0]), strict=True):
         along, across = x2 - x1, y2 - y1

@@ -16,7 +16,7 @@ from gcs_autotune.errors import UsageError
 __all__ = ["Signal", "chirp", "decay", "full", "growing", "levels", "multisine", "prbs", "sine", "staircase"]
 
 Signal = Callable[[float], float]
-"""Normalised time, 0 to 1 -> fraction of the requested amplitude."""
+"""Function from normalised time, 0 to 1, to the fraction of the requested amplitude."""
 
 
 def levels(*values: float) -> Signal:
@@ -111,7 +111,7 @@ def prbs(options: Mapping[str, float]) -> Signal:
 
 
 def decay(options: Mapping[str, float]) -> Signal:
-    """Return a push followed by zero output."""
+    """Return full output at the start, followed by zero output, for a decay."""
     share = options["push"] / options["duration"]
     if share >= 1.0:
         raise UsageError(

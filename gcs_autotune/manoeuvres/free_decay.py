@@ -75,7 +75,7 @@ class FreeDecay(Manoeuvre):
 
 
 def _of(force: str) -> ManoeuvreKind:
-    """Return the row for roll (``K``) or pitch (``M``)."""
+    """Return the table row for roll (``K``) or pitch (``M``)."""
     if force not in ("K", "M"):
         raise UsageError(
             f"hand-release works for roll (--force K) or pitch (--force M). For --force {force} fly free-decay"

@@ -42,7 +42,7 @@ HELD_DURING: Mapping[str, tuple[HoldGains, ...]] = {
     "y": (_HEADING, _DEPTH),
     "d": (_HEADING, _DEPTH),
 }
-"""Signal of the relay -> signals held during it."""
+"""Signal of the relay -> signals that are held during it."""
 HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}
 """Signal of the relay -> how it is held before the relay.
 
@@ -103,7 +103,7 @@ MOST_RUDDER = 0.4
 CALMING = 0.5
 """Factor on the gain after every oscillation that is not clearly smaller than the previous one. Project choice."""
 LEAST_SHARE = 0.1
-"""Lower limit of the gain relative to :data:`RUDDER_GAIN`. Chosen."""
+"""Lower limit of the gain relative to :data:`RUDDER_GAIN`. Project choice."""
 NOTED = math.radians(5.0)
 """Heading oscillation [rad] up to which the gain is kept. Project choice."""
 

@@ -118,20 +118,16 @@ class Manoeuvre(ABC):
 
 
 _NOTED, _LIMITED = 0.1, 0.9
-"""Smallest command that is evaluated (normalised), and the fraction of it that must reach the output.
-
-Project choice.
-"""
+"""Smallest command that is evaluated (normalised), and the fraction of it that must reach the output. Project
+choice."""
 _MOST, _STEADY = (0.1, 0.9), 0.5
 """Quantiles of an output, and their largest distance relative to the command. Project choice.
 
 A larger distance indicates another source of commands (a clock or a controller) instead of a limit.
 """
 _LASTED = 1.0
-"""Duration [s] below which a command is not evaluated, because it ends before a slow link shows its effect.
-
-Project choice.
-"""
+"""Duration [s] below which a command is not evaluated, because it ends before a slow link shows its effect. Project
+choice."""
 
 
 def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:

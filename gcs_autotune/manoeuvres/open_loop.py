@@ -290,7 +290,7 @@ GENTLER = 0.4
 At an eighth of it thrusters are still outside their dead band. Project choice.
 """
 WITHOUT_THROTTLE = 0.5
-"""Default thrust ahead of a craft without cruise throttle and without --throttle. Chosen."""
+"""Default thrust ahead of a craft without cruise throttle and without --throttle. Project choice."""
 ROOM: Mapping[str, str] = {
     "N": "a few turning circles under way; at the spot without --throttle",
     "X": "distance of speed times duration, straight ahead",
@@ -372,7 +372,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _steered(
         "s-manoeuvre",
-        "constant thrust, steering to one side and the other; then the same astern (ROVs, and with --astern)",
+        "constant thrust, steering to one side, then to the other; with thrust astern also (ROVs, and with --astern)",
         _s_flown,
         ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, sine(3.0), "N", 0.6)),
         ("S-manoeuvre with changing throttle", "X N", _s_throttle),

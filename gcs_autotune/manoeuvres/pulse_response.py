@@ -23,7 +23,7 @@ __all__ = ["Pulse", "PulseResponse", "Tick", "pulse_response"]
 
 Array = NDArray[np.float64]
 Tick = tuple[float, float, float]
-"""Time [s], position [rad or m], measured output [fraction of full]."""
+"""One sample: time [s], position [rad or m], measured output [fraction of full]."""
 
 FOLLOWS = 0.5
 """Fraction of the commanded output that must be measured.
@@ -33,7 +33,7 @@ Holding loops and rounding reduce it slightly. Project choice.
 SURE = 4.0
 """Smallest significant motion, in multiples of its standard error."""
 MOST_COLOUR = 0.9
-"""Largest correlation of neighbouring residuals that a short record can determine."""
+"""Largest correlation of neighbouring residuals that can be estimated from a short record."""
 CLEAR = 3.0
 """Actual motion that is significant without regard to the fit, in multiples of the threshold.
 
@@ -180,7 +180,7 @@ def _fitted(t: Array, x: Array, u: Array, *, each: bool = True) -> tuple[float, 
 
 
 def _inflation(residual: Array) -> float:
-    """Return the variance inflation by correlation of neighbouring residuals (first-order autoregression)."""
+    """Return the factor on the variance due to correlated neighbouring residuals (first-order autoregression)."""
     power = float(residual @ residual)
     if power <= 0.0:
         return 1.0

@@ -49,9 +49,7 @@ ROUNDING = 1e-9
 
 LEAST_TICKS = 5.0
 """Ticks per half period below which an improper oscillation is attributed to the tick rate and not to a weak relay.
-
-Project choice.
-"""
+Project choice."""
 
 
 class StopCriterion(Protocol):
@@ -332,6 +330,6 @@ class Relay(Manoeuvre):
 
 
 class WallRelay(Relay):
-    """A relay on the distance to a wall ahead."""
+    """A relay on the distance to a wall ahead of the craft."""
 
     kind = "wall-relay"

@@ -28,23 +28,21 @@ PERIODS, MOST_PERIODS = 5, 15
 """Number of consecutive periods that must agree (Miskovic2010, 6.7), and number of periods after which a relay ends
 anyway."""
 LONGEST, LEAST_SWITCHINGS = 110.0, 6
-"""Time [s] and number of switchings after which an unsettled relay ends anyway, because a boat keeps moving.
-
-Project choice.
-"""
+"""Time [s] and number of switchings after which an unsettled relay ends anyway, because a boat keeps moving. Project
+choice."""
 SWOLLEN, HELD_PERIODS, LONGEST_HOLD = 3.0, 2.5, 75.0
-"""Ratio of motion to command above which a loop counts as poorly damped, and the hold of the command that follows.
+"""Limit of the ratio of motion to command, and the following hold of the command in periods and its longest time
+[s].
 
-The hold is given in periods, with its upper limit in seconds. An oscillation that persists during it is caused by the
-loop itself. Project choice.
+A larger motion shows that the loop is poorly damped. The command is then held. An oscillation that persists during the
+hold is caused by the loop itself. Project choice.
 """
 NOISES = 5.0
 """Motion in standard deviations of the noise below which it is not an oscillation. Project choice."""
 LASTS = 0.6
-"""Fraction of an oscillation left after one period and a half of a constant command above which it counts as
-persistent.
+"""Fraction of an oscillation that may remain after one and a half periods of a constant command.
 
-A damping ratio of 0.05 leaves 0.62. Project choice.
+If more remains, the oscillation counts as persistent. A damping ratio of 0.05 leaves 0.62. Project choice.
 """
 PATIENCE = 60.0
 """Time [s] after which a loop that has not brought the heading past x_a counts as not following. Project choice."""

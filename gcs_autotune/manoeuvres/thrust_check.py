@@ -35,10 +35,8 @@ UNKNOWN = 12.0
 SHORTEST = 1.5
 """Shortest duration of a pulse [s]. The throttle is slew-limited, by default 1 s from none to full. Project choice."""
 AT_ONCE, FAR_TOO_MUCH = 0.6, 3.0
-"""Duration [s] after which a pulse may end early, and the multiple of the intended speed at which it does.
-
-Project choice.
-"""
+"""Duration [s] after which a pulse may end early, and the multiple of the intended speed at which it does. Project
+choice."""
 LAST = 0.5
 """Time [s] at the end of the pulse over which the speed gained is averaged."""
 
@@ -50,9 +48,9 @@ class ThrustCheckSettings:
     Attributes
     ----------
     outputs : sizes of the pulse, tried until one has a response.
-    reach : speed gained that ends a pulse, else it ends after ``longest``.
+    reach : gained speed that ends a pulse; otherwise it ends after ``longest``.
     least : smallest speed gained that counts as a response.
-    turned : turn under thrust alone, beyond the drift, that indicates a fault on one side.
+    turned : turn under thrust alone, in excess of the drift, that indicates a fault on one side.
     cure, crooked : advice if it goes astern, or turns.
     outlets : the servo outputs that drive it, for messages.
     """

@@ -40,10 +40,8 @@ EPOCH = 1_420_070_400.0
 """Start of signing time: 2015-01-01 00:00 UTC [s since 1970]."""
 UNITS_PER_SECOND = 100_000
 LINK_ID = 103
-"""Link id of our signed frames, different from that of other ground stations with the same system id.
-
-Project choice.
-"""
+"""Link id of our signed frames, different from that of other ground stations with the same system id. Project
+choice."""
 
 _KEY_LENGTH = 32
 _TRAILER, _SIGNATURE = 13, 6

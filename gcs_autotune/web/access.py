@@ -165,7 +165,7 @@ def _netloc_of(url: str) -> str:
 
 
 class AccessMiddleware:
-    """ASGI middleware: rejects foreign hosts and overload, authorises by token, and sets the headers."""
+    """ASGI middleware that rejects foreign hosts and overload, authorises by token, and sets the headers."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app

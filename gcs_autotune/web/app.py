@@ -121,7 +121,7 @@ class Control:
 
 
 def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> Starlette:
-    """Return the application. Runs are stored in *runs* and started by *program*."""
+    """Return the ASGI application of the page. Runs are stored in *runs* and started by *program*."""
     control = Control(runs, program or CommandLine())
 
     @asynccontextmanager

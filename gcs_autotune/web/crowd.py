@@ -36,7 +36,10 @@ class WaitingRoom:
         return len(self._waiting)
 
     def enter(self, who: object, address: str, close: Callable[[], object]) -> None:
-        """Register *who* as idle; close the oldest of its *address*, or of all, if there are too many."""
+        """Register *who* as idle.
+
+        If there are too many idle connections, close the oldest of its *address* or of all.
+        """
         self._waiting[who] = address, close
         same = [other for other, (where, _) in self._waiting.items() if where == address]
         if len(same) > OF_ONE_ADDRESS:
@@ -45,7 +48,7 @@ class WaitingRoom:
             self._close(next(iter(self._waiting)))
 
     def leave(self, who: object) -> None:
-        """Unregister *who*, which sent a request or closed."""
+        """Unregister *who*, because it sent a request or closed."""
         self._waiting.pop(who, None)
 
     def _close(self, who: object) -> None:

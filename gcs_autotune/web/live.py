@@ -27,7 +27,7 @@ BEHIND = 30
 MOST_VIEWERS = 32
 """Most simultaneous viewers. If all seats are taken, a viewer with the token replaces one without. Project choice."""
 _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
-"""Messages of which the last one is kept unchanged."""
+"""Types of messages of which only the last one is kept, unchanged."""
 _LONGEST = 2000
 """Number of characters of a sentence that are kept. Project choice."""
 _OVER = ""

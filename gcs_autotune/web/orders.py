@@ -143,7 +143,7 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
     Raises
     ------
     UsageError, UnknownName
-        It cannot be had; the message names the field.
+        A value is missing or not valid; the message names the field.
     """
     job, uri = (str(chosen.get(name, "")).strip() for name in ("job", "connect"))
     lookup(JOBS, job, "job")

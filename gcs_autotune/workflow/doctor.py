@@ -56,7 +56,7 @@ class Finding:
 def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
     """Yield the findings on this computer, one at a time, except those on its ports.
 
-    folder : where run directories would be made. config : the settings file in use.
+    folder : folder in which a tune would create its run directory. config : the settings file in use.
     """
     yield from _journals()
     yield _programs()

@@ -53,19 +53,18 @@ STOPPED, LONGEST_COAST = 0.1, 60.0
 With quadratic drag the speed never quite reaches zero, so the second number ends the coast. Project choice.
 """
 SPARE, SPARE_METRES = 1.2, 2.0
-"""Margin over the worst craft for wind, waves and noise: a factor, and a minimum in metres. Project choice."""
-SUBMERGED, SUBMERGED_METRES = 1.1, 0.3
-"""The margin for a submerged vehicle, which neither wind nor waves move: a factor, and a minimum in metres.
+"""Margin over the craft that needs most, for wind, waves and noise.
 
-Project choice.
+It is a factor, and a minimum in metres. Project choice.
 """
+SUBMERGED, SUBMERGED_METRES = 1.1, 0.3
+"""The margin for a submerged vehicle, which neither wind nor waves move: a factor, and a minimum in metres. Project
+choice."""
 LATE = 1.05
 """Factor for the margin on time. Project choice."""
 ROUNDED, EXACT = 5.0, 30.0
-"""Announced distances are rounded to multiples of the first [m]; those below the second [m] to whole metres.
-
-Project choice.
-"""
+"""Announced distances are rounded to multiples of the first [m]; those below the second [m] to whole metres. Project
+choice."""
 NO_LIMITS = Envelope(
     heading_excursion=math.inf, depth_excursion=math.inf, speed=math.inf, distance=math.inf, time=math.inf
 )
@@ -106,7 +105,7 @@ class Ahead(Manoeuvre):
 
 
 class _Coast(Manoeuvre):
-    """Outputs neutral for ``seconds``, or until the craft has stopped."""
+    """A manoeuvre with neutral outputs for ``seconds``, or until the craft has stopped."""
 
     kind, purpose = "coast", "transit"
 

@@ -44,7 +44,7 @@ def experiment(settings: TuneSettings, operator: Operator, observer: Observer, w
     WrongVehicle
         A boat has no heave.
     OperatorStopped, GuardTripped, NotAchieved, LinkError, NotInformative
-        What ended it early; the record is on disk.
+        The cause of an early end; the record is on disk.
     """
     record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer)
     found: list[Identified] = []

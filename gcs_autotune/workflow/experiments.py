@@ -190,7 +190,7 @@ def dive_for(dof: str, firmware: Firmware, now: Observation) -> Dive | None:
 
 
 def resolution(trial: Trial) -> float:
-    """Return the smallest step [rad or m] of the sensor that a step trial was recorded with; 0 when it is fine."""
+    """Return the resolution [rad or m] of the sensor that recorded a step trial; 0 if it is negligible."""
     return quantum(trial[str(trial.meta["signal"])].values)
 
 

@@ -4,19 +4,19 @@ A plan::
 
     title = "Charlie, calm harbour"
     area = "harbour.geojson"       # or "lat,lon lat,lon lat,lon"
-    order = "shuffled"             # or "listed"; the shuffled order is always the same, so that a plan can be resumed
+    order = "shuffled"             # or "listed"; the shuffled order is reproducible, so that a plan can be resumed
     [conditions]
     calm = true                    # roll and pitch must be small before each run
     min-depth = 1.5                # m; an ROV dives to it before each run
-    [defaults]                     # options of every run that takes them
+    [defaults]                     # options of every run that has them
     full-rudder = 30
     [[run]]
     manoeuvre = "zig-zag"
     heading = 20                   # units and ranges as on the command line
-    rudder = [10, 20]              # levels: a run for each
+    rudder = [10, 20]              # one run for each value
     sides = "both"                 # or "starboard", "port", or a list of these
     repeat = 2
-    hold-out = false               # true: kept from the fit, to validate the model on
+    hold-out = false               # true: not used in the fit, but to validate the model
 """
 
 from __future__ import annotations

@@ -131,7 +131,8 @@ class FlightPreviewer:
         return f"the {actuator} would be at its limit for {share:.0%} of the time" if share > OFTEN else ""
 
     def _whole(self, settings: FlySettings, seen: Preview, now: Observation) -> Excursion:
-        """Return the excursion of a run including all that comes before and after it, for the worst assumed craft."""
+        """Return the excursion of a run with all that comes before and after it, for the assumed craft that needs
+        most."""
         firmware = self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
         plants = [seen.craft]

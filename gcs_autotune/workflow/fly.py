@@ -64,7 +64,7 @@ _POINTS = 400
 def fly(
     settings: FlySettings, operator: Operator, observer: Observer, when: str, *, only_preview: bool = False
 ) -> FlightResult:
-    """Fly one manoeuvre; see :func:`fly_plan`."""
+    """Fly one manoeuvre; arguments and errors as for :func:`fly_plan`."""
     return fly_plan(FlightPlan.of(settings), settings.common, operator, observer, when, only_preview=only_preview)
 
 
@@ -90,7 +90,7 @@ def fly_plan(
     PreconditionFailed
         A predicted track leaves the envelope.
     OperatorStopped, GuardTripped, NotAchieved, LinkError
-        What ended it early; the records are on disk.
+        The cause of an early end; the records are on disk.
     """
     record, log = RunDirectory(common.directory), MissionLog(observer)
     earlier = Earlier(common, plan.names if plan.until is None else (), alike=plan.until is None)
@@ -281,7 +281,7 @@ class _Flight:
         return replace(worst_of(each), seconds=seconds, stages=stages) if each else Excursion(0.0, 0.0)
 
     def _stages(self) -> list[Leg]:
-        """Return the stages of the runs and between them, with the times of the worst craft."""
+        """Return the stages of the runs and those between the runs, with the times of the slowest assumed craft."""
         legs: list[Leg] = []
         for run in self._left:
             taken = dict(run.excursion.stages)

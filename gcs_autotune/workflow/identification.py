@@ -1,4 +1,4 @@
-"""Identify a craft during a run, with self-oscillations or two runs of throttle steps, and fit a model to both."""
+"""Identify a craft during a run, from self-oscillations or from two runs of throttle steps, and fit its model."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TURNING", "Itinerary", "Leg", "MissionLog", "Pace", "legs_of_experiment", "legs_of_tune", "pace_of"]
 
-TURNING = "turning about"
+TURNING = "turning around"
 DIVE, HOLD = 20.0, 10.0
 """Seconds of a dive, and of the hold before a step that is flown for a fixed time."""
 SETTLE, GAINS = 6.0, ("present", "new")
@@ -65,10 +65,8 @@ choice.
 
 
 _RESTLESS = 110.0
-"""Duration [s] of a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone.
-
-Project choice.
-"""
+"""Duration [s] of a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone. Project
+choice."""
 
 
 def pace_of(steered_by: SteeredBy, *, restless: bool = False) -> Pace:
@@ -275,7 +273,7 @@ class MissionLog:
         self._observer.note(fact)
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """Announce, before anything moves, what will be done."""
+        """Announce what the mission will do, before anything moves."""
         self.note(Intentions(intentions))
         for text in intentions:
             self.say(f"will {text}")

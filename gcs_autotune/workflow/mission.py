@@ -125,7 +125,7 @@ def run_mission(
     Raises
     ------
     AutotuneError
-        What ended it early. By then the vehicle is restored, or ``NotAsFound`` lists what could not be restored.
+        The cause of an early end. By then the vehicle is restored, or ``NotAsFound`` lists what could not be restored.
     """
     mission: Mission | None = None
     try:

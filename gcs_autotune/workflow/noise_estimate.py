@@ -15,9 +15,7 @@ __all__ = ["jitter_in", "noise_behind", "noise_while_held"]
 
 _WINDOW = 2.0
 """Length of a window [s], short enough that a controlled craft moves as a polynomial while sensor noise does not.
-
-Project choice.
-"""
+Project choice."""
 _LEAST_SAMPLES = 6
 _TREND = 2
 """Order of the polynomial that is subtracted as motion."""
@@ -39,8 +37,8 @@ def noise_while_held(step: Trial, resolution: float = 0.0) -> float:
     """Return the standard deviation [rad or m] of the stepped signal about its motion, as the median of windows.
 
     A polynomial is subtracted from each window. The few windows with the steps, or with a jump out of a dead band, do
-    not change the median. The residual of a model is not used, because a poor model would make a poor step look good.
-    A single short hold is not used, because its noise estimate is 20 % off, and so is then the ITAE of a good step.
+    not change the median. The residual of a model is not used, because a poor model would make a poor step look good. A
+    single short hold is not used either: its noise estimate would be 20 % off, and with it the ITAE of a good step.
 
     The result is at least the noise of rounding to *resolution* [rad or m]. It is infinite if the record has too few
     samples per window.

@@ -86,10 +86,8 @@ It lies between Falcon (none) and VideoRay and AutoMarine (all of it; Miskovic20
 slowly at small outputs and takes long to come to rest. Project choice.
 """
 _WEIGHT = 0.03
-"""Weight in water or buoyancy of an unknown ROV [fraction of full output]; known ROVs have 0.02 to 0.03.
-
-Project choice.
-"""
+"""Weight in water or buoyancy of an unknown ROV [fraction of full output]; known ROVs have 0.02 to 0.03. Project
+choice."""
 _WAYS: Mapping[str, str] = {"X": "ahead", "Y": "to the side", "Z": "up or down"}
 
 

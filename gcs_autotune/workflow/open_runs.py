@@ -2,7 +2,7 @@
 
 A journal may lie anywhere (``--out``), so each open one is noted in the user's state folder, one small file per
 journal: ``$XDG_STATE_HOME/gcs-autotune/open`` (``~/.local/state`` without that variable). Journals in ``runs`` of the
-working folder are looked at as well.
+working folder are read as well.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class Unattended:
         self.answer = answer
 
     def stop_requested(self) -> bool:
-        """Return False: nobody is present to request a stop."""
+        """Return False, because there is no operator who could request a stop."""
         return False
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:

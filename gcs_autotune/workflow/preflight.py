@@ -65,10 +65,8 @@ PULSES = (0.15, 0.3, 0.6)
 The first is beyond a transmitter's dead zone (0.06); the last is half the amplitude of a relay. Project choice.
 """
 LEAST = 0.15
-"""Smallest motion that counts as a response, relative to the smallest hysteresis of a relay on the signal.
-
-Project choice.
-"""
+"""Smallest motion that counts as a response, relative to the smallest hysteresis of a relay on the signal. Project
+choice."""
 TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
 """Heading change under thrust alone above which the thrust check fails, for one thruster and for several.
 
@@ -234,9 +232,7 @@ def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
 
 TOO_FAST = 1.6
 """Ratio of the speed at cruise throttle to the cruise speed above which the two parameters count as inconsistent.
-
-Project choice.
-"""
+Project choice."""
 
 
 def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:
@@ -244,7 +240,10 @@ def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> No
 
     With a lower cap the output is saturated during most of each manoeuvre, and nothing can be identified.
 
-    Raises ------ PreconditionFailed It caps it; the message has the numbers and the cure.
+    Raises
+    ------
+    PreconditionFailed
+        The autopilot caps it; the message states the numbers and the remedy.
     """
     if not excitation_of(dof).by_throttle or not craft.firmware.needs_way:
         return
@@ -303,9 +302,9 @@ def remarks_on(craft: MavlinkCraft) -> list[str]:
 _CHECKS_PATIENCE = 30.0
 _POSITION_PATIENCE = 90.0
 _SILENT = 2.5
-"""Time [s] to wait for the estimator's status, requested at 2 Hz.
+"""Longest time to wait for the estimator's status [s], requested at 2 Hz.
 
-After it the vehicle counts as not reporting it. Project choice.
+A vehicle that has not sent it by then counts as not reporting it. Project choice.
 """
 _REPORT = "EKF_STATUS_REPORT"
 _POS_HORIZ_ABS = 1 << 4

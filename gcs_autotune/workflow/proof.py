@@ -66,7 +66,7 @@ NEAR = 0.9
 SAME_SPEED = 0.02
 """Relative difference from the measured cruise speed below which the present cruise speed is kept."""
 LEAST_SETTLE = 6.0
-"""Shortest time [s] that a boat gets to reach the turn rate at which its step begins."""
+"""Shortest time [s] for a boat to reach the turn rate at which its step begins."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
 """Duration of a speed step in time constants of the craft, and its limits [s]."""
 SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
@@ -75,14 +75,14 @@ SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
 A boat with useful gains is at its target by then. The two steps are compared over the time that both recorded.
 """
 HOLD = 10.0
-"""Hold [s] before the step of a craft that can keep its position, for the integral to settle. Our choice."""
+"""Hold [s] before the step of a craft that can keep its position, for the integral to settle. Project choice."""
 ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
-"""Time on target [s] that ends a half step, under way and at rest. Our choice.
+"""Time on target [s] that ends a half step, under way and at rest. Project choice.
 
 A slow drift due to a dead band of the thrusters lasts longer than this.
 """
 LEAST = 3.0
-"""Shortest duration [s] of each of these waits, even if craft and output are at rest. Our choice."""
+"""Shortest duration [s] of each of these waits, even if craft and output are at rest. Project choice."""
 OF_TIME_BESIDE = 3.0
 """Duration of the additional turn-rate step of a heading tune, in time constants of the craft."""
 

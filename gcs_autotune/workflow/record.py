@@ -96,7 +96,8 @@ class RunDirectory:
             raise self._unwritable(error) from error
 
     def save_parameters(self, name: str, values: Mapping[str, float]) -> Path:
-        """Write ``parameters_<name>.json`` and the same as ``.param`` (``NAME,VALUE``); return the latter.
+        """Write ``parameters_<name>.json`` and a ``.param`` file (``NAME,VALUE``) with the same content; return the
+        path of the latter.
 
         Raises
         ------

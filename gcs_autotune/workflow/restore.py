@@ -132,7 +132,7 @@ def _owed(state: JournalState) -> str:
 
 
 class _Restoring:
-    """One restore within one session."""
+    """The steps of one restore, within one session."""
 
     def __init__(
         self, session: Session, state: JournalState, operator: Operator, observer: Observer, journal: Journal

@@ -151,7 +151,10 @@ class ManoeuvreRunner:
 
         In that case the craft did not follow our commands, and the *reason* for its ending is not its own.
 
-        Raises ------ PreconditionFailed It did so again and again.
+        Raises
+        ------
+        PreconditionFailed
+            This happened too many times in one run.
         """
         pause = self._craft.longest_pause(begun)
         if pause < LEFT_ALONE:
@@ -221,7 +224,7 @@ class ManoeuvreRunner:
             return False
         turn = TurnAboutSettings(throttle)
         turn = replace(turn, output=self._sequencer.home_side(now) * turn.output)
-        self.attempt(TurnAbout(turn), "turning about", replace(self._envelope, heading_excursion=math.inf))
+        self.attempt(TurnAbout(turn), "turning around", replace(self._envelope, heading_excursion=math.inf))
         return True
 
     def come_to_rest(self, stage: str, axis: AxisKind) -> None:
@@ -275,7 +278,7 @@ class Patience:
         OperatorStopped
             Ctrl-C while waiting.
         TelemetryFault
-            The autopilot has restarted meanwhile.
+            The autopilot restarted during the silence.
         """
         if self._seconds <= 0.0 or self._borne >= MOST or not self._is_interruption(error):
             return False

@@ -76,7 +76,7 @@ MAX_UNSUCCESSFUL = 2
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A manoeuvre of one size that may be flown next."""
+    """A candidate for the next run: a manoeuvre of one size."""
 
     settings: FlySettings
     throttle: float
@@ -84,7 +84,7 @@ class Offer:
 
     @property
     def title(self) -> str:
-        """Its name and size in words."""
+        """Name and size of the manoeuvre as text."""
         sizes = []
         for name, value in self.settings.options.items():
             if name == "steering":
@@ -209,7 +209,7 @@ class Outlook:
 def look_ahead(
     runs: Sequence[Trial], before: Fit[Model] | None, precision: Precision, offers: Sequence[Offer], overhead: float
 ) -> Outlook:
-    """Identify the form from all *runs* and rank the *offers*; runs in its own process.
+    """Identify the form from all *runs* and rank the *offers*. It runs in a separate process.
 
     Raises
     ------
@@ -382,7 +382,10 @@ class SelfPlanner:
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
     def _blindly(self, number: int, run_of: Callable[[FlySettings], FlightRun]) -> tuple[FlightRun | None, str]:
-        """Return the gentlest run of a manoeuvre not flown yet. Used for an unstable model, which cannot predict."""
+        """Return the gentlest run of a manoeuvre that was not flown yet.
+
+        It is used if the model is unstable and therefore cannot predict.
+        """
         for offer in self._offers:
             name = offer.settings.kind.name
             if name in self._tried:

@@ -41,15 +41,11 @@ UNEXPLAINED = 4.0
 BY_ITSELF = 6.0
 """Unexplained part [percent] below which an oscillation of one amplitude counts as free of waves. Project choice."""
 SPREAD = 0.10
-"""Largest relative excess of the worst predicted ITAE over the nominal one at which gains count as known.
-
-Project choice.
-"""
+"""Largest relative excess of the worst predicted ITAE over the nominal one at which gains count as known. Project
+choice."""
 MOVED = 2.0
-"""Change of a parameter over the last half period, in standard errors, above which it is not known yet.
-
-Project choice.
-"""
+"""Change of a parameter over the last half period, in standard errors, above which it is not known yet. Project
+choice."""
 TWICE = 2
 """Number of consecutive assessments in which the design must be known."""
 LEAST_SAMPLES = 2 * MIN_SAMPLES
@@ -157,9 +153,12 @@ class KnownDesign:
 
     Call :meth:`start` first. *observer* receives the predicted ITAE.
 
-    Attributes ---------- known : whether the last relay ended because the gains are known. another_size : whether a
-    relay of another size is called for. counted_to : the vehicle's time [s] at the end of the half period that was
-    decisive; NaN when there is none, or when the relay ended with it.
+    Attributes
+    ----------
+    known : whether the last relay ended because the gains are known.
+    another_size : whether a relay of another amplitude is needed.
+    counted_to : the vehicle's time [s] at the end of the decisive half period; NaN when there is none, or when
+        the relay ended with it.
     """
 
     def __init__(

@@ -62,9 +62,9 @@ class Offer:
 
 @dataclass(frozen=True, slots=True)
 class ProofResult:
-    """Comparison of the new gains with the old ones in the proof.
+    """Result of the proof: the new gains compared with the old ones.
 
-    ``remarks`` are for the operator if the new ones are kept.
+    ``remarks`` are for the operator if the new gains are kept.
     """
 
     verdict: Verdict

@@ -43,8 +43,8 @@ def tune(settings: TuneSettings, operator: Operator, observer: Observer, when: s
     Raises
     ------
     AutotuneError
-        What ended it early. By then the vehicle is restored (or ``NotAsFound`` lists what is not). The report of the
-            aborted run is written.
+        The cause of an early end. By then the vehicle is restored (or ``NotAsFound`` lists what is not), and the report
+        of the aborted run is written.
     """
     earlier, record, log = Earlier(settings), RunDirectory(settings.directory), TuneLog(settings, when, observer)
     axes = [f.axes[settings.axis] for f in FIRMWARE.values() if settings.axis in f.axes]

@@ -69,12 +69,12 @@ class TuneLog(MissionLog):
         }
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """Announce, before anything moves, what will be done."""
+        """Store the announcement of what the tune will do, before anything moves, and forward it."""
         self._announced = intentions
         super().announce(intentions)
 
     def parameter_types(self) -> tuple[dict[str, int], tuple[int, int]]:
-        """Return MAV_PARAM_TYPE by parameter, and the vehicle's system and component id."""
+        """Return the MAV_PARAM_TYPE of each parameter, and the vehicle's system and component id."""
         if self._craft is None or self._craft.session.vehicle is None:
             return {}, (1, 1)
         vehicle = self._craft.session.vehicle
@@ -110,7 +110,7 @@ class TuneLog(MissionLog):
         return float(np.mean(speeds)) if speeds else 0.0
 
     def story(self) -> TuneStory:
-        """Return everything stored so far."""
+        """Return the record of the tune so far."""
         s = self._settings
         kept, reasons = self.verdict
         return TuneStory(
@@ -142,7 +142,7 @@ class TuneLog(MissionLog):
         )
 
     def _link_times(self) -> dict[str, object]:
-        """Return the delays on the link, as one sentence and as numbers [s]."""
+        """Return the delays on the link, as a sentence and as numbers [s]."""
         if self._craft is None:
             return {}
         times = self._craft.link_times

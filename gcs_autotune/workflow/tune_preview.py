@@ -30,7 +30,8 @@ __all__ = ["excursion_of", "movements_of", "tune_legs"]
 
 
 def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[Itinerary]) -> Excursion:
-    """Return the excursion of a tune or an experiment, for the worst craft and the longest of *itineraries*.
+    """Return the excursion of a tune or an experiment, for the assumed craft that needs most and the longest of
+    *itineraries*.
 
     Raises
     ------
@@ -115,10 +116,8 @@ def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], thrott
 STEPS = ("step", "turn rate")
 """Kinds of stages that are a proof."""
 LEAST_STEP, TOLD = 20.0, 0.35
-"""Seconds of a step, and fraction of an oscillation, after which a stage may end at the limit of the space.
-
-Project choice.
-"""
+"""Seconds of a step, and fraction of an oscillation, after which a stage may end at the limit of the space. Project
+choice."""
 
 
 def movements_of(context: TuneContext, now: Observation) -> str:

@@ -28,10 +28,8 @@ STEERED, IDLE, FELT = 0.04, 0.02, 0.15
 """Rms steering [fraction of full] that counts as steered; smallest throttle; and rms steering above which a turn counts
 as made against the steering. Project choice."""
 SAME = 0.6
-"""Correlation of turn rate and steering (about zero) above which one is considered to follow the other.
-
-Project choice.
-"""
+"""Correlation of turn rate and steering (about zero) above which one is considered to follow the other. Project
+choice."""
 FEWEST = 30
 """Fewest samples for a regression with three unknowns."""
 SPUN = ("heading excursion", "turn rate")
@@ -39,10 +37,8 @@ SPUN = ("heading excursion", "turn rate")
 REACTION = (0.0, 0.4, 0.8, 1.5)
 """Delays [s] considered between steering and turning. Project choice."""
 LEAST_TURN, MOSTLY = math.radians(20.0), 0.5
-"""Turn [rad] that is larger than a heading oscillation, and the fraction of it made without steering.
-
-Project choice.
-"""
+"""Turn [rad] that is larger than a heading oscillation, and the fraction of it made without steering. Project
+choice."""
 
 
 def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: ServoMap) -> PreconditionFailed | None:

@@ -1,4 +1,4 @@
-"""The part of the command line that puts a hull under ArduPilot: ``--ardupilot-json`` and ``--ardupilot-params``."""
+"""Command-line options for a hull controlled by ArduPilot: ``--ardupilot-json`` and ``--ardupilot-params``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def write_parameters(data: VehicleData, path: Path) -> None:
-    """Write what ArduPilot needs to *path*. ``ValueError`` when that cannot be done."""
+    """Write the parameters that ArduPilot needs to *path*. Raises ``ValueError`` if that is not possible."""
     try:
         path.write_text(parameter_text(data), encoding="utf-8")
     except OSError as error:
@@ -55,7 +55,7 @@ def run_json(
     effects: Sequence[HiddenEffect],
     model: FlownModel | None,
 ) -> None:
-    """Serve the hull of *data* at *address* until interrupted; report the speed to standard error."""
+    """Serve the hull of *data* at *address* until interrupted. Report the speed on standard error."""
     host, port = _read_address(address)
     server = JsonServer(Physics(data, seed=seed, effects=effects, model=model), host=host, port=port, say=_say)
     _say(f"{data.title}: external physics at {host}:{server.port}, waiting for ArduPilot. Start ArduPilot with")
@@ -74,7 +74,7 @@ def run_json(
 
 
 def _read_address(text: str) -> tuple[str, int]:
-    """Return (host, port) of ``PORT`` or ``HOST:PORT``."""
+    """Parse ``PORT`` or ``HOST:PORT`` into (host, port)."""
     try:
         return host_and_port(text if ":" in text else f"127.0.0.1:{text}")
     except AddressError as error:

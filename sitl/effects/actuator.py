@@ -1,4 +1,4 @@
-"""Memoryless actuator effects. Each is placed on one input."""
+"""Memoryless actuator effects. Each one acts on one input."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 _WEAKEST = 0.05
-"""Least remaining gain of an actuator that drifts."""
+"""Smallest remaining gain of an actuator whose gain decreases."""
 _SPEED_OF = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 
 
@@ -37,7 +37,7 @@ class OnInput(HiddenEffect):
         self.channel = find_input(self, setting)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Change that input."""
+        """Apply the effect to that input."""
         inputs[self.channel] = self.act(t, dt, inputs[self.channel])
 
     def act(self, t: float, dt: float, u: float) -> float:
@@ -59,7 +59,7 @@ class Saturation(OnInput):
 
 
 class DeadZone(OnInput):
-    """No output for small commands; larger ones lose the same amount."""
+    """No output for small commands. The size of the dead zone is subtracted from larger ones."""
 
     slug = "dead-zone"
     meaning = "small commands have no effect, as with a shaft that does not turn yet or a slack linkage"
@@ -73,7 +73,7 @@ class DeadZone(OnInput):
     )
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the command less the dead zone."""
+        """Return the command minus the dead zone."""
         return math.copysign(max(abs(u) - self["width"], 0.0), u)
 
 
@@ -115,7 +115,7 @@ class RudderStall(OnInput):
 
 
 class TwoInputs(HiddenEffect):
-    """An effect of another input on one; place: ``N+X``."""
+    """An effect of one input on another; place: ``N+X``."""
 
     on_vehicles = "two axes, the affected one and the other: steering+throttle (default)"
 
@@ -131,7 +131,7 @@ class TwoInputs(HiddenEffect):
 
 
 class AsymmetricThrust(TwoInputs):
-    """Weaker (or stronger) thrust one way; ``"N+X"``: for each of two thrusters that share both commands."""
+    """Weaker (or stronger) thrust in one direction. ``"N+X"``: for each of two thrusters that share both commands."""
 
     slug = "asymmetric-thrust"
     meaning = "a negative command has less effect than a positive one"
@@ -162,14 +162,14 @@ class AsymmetricThrust(TwoInputs):
 
 
 class CommandCoupling(TwoInputs):
-    """Part of one axis' command acts on another; ``"N+X"``: ``N`` gets a share of ``X``."""
+    """A fraction of one axis' command acts on another. ``"N+X"``: ``N`` gets a fraction of ``X``."""
 
     slug = "command-coupling"
     meaning = "the command of another axis also acts on this one (off-centre thrust, unequal thrusters)"
     parameters = (EffectParameter("gain", "input unit per unit of the other", "gain of the other command"),)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Add that share."""
+        """Add that fraction."""
         inputs[self._here] += self["gain"] * inputs[self._other]
 
 
@@ -225,13 +225,13 @@ class PropellerWash(TwoInputs):
     )
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Scale with the square of the other command; reversed astern."""
+        """Scale with the square of the other command. Astern the effect is reversed."""
         share, ahead = self["share"], inputs[self._other] / (self["X_ref"] or 1.0)
         inputs[self._here] *= 1.0 - share + share * ahead * abs(ahead)
 
 
 class AdvanceSpeedLoss(OnInput):
-    """Loss of thrust with speed through the thruster's flow: the bilinear thruster."""
+    """Loss of thrust with the speed of the flow through the thruster: the bilinear thruster model."""
 
     slug = "advance-speed-loss"
     meaning = "a thruster loses force as the craft gains speed (bilinear thruster)"

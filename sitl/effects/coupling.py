@@ -32,7 +32,7 @@ class CoriolisCoupling(HiddenEffect):
     )
 
     def begin(self, setting: Setting) -> None:
-        """Verify that there are at least two horizontal degrees of freedom, sway among them or driven."""
+        """Verify that there are at least two horizontal degrees of freedom, with sway or a drive among them."""
         there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
             raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw. This hull lacks one of them")
@@ -47,7 +47,7 @@ class CoriolisCoupling(HiddenEffect):
 
 
 class SwayYawCoupling(HiddenEffect):
-    """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` off the diagonal of the mass matrix, both sides."""
+    """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` on both off-diagonal elements of the mass matrix."""
 
     on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "sway-yaw-coupling"
@@ -80,7 +80,7 @@ class SwayYawCoupling(HiddenEffect):
 
 
 class MomentOfFlow(HiddenEffect):
-    """A yaw moment that depends on speeds of the hull, without reaction on them."""
+    """A yaw moment that depends on speeds of the hull, without a reaction force."""
 
     needs: frozenset[str]
 
@@ -147,9 +147,10 @@ _AXIS_OF = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw"}
 
 
 class VelocityProduct(HiddenEffect):
-    """A force or moment per product of velocities; the place is its SNAME derivative: ``N_|v|r``, ``X_vr``.
+    """A force or moment proportional to a product of velocities. The place is its SNAME derivative: ``N_|v|r``,
+    ``X_vr``.
 
-    Bars are moduli. Two equal letters are one with its modulus (``X_uu`` is ``X_|u|u``).
+    Bars mean the absolute value. Two equal letters mean a velocity times its absolute value (``X_uu`` is ``X_|u|u``).
     """
 
     on_vehicles = "a derivative: N_ur (default), N_u, ..."

@@ -1,4 +1,4 @@
-"""Disturbances from outside. In open loop forces are SI; on a vehicle ``input unit`` is a normalised output."""
+"""Disturbances from outside. In open loop forces are in SI. On a vehicle an ``input unit`` is a normalised output."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class InputBias(HiddenEffect):
     on_vehicles = "yaw (default), surge"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degree of freedom; in heave the effect is net-buoyancy."""
+        """Find the degree of freedom. Heave is excluded, because net-buoyancy has that effect."""
         dof = find_dof(self, setting, among=("yaw", "surge", "sway"))
         self._name, self._force = FORCE_OF[dof], self["bias"] * setting.gain.get(dof, 1.0)
 
@@ -40,7 +40,7 @@ class SteadyCurrent(HiddenEffect):
     """A steady current that carries the craft; drag depends on the speed through the water.
 
     Irrotational and steady, so the equations of motion hold for the velocity through the water (Fossen2011, section
-    8.1). Place: what the file's (or the receiver's) ``u v`` mean, ``over ground`` (default) or ``through water``.
+    8.1). Place: the meaning of the file's (or the receiver's) ``u v``: ``over ground`` (default) or ``through water``.
     """
 
     slug = "steady-current"
@@ -62,7 +62,7 @@ class SteadyCurrent(HiddenEffect):
 
 
 class WindMoment(HiddenEffect):
-    """Wind turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
+    """Wind that turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
 
     slug = "wind-moment"
     meaning = "the wind turns the bow (moment proportional to the sine of the heading relative to the wind)"
@@ -87,10 +87,10 @@ class WindMoment(HiddenEffect):
 
 
 class WaveDisturbance(HiddenEffect):
-    """A narrow-band force: second-order shaped noise, or one sinusoid when ``bandwidth`` is 0.
+    """A narrow-band force: second-order shaped noise, or one sinusoid if ``bandwidth`` is 0.
 
-    Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the
-    bandwidth; here in exact steps, begun in its stationary spread, with ``amplitude`` its standard deviation.
+    Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the bandwidth;
+    It is computed in exact steps and starts in its stationary distribution. ``amplitude`` is its standard deviation.
     """
 
     slug = "wave-disturbance"
@@ -121,11 +121,11 @@ class WaveDisturbance(HiddenEffect):
         setattr(wrench, self._name, getattr(wrench, self._name) + self._rms * now)
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time of one radian."""
+        """Return the time of one radian of the oscillation [s]."""
         return 1.0 / self["frequency"]
 
     def _advance(self, t: float) -> float:
-        """Return the normalised force at *t*; time only advances."""
+        """Return the normalised force at *t*. Time only advances."""
         if self._t == -math.inf:
             self._t = t
         dt = t - self._t
@@ -143,7 +143,8 @@ class WaveDisturbance(HiddenEffect):
 
 
 def _step_of(omega: float, damping: float, dt: float) -> tuple[float, float, float, float, float, float, float]:
-    """Return transition (2, 2) and lower Cholesky factor of the noise of one step, states scaled to unit spread.
+    """Return transition (2, 2) and lower Cholesky factor of the noise of one step, for states scaled to unit
+    variance.
 
     The states are the filter's (omega times its integral, itself): ``x1' = omega x2``,
     ``x2' = -omega x1 - 2 lambda omega x2 + noise``; with unit stationary spread the noise of a step is ``I - A A'``.

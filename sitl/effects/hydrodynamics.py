@@ -18,7 +18,7 @@ __all__ = [
 
 
 class OnAxis(HiddenEffect):
-    """An effect that changes the inertia or the drag of one degree of freedom."""
+    """An effect on the inertia or the drag of one degree of freedom."""
 
     on_vehicles = "yaw (default), surge, heave"
 
@@ -69,7 +69,7 @@ class QuadraticDrag(OnAxis):
 
 
 class MassChange(HiddenEffect):
-    """A payload added or removed: the inertia changes at once, the speed does not."""
+    """A payload added or removed. The inertia changes at once, the speed does not."""
 
     slug = "mass-change"
     meaning = "inertia changes during the run (a payload picked up or dropped)"
@@ -86,7 +86,7 @@ class MassChange(HiddenEffect):
         self._when = setting.start + self["time"]
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Scale the inertia from the given time on."""
+        """Scale the inertia from the time set by the effect's parameter."""
         if t >= self._when - 1e-9:
             for dof in self._dofs:
                 parameters[f"{dof}.alpha"] *= self["ratio"]
@@ -116,7 +116,7 @@ class NetBuoyancy(HiddenEffect):
 
 
 class GroundEffect(HiddenEffect):
-    """More drag near the bottom: factor ``1 + strength exp(-(bottom - z)/length)``."""
+    """Increased drag near the bottom: factor ``1 + strength exp(-(bottom - z)/length)``."""
 
     slug = "ground-effect"
     meaning = "drag grows close to the bottom"

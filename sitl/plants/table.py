@@ -18,7 +18,7 @@ RUDDER, TWIN_THRUSTER = "rudder", "twin-thruster"
 
 
 def make_plant(tables: Tables) -> Plant:
-    """Return a new plant of the kind that a vehicle file names, at its starting place and at rest.
+    """Return a new plant of the kind that a vehicle file names, at its initial position and at rest.
 
     Raises
     ------

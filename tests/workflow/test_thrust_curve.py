@@ -104,7 +104,7 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
     model = ExtendedModel(
         None, tuple(EffectInstance(slug.replace("_", "-"), "X", {"width": v}) for slug, v in numbers.items())
     )
-    return SimpleNamespace(fit_percent=explained, parameters=parameters, model=model)
+    return SimpleNamespace(fit_percent=explained, unexplained=100.0 - explained, parameters=parameters, model=model)
 
 
 @pytest.mark.parametrize(("sizes", "step", "found"), [(3, None, True), (2, None, False), (3, "a step", False)])

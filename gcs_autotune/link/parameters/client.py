@@ -1,4 +1,4 @@
-"""The vehicle's parameters: read by name, write and verify, monitor for changes by others.
+"""Parameters of the vehicle: read them by name, write and verify them, and detect changes by other stations.
 
 ArduPilot packs every value as a float (C cast), ignores unknown names, echoes the stored value and saves at once. So
 every request is repeated until answered, the echo is compared, the value is read back, and a difference counts as a
@@ -37,9 +37,9 @@ from gcs_autotune.untrusted_text import quoted
 __all__ = ["Intrusion", "Parameters", "read_confirmed", "same_float32"]
 
 PACKED = "@PARAM/param.pck?withdefaults=1"
-"""The file of ArduPilot's packed parameters on its MAVLink FTP server."""
+"""Path of ArduPilot's packed parameter file on its MAVLink FTP server."""
 _ROUNDS = 8
-"""Requests after which contradicting answers are reported. Chosen."""
+"""Requests after which contradicting answers are reported. Project choice."""
 _ENOUGH = 2
 
 
@@ -148,13 +148,13 @@ class Parameters:
             self._check_answers(missing)
             raise ParameterMissing(
                 f"{self.session.vehicle} has no parameter {', '.join(missing)}. "
-                "Its firmware is too old or too new, or built without this feature. Check the firmware",
+                "Check the firmware: it is too old, too new, or built without this feature",
                 name=missing[0],
             )
         return found
 
     def request_also(self, names: Iterable[str]) -> None:
-        """Request several parameters in addition to a pending read; do not wait."""
+        """Request several parameters in addition to a pending read, without waiting."""
         for name in names:
             self._exchange.request(name)
 

@@ -70,7 +70,7 @@ def as_float32(name: str, value: float) -> float:
 
 
 REPLY = 1.0
-"""Seconds to wait for one answer. Chosen."""
+"""Seconds to wait for one answer. Project choice."""
 IN_FLIGHT = 10
 """Number of requests outstanding at once, about what the buffer of a slow radio can store. Project choice."""
 _NO_INDEX = 65535
@@ -179,7 +179,7 @@ class ParamExchange:
 
 
 _QUIET = 1.5
-"""Seconds without new values after which missing ones are requested. Chosen."""
+"""Seconds without new values after which missing ones are requested. Project choice."""
 
 
 def read_list(session: Session, exchange: ParamExchange, timeout: float) -> dict[str, float]:
@@ -218,7 +218,7 @@ def _fill_gaps(exchange: ParamExchange) -> None:
 
 
 Intrusion = tuple[str, float, float]
-"""(name, value that we wrote, value written by another station)."""
+"""A changed parameter: (name, value that we wrote, value written by another station)."""
 
 
 class ParamWatch:
@@ -233,7 +233,7 @@ class ParamWatch:
         session.listen("PARAM_VALUE", self._on_value)
 
     def add(self, values: Mapping[str, float]) -> None:
-        """Monitor these values; a parameter already monitored with another value counts as changed."""
+        """Monitor these values. A parameter that is already monitored with another value counts as changed."""
         for name, value in values.items():
             before = self._watched.get(name, value)
             if not same_float32(before, value):

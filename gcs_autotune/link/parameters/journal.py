@@ -105,7 +105,7 @@ def good_length(data: bytes) -> int:
 
 
 def _event(line: bytes) -> dict[str, Any] | None:
-    """Return the event of a line, or None if it is damaged or empty."""
+    """Return the event in a line; None if the line is damaged or empty."""
     try:
         event = parse(line)
     except Refused:
@@ -402,7 +402,7 @@ class Journal:
             raise self._unwritable(error) from error
 
     def close(self) -> None:
-        """Record the end and close the file."""
+        """Record the ``closed`` event and close the file."""
         try:
             self.record("closed")
         finally:

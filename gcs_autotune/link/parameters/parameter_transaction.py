@@ -27,7 +27,7 @@ A delayed write of ours may arrive after the old value was restored. Project cho
 
 
 class _Changed(AutotuneError):
-    """The parameter changed after it was restored: by a delayed write of ours, or by another station."""
+    """Raised if a parameter has changed after its restore, by a delayed write of ours or by another station."""
 
 
 class ParameterTransaction:
@@ -35,8 +35,10 @@ class ParameterTransaction:
 
     As a context manager it restores everything on exit, unless :meth:`keep` was called.
 
-    Attributes ---------- old : name -> original value of every parameter lent. written : names written and not yet kept
-    or restored, in order.
+    Attributes
+    ----------
+    old : name -> original value of every parameter lent.
+    written : names written and not yet kept or restored, in order.
     """
 
     def __init__(self, parameters: Parameters, journal: Journal) -> None:
@@ -172,7 +174,7 @@ class ParameterTransaction:
                 self._journal.record("returned", name=name, value=value, by="another station")
 
     def _put_back(self) -> dict[str, AutotuneError]:
-        """Write differing values and verify, until none differs; return what failed."""
+        """Write differing values and verify them, until none differs. Return those that failed."""
         failures: dict[str, AutotuneError] = {}
         owed = list(reversed(self.written))
         for _ in range(_ROUNDS):
@@ -200,7 +202,7 @@ class ParameterTransaction:
         return {n: _Changed(f"it changed to {v:g} again after it was restored") for n, v in changed.items()}
 
     def _note_return(self, name: str) -> None:
-        """Record a restored value; a full disk must not stop the restore."""
+        """Record a restored value in the journal. A full disk must not stop the restore."""
         try:
             self._journal.record("returned", name=name, value=self.old[name])
         except PreconditionFailed as error:

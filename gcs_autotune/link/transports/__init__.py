@@ -100,7 +100,7 @@ TRANSPORTS: Mapping[str, Opener] = {
 """Scheme -> function that opens it with this package's own sockets and ports."""
 
 OFFERED = "gcs_autotune.transports"
-"""Entry-point group of other packages that provide further schemes."""
+"""Group of entry points by which other packages provide further schemes."""
 
 MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "udpin": lambda rest, _: MavsdkLink("udpin", parse_host_port(rest)),
@@ -122,16 +122,19 @@ _BARE_DEVICE = re.compile(r"(/|COM\d|\\\\)", re.IGNORECASE)
 def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend: str = "pymavlink") -> Transport:
     """Open the connection that *uri* describes.
 
-    ``udpin:HOST:PORT`` (or ``udp:``) listens, ``udpout:HOST:PORT`` calls; ``tcp:HOST:PORT`` (or ``tcpout:``) calls,
-    ``tcpin:HOST:PORT`` listens; ``/dev/ttyUSB0,57600``, ``COM3,57600`` or ``serial:PATH:BAUD`` opens a port
-    (``serial_flowcontrol:`` with its RTS and CTS wires); ``sitl:NAME`` starts the embedded simulator
-    (``sitl:FILE.toml``: with a vehicle of your own), and what follows a ``?`` is told to it, joined by ``&``:
-    ``sitl:videoray?effect=dead-zone.width=0.05&effect=gyro-bias.bias=0.01&seed=3`` hides effects behind the wire
-    (as ``gcs-autotune sitl --effect``), ``model=FILE`` flies a model file, ``param=NAME=VALUE`` sets a parameter
-    before boot, ``names=4.7`` gives it that firmware's parameter names; a ``&`` in a value is written ``%26``.
+    * UDP: ``udpin:HOST:PORT`` (or ``udp:``) listens, ``udpout:HOST:PORT`` sends first.
+    * TCP: ``tcp:HOST:PORT`` (or ``tcpout:``) connects, ``tcpin:HOST:PORT`` listens.
+    * Serial: ``/dev/ttyUSB0,57600``, ``COM3,57600`` or ``serial:PATH:BAUD`` opens a port. ``serial_flowcontrol:`` also
+      uses its RTS and CTS wires.
+    * Simulator: ``sitl:NAME`` starts the embedded one (``sitl:FILE.toml``: with a vehicle of your own).
 
-    MAVSDK's ``scheme://`` is accepted too, with every *backend*. Its old ``udp://`` means two things: it calls a host
-    that is named, and listens on ``udp://:PORT`` and ``udp://0.0.0.0:PORT``.
+    Options of the simulator follow a ``?``, joined by ``&``; a ``&`` in a value is written ``%26``.
+    ``sitl:videoray?effect=dead-zone.width=0.05&effect=gyro-bias.bias=0.01&seed=3`` adds hidden effects to the vehicle
+    (as ``gcs-autotune sitl --effect``). ``model=FILE`` flies a model file. ``param=NAME=VALUE`` sets a parameter before
+    boot. ``names=4.7`` selects that firmware's parameter names.
+
+    MAVSDK's ``scheme://`` is accepted too, with every *backend*. Its old ``udp://`` has two meanings: with a host it
+    sends first, and as ``udp://:PORT`` or ``udp://0.0.0.0:PORT`` it listens.
 
     Parameters
     ----------
@@ -142,9 +145,9 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
     Raises
     ------
     UsageError, UnknownName
-        The string cannot be understood; unknown scheme, backend, simulated vehicle or effect; the backend cannot do it.
+        The string is not valid. Or a scheme, backend, simulated vehicle or effect is unknown, or not supported.
     CannotOpenLink
-        It can, but the port or address cannot be had; the message says why and what to try.
+        The port or address cannot be opened. The message states why and what to try.
     """
     options = LinkOptions(baud, seed)
     table = lookup(BACKENDS, backend, "backend")

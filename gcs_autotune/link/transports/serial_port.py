@@ -1,4 +1,4 @@
-"""A serial port: telemetry radio, USB cable, or one end of a pseudo-terminal."""
+"""A serial port: a telemetry radio, a USB cable, or one end of a pseudo-terminal."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ __all__ = ["ReconnectingTransport", "SteppedTransport", "Transport", "idle"]
 
 
 def idle(seconds: float) -> None:
-    """Let real time pass on a link without a file descriptor to wait on."""
+    """Wait in real time on a link without a file descriptor to wait on."""
     time.sleep(seconds)
 
 

@@ -20,19 +20,17 @@ _DATAGRAM = 65535
 _AT_ONCE = 256
 """Number of datagrams read at once; a parameter list arrives as a thousand of them. Project choice."""
 _ROOM = 1 << 20
-"""Receive buffer requested from the system [bytes]; it may grant less. Chosen."""
+"""Receive buffer requested from the system [bytes]; it may grant less. Project choice."""
 _REMEMBERED = 10.0
 """Silence [s] after which a peer no longer receives our messages, unless it is the only one. Project choice."""
 _MOST_PEERS = 8
 _GONE = 3.0
-"""Silence [s] of the selected sender after which we send to all peers again, since it may have moved.
-
-Project choice.
-"""
+"""Silence [s] of the selected sender after which we send to all peers again, since it may have moved. Project
+choice."""
 
 
 class _UdpSocket(Transport):
-    """Common part of both kinds."""
+    """Common part of both kinds of UDP link."""
 
     def __init__(self, description: str, address: HostPort) -> None:
         super().__init__(description)
@@ -130,13 +128,13 @@ class UdpIn(_UdpSocket):
 
 
 def _named(peer: Any) -> str:
-    """Return an address in the usual notation."""
+    """Return the text of an address in the usual notation."""
     host, port = str(peer[0]), int(peer[1])
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 class UdpOut(_UdpSocket):
-    """Send to a fixed address and receive its answers."""
+    """A UDP link that sends to a fixed address and receives its answers."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"udpout:{address}", address)

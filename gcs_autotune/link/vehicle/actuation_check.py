@@ -1,7 +1,9 @@
-"""Verify that the vehicle takes our overrides, that its outputs follow, and that they are neutral when required.
+"""Verify that the vehicle accepts our overrides, that its outputs follow them, and that they are neutral when
+required.
 
 MAVLink reports none of the possible faults: a wrong system id, an option bit, a switch, another station's stream, a
-safety button. So both halves of the path are checked, and the cause of a failure is read from the vehicle and reported.
+safety button. So the path is checked in two parts, from override to RC input and from there to the output. The cause of
+a failure is read from the vehicle and reported.
 """
 
 from __future__ import annotations
@@ -26,10 +28,8 @@ __all__ = ["TWITCH", "await_neutral", "check_outputs_follow", "check_overrides_t
 _TRIES = 10
 _WAIT = 0.5
 _ENOUGH = 2
-"""Which message of outputs is used: the second one, because the first may have been sent before the change.
-
-Project choice.
-"""
+"""Which message of outputs is used: the second one, because the first may have been sent before the change. Project
+choice."""
 
 
 def read_outputs(session: Session, servos: ServoMap) -> dict[str, float]:
@@ -93,10 +93,8 @@ def _is_neutral(telemetry: Telemetry, begun: int) -> bool | None:
 
 
 TWITCH = 0.05
-"""Fraction of full output by which the steering is moved, without forward thrust, to verify that it follows.
-
-Project choice.
-"""
+"""Fraction of full output by which the steering is moved, without forward thrust, to verify that it follows. Project
+choice."""
 _LEVELS = (TWITCH, -TWITCH, TWITCH, -TWITCH, 0.0)
 
 

@@ -16,7 +16,7 @@ __all__ = ["CHATTER", "FASTER", "USUAL_SIZE", "Demand", "least", "plan", "shortf
 
 FASTER = "Use a faster link (a higher baud rate, a better radio), or close other programs on this one"
 USUAL_SIZE = 40.0
-"""Assumed size of a message that has not arrived yet [bytes]."""
+"""Assumed size [bytes] of a message until one has arrived."""
 
 _SHARE = 0.8
 """Fraction of a full link's measured capacity that is used.
@@ -33,7 +33,7 @@ _ORDER = (
     "SYS_STATUS",
     "VFR_HUD",
 )
-"""Messages in order of need: control, outputs, position, other stations, battery, speed."""
+"""Messages in order of priority: control, outputs, position, other stations, battery, speed."""
 
 _FLOORS: Mapping[str, float] = {
     "ATTITUDE": 5.0,

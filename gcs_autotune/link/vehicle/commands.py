@@ -1,4 +1,4 @@
-"""Commands to the autopilot, repeated until answered, and confirmed by its heartbeat."""
+"""Send commands to the autopilot, repeated until answered and confirmed by its heartbeat."""
 
 from __future__ import annotations
 
@@ -20,10 +20,8 @@ _REPLY = 1.5
 _TRIES = 3
 _IN_PROGRESS_PATIENCE = 10.0
 _HEARTBEAT_PATIENCE = 3.5
-"""Time to wait for a mode change [s]: three heartbeats, because it shows in the next one or not at all.
-
-Project choice.
-"""
+"""Time to wait for a mode change [s]: three heartbeats, because it shows in the next one or not at all. Project
+choice."""
 _KNOWN = 2.0
 """Time [s] for four requests of a HEARTBEAT before an unanswered command is repeated. Project choice."""
 _TEXT_DELAY = 0.5

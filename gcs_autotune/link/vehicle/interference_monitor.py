@@ -38,9 +38,10 @@ __all__ = ["Evidence", "InterferenceMonitor", "RateKeeper"]
 _LOOK_BACK = 5.0
 """Age [s] up to which a command may cause a change seen now; heartbeats show a mode a second late. Project choice."""
 _OWN_CAUSE = "failsafe"
-"""Word in the text of each failsafe of ArduPilot: "EKF failsafe", "Radio Failsafe", "Battery 1 low failsafe"."""
+"""Word that the status text of every ArduPilot failsafe contains: "EKF failsafe", "Radio Failsafe", "Battery 1 low
+failsafe"."""
 _AHEAD = 1.5
-"""Relative pace above which a simulation is reported to run faster than the clock."""
+"""Ratio of simulated to real time above which a simulation is reported as faster than real time."""
 _SLACK = 0.3
 """Excess [s] by which a pause of ours may appear longer to the vehicle, because delays vary and a message may be lost.
 Project choice."""
@@ -53,10 +54,8 @@ _MANY = 20
 _LATE = 0.8
 """Round trip [s] below which commands take effect within the usual waiting time. Project choice."""
 _MIDDLE, _DEFLECTED = 1500, 50
-"""PWM of a centred stick [us], and the deflection from it [us] above which the stick counts as moved.
-
-Project choice.
-"""
+"""PWM of a centred stick [us], and the deflection from it [us] above which the stick counts as moved. Project
+choice."""
 _ANSWER = 2.5
 """Time [s] for two TIMESYNC requests, one a second. Late or missing answers show a delayed link. Project choice."""
 
@@ -163,7 +162,10 @@ class InterferenceMonitor:
         On its first detection the sticks are set to neutral. Then, for about a second, two more heartbeats, the
         vehicle's clock and its status texts are awaited to identify the cause.
 
-        Raises ------ TelemetryFault Its heartbeats contradict each other. LinkLost: there are none.
+        Raises
+        ------
+        TelemetryFault
+            Its heartbeats contradict each other. LinkLost: no heartbeat arrived.
         """
         if self.is_ours and self.found is None and self._changes():
             self._let_go()
@@ -405,10 +407,8 @@ class InterferenceMonitor:
 
 _VITAL = ("ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS")
 _WINDOW = 2.0
-"""Counting window [s of the vehicle's time], long enough to distinguish a lost message from a changed rate.
-
-Project choice.
-"""
+"""Counting window [s of the vehicle's time], long enough to distinguish a lost message from a changed rate. Project
+choice."""
 _LOW = 0.6
 """Fraction of the rate at the handshake below which it is requested again. Project choice."""
 _REQUESTS = frozenset({"REQUEST_DATA_STREAM", "MAV_CMD_SET_MESSAGE_INTERVAL"})

@@ -34,9 +34,7 @@ _FRESH = 3.5
 """Time [s] to wait for a HEARTBEAT before a mode is commanded: three heartbeats. Project choice."""
 _GLANCE = 0.5
 """Time [s] to wait for the state before the rest mode is commanded, which must not be delayed. Project choice.
-
-Project choice.
-"""
+Project choice."""
 _PATIENCE = 30.0
 """Time [s] to wait for a silent vehicle when making it neutral. Project choice."""
 _WARM_UP = 1.0
@@ -190,7 +188,7 @@ class MavlinkCraft:
         LinkLost, OperatorStopped
             From the session.
         TelemetryFault
-            NaN, frozen or jumping telemetry; or no attitude although the vehicle is heard.
+            NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
         GuardTripped
             Mode or armed state was changed, but not by us. While a command is in force, also for the sticks or a
                 parameter that we changed.
@@ -294,10 +292,16 @@ class MavlinkCraft:
         After arming in manual mode, the steering is moved by 5 % each way without thrust, and SERVO_OUTPUT_RAW must
         follow. This also measures the delay from command to servo.
 
-        Raises ------ ArmingRefused Still refused after ``arm_patience`` seconds, with the vehicle's reasons.
-        PreconditionFailed It is deaf to our overrides, or its outputs are; with the likely cause. GuardTripped Another
-        station changed mode or armed state meanwhile. TelemetryFault The link does not carry what would have to be
-        sent; it was not armed.
+        Raises
+        ------
+        ArmingRefused
+            Still refused after ``arm_patience`` seconds, with the vehicle's reasons.
+        PreconditionFailed
+            The vehicle ignores our overrides, or its outputs do not follow. The message states the likely cause.
+        GuardTripped
+            Another station changed mode or armed state during arming.
+        TelemetryFault
+            The link does not have the capacity for all messages. The vehicle was not armed.
         """
         try:
             self.send(Actuate())
@@ -357,8 +361,12 @@ class MavlinkCraft:
         The operator cannot interrupt. If the vehicle has fallen silent, wait for it once. If another station has
         commanded a mode, the sticks are released in neutral.
 
-        Raises ------ NotAsFound The outputs did not become neutral, or cannot be seen to be; the overrides are
-        released. LinkError The vehicle cannot be heard; the neutral command was sent all the same.
+        Raises
+        ------
+        NotAsFound
+            The outputs did not become neutral, or are not reported. The overrides are released.
+        LinkError
+            The vehicle does not answer. The neutral command was sent nevertheless.
         """
         with self.session.operator.shielded():
             try:

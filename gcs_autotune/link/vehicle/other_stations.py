@@ -1,10 +1,10 @@
 """The other stations on this link and the commands received from them.
 
 This program does not act on their messages. But if the vehicle does something that we did not command, the operator
-must know who caused it. There are three sources: the commands themselves, if a router forwards them to all; the
-vehicle's COMMAND_ACK, which contains the station that it answers; and otherwise the list of stations present. A vehicle
-may also report which station controls it (CONTROL_STATUS) and whose sticks it uses (MANUAL_INPUT_STATUS). These reports
-are shown.
+must know who caused it. The first source are the commands themselves, if a router forwards them to all. The second is
+the vehicle's COMMAND_ACK, which contains the station that it answers. Otherwise the list of stations present is used. A
+vehicle may also report which station controls it (CONTROL_STATUS) and whose sticks it uses (MANUAL_INPUT_STATUS). These
+reports are shown.
 """
 
 from __future__ import annotations
@@ -212,7 +212,10 @@ class OtherStations:
             self._take(*ids, _spelled(frame.name, frame.message), str(getattr(frame.message, "param_id", "")))
 
     def _on_radio(self, m: Message) -> None:
-        """Record RADIO_STATUS, sent with the radio's own id; signal and noise in its own units, 255 unknown."""
+        """Record RADIO_STATUS, which a radio sends with its own id.
+
+        Signal and noise are in the radio's units; 255 means unknown.
+        """
         self.radio = (
             f"signal {m.rssi} and noise {m.noise} here, {m.remrssi} and {m.remnoise} on board; {m.txbuf} % of its "
             f"buffer free; {m.rxerrors} packets damaged"

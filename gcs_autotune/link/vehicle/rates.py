@@ -99,7 +99,7 @@ class Rates:
                 if carried / seconds >= least(least_of_all) or offered < least(least_of_all):
                     self._name_loss(error)  # the line was not full
                 raise TelemetryFault(
-                    f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. With that {error}. "
+                    f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. Therefore {error}. "
                     f"{FASTER}"
                 ) from error
             if self.granted[name].granted < rate:
@@ -360,12 +360,12 @@ class Rates:
             raise TelemetryFault(f"telemetry is too slow: {', '.join(slow)}{room}. {FASTER}")
 
     def _name_loss(self, error: AutotuneError | None = None) -> None:
-        """Raise ``TelemetryFault`` if the link loses messages rather than being too slow."""
+        """Raise ``TelemetryFault`` with the loss as its cause, if the link loses messages and is not just too slow."""
         if lossy := self._session.lossy():
             raise TelemetryFault(f"{lossy}. Nothing was armed") from error
 
     def restore(self) -> None:
-        """Restore every interval. The operator cannot interrupt; a failure is noted, not raised."""
+        """Restore every message interval. The operator cannot interrupt this. A failure is noted but not raised."""
         with self._session.operator.shielded():
             for name, request in reversed(list(self.granted.items())):
                 self._restore(name, request)
@@ -385,7 +385,7 @@ def _count(counts: Counter[str], name: str, _: Message) -> None:
 
 
 def _at_loops(rate: float, loop_period: float) -> float:
-    """Return the rate [Hz] if its interval is rounded up to whole loops."""
+    """Return the rate [Hz] that results if the message interval is rounded up to whole loops."""
     if rate <= 0.0 or loop_period <= 0.0:
         return rate
     return 1.0 / (math.ceil(1.0 / rate / loop_period - _ROUNDING) * loop_period)

@@ -21,9 +21,7 @@ _SAME = 2
 """Tolerance [us] for rounding of a pulse."""
 _MOVED = 100
 """Change [us] that counts as a deliberate movement of a stick or switch; receivers jitter by a tenth of that.
-
-Project choice.
-"""
+Project choice."""
 _NO_PULSE = 800
 """Pulse length [us] below which a channel carries no signal."""
 _JUDGED, _TOO_MANY = 12, 3

@@ -245,7 +245,8 @@ class Telemetry:
     def _compare_depths(self, earlier: tuple[float, float], later: tuple[float, float]) -> None:
         """Compare the depth below home with the depth below the estimator's origin, interpolated to the same time.
 
-        ArduPilot sends the global message before the local one of the same moment; a router may stagger them.
+        ArduPilot sends the global message before the local one of the same moment; a router may send them at different
+        times.
         """
         t, below_home = self._global_z
         if earlier[0] - _SAME_MOMENT <= t <= later[0] + _SAME_MOMENT and later[0] - earlier[0] <= _BETWEEN:
@@ -324,10 +325,8 @@ _MISSED = 1.0
 """Time [s] after the last attitude at which the vehicle's time since boot is requested. Project choice."""
 _SYSTEM_TIME = message_number("SYSTEM_TIME")
 _SILENT_AFTER = 2.0
-"""Time [s] without any message after which missing attitudes are attributed to the link: two heartbeats.
-
-Project choice.
-"""
+"""Time [s] without any message after which missing attitudes are attributed to the link: two heartbeats. Project
+choice."""
 
 
 def await_tick(session: Session, telemetry: Telemetry) -> None:
@@ -338,7 +337,7 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
     LinkLost, OperatorStopped
         From the session.
     TelemetryFault
-        NaN, frozen or jumping telemetry; or no attitude although the vehicle is heard.
+        NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
     """
     seen, begun = telemetry.ticks, session.liveness.listened
     asked = False

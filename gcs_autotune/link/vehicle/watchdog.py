@@ -39,7 +39,7 @@ class BootClock:
 
     @property
     def is_set(self) -> bool:
-        """Whether any stamp has been seen."""
+        """Whether any time stamp was received."""
         return not math.isnan(self.now)
 
     def from_ms(self, time_boot_ms: int) -> float:
@@ -81,9 +81,7 @@ _ACTING = 0.05
 _FROZEN_TURNING = 3.0
 _FROZEN = 10.0
 """Time [s] of bit-identical attitude that proves a fault while turning or acting; real gyros never repeat exactly.
-
-Project choice.
-"""
+Project choice."""
 _STANDING = 2.0
 _JUMP = 5.0
 _SLACK = 1.5
@@ -130,7 +128,7 @@ class Watchdog:
             self._pace = max((t - begun) / (now - heard), 1.0)
 
     def check(self) -> None:
-        """Raise the fault, if there is one."""
+        """Raise the stored fault, if there is one."""
         if self.fault is not None:
             raise TelemetryFault(str(self.fault))
 

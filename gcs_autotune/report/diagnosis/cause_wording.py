@@ -23,7 +23,8 @@ def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
 
 
 STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "positive"}
-"""Penalised gain in log-likelihood -> strength of evidence (Kass1995, section 3.2: half of their table)."""
+"""Penalised gain in log-likelihood -> text for the strength of evidence (Kass1995, section 3.2: half of their
+table)."""
 
 
 def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:

@@ -1,4 +1,4 @@
-"""The report of a diagnosis. One function per section."""
+"""The report of a diagnosis, with one function per section."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ MOST_SIGNALS = 6
 """Most signals plotted, so that the page stays small. Project choice."""
 
 MOST_CURVES = 2
-"""Most curves of the missing force plotted, the most informative first. Chosen."""
+"""Most curves of the missing force plotted, the most informative first. Project choice."""
 
 MODEL_FILE = "model.json"
 
@@ -229,7 +229,7 @@ def _remains(examined: _Examined) -> Iterator[Section]:
         *_missing(diagnosis),
         *_left(diagnosis),
     )
-    yield Section("left", "What remains", parts, facts=IN_RESULT)
+    yield Section("left", "Remaining error", parts, facts=IN_RESULT)
 
 
 def _not_distinguished(examined: _Examined) -> Iterator[Section]:

@@ -69,7 +69,7 @@ _WORDS: tuple[tuple[str, Kind, frozenset[str]], ...] = (
     (r"spectr|frequen|narrow|peak", "spectrum", frozenset({""})),
     (r"correlat|delay|\blate\b|\blag", "cross", _FORCES | _VELOCITIES),
 )
-"""Pattern in an effect's ``shown_by`` -> the view that plots it."""
+"""Pattern in an effect's ``shown_by`` -> the view that shows it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,7 +240,7 @@ def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -
     every = -(-len(x) // MOST_POINTS) or 1
     axes.plot(x[::every], y[::every], ".", ms=2.4, color=FAINT, alpha=0.6, label="residual")
     centre, mean, error, _ = bin_means(x, y)
-    axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="its mean")
+    axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="mean of the residual")
     axes.axhline(0.0, color=INK, lw=0.8)
     if after is not None and name in after.against and len(_cloud(after, name)[0]):
         centre, mean, _, _ = bin_means(*_cloud(after, name))
@@ -254,7 +254,7 @@ def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -
 
 
 def _cloud(portrait: Portrait, name: str) -> tuple[Array, Array]:
-    """Return channel and residual (n,) in display units, headings as compass values."""
+    """Return channel and residual (n,) in display units, with headings as compass values."""
     x, residual, unit = portrait.against[name]
     keep = np.isfinite(x) & np.isfinite(residual)
     x = x[keep] % (2.0 * np.pi) if name == "psi" else x[keep]
@@ -356,7 +356,7 @@ def draw_curve(curve: EffectCurve) -> Figure:
     if plain is not None:
         axes.plot(x, plain, color=BEFORE, lw=1.2, ls="--", label="simulation")
     elif not curve.polar:
-        axes.axhline(0.0, color=BEFORE, lw=1.2, ls="--", label="simulation: none")
+        axes.axhline(0.0, color=BEFORE, lw=1.2, ls="--", label="simulation: no force")
     axes.plot(x, y, color=AFTER, lw=2.0, label="found")
     if curve.polar:
         axes.axhline(0.0, color=INK, lw=0.8)
@@ -391,7 +391,7 @@ def for_people(values: Array, label: str) -> tuple[Array, str]:
 
 
 def _rose(axes: PolarAxes, heading: Array, y: Array) -> None:
-    """Plot *y* over the heading, north up and clockwise; the dark circle is zero, outside is positive."""
+    """Plot *y* over the heading, north up and clockwise. The dark circle is zero; positive values are outside it."""
     reach = float(np.nanmax(np.abs(y))) or 1.0
     around = np.linspace(0.0, 2.0 * np.pi, 181)
     axes.set_theta_zero_location("N")

@@ -179,7 +179,7 @@ MOST_NUMBERS = 4
 
 
 def _wrong(numbers: Numbers, diagnosis: Diagnosis) -> str:
-    """Return the headline of wrong numbers, which takes precedence over causes."""
+    """Return the headline on wrong numbers, which has priority over causes."""
     wrong = numbers.wrong
     parts = [_against(n) for n in wrong[:MOST_NUMBERS]]
     if len(wrong) > MOST_NUMBERS:
@@ -203,7 +203,7 @@ def given_words(number: Number) -> str:
 
 
 def found_words(number: Number) -> str:
-    """Return the value from the runs with half its 95 % interval, in the unit of the model."""
+    """Return the value from the runs with half its 95 % interval, in the model's unit."""
     if math.isnan(number.value):
         return NOT_IDENTIFIABLE
     if number.of_record:
@@ -385,7 +385,7 @@ def _unexplained(diagnosis: Diagnosis) -> str:
 
 
 def _unfinished(diagnosis: Diagnosis) -> str:
-    """Return the sentence of a stopped search: the limit reached, and how to continue."""
+    """Return a sentence on a stopped search: the limit reached, and how to continue."""
     what = "work" if any(d.slug == "out-of-work" for d in diagnosis.doubts) else "time"
     return f"Unfinished: the search reached its {what} limit and was stopped. Use --resume to continue."
 
@@ -422,7 +422,7 @@ def gain_sentence(gain: ErrorReduction) -> str:
 
 
 def interval_words(gain: ErrorReduction) -> str:
-    """Return ``12 % to 19 %``; empty if unknown."""
+    """Return an interval as text, e.g. ``12 % to 19 %``; empty if unknown."""
     low, high = gain.ci95
     return f"{format_share(low)} to {format_share(high)}" if math.isfinite(low) and math.isfinite(high) else ""
 

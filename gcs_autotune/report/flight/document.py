@@ -1,4 +1,4 @@
-"""The report of a flight (a manoeuvre or a plan), and of a preview. One function per section."""
+"""The report of a flight (a manoeuvre or a plan) and of a preview, with one function per section."""
 
 from __future__ import annotations
 

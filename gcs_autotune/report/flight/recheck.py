@@ -1,4 +1,4 @@
-"""The report of a recheck of an old tune."""
+"""The report of a recheck of the gains of an earlier tune."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def structure_title(fit: Fit[Model]) -> str:
 
 
 def answer_sentences(fit: Fit[Model]) -> tuple[str, ...]:
-    """Return the meaning of a fit, its residual and its origin."""
+    """Return sentences on the meaning of a fit, its residual and its origin."""
     about = model_sentences(fit) if is_of_one_axis(fit) else _residual_sentences(fit)
     return (*about, f"Method: {fit.method}, from {', '.join(fit.used)}.")
 

@@ -58,7 +58,7 @@ _DAMPING: Mapping[str, str] = {
     "nonlinear": "Quadratic damping: drag grows with the square of speed.",
     "affine": "Linear and quadratic damping: one part of drag is proportional to speed, one grows with its square.",
 }
-"""Structure -> its explanation, shown once per report."""
+"""Structure -> explanation of its damping, shown once per report."""
 
 
 def structure_words(structure: str) -> str:
@@ -129,7 +129,7 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
 
 
 _MUCH = 0.02
-"""Relative difference between full output and the table's unit of force above which a sentence states it.
+"""Difference between a full force and the actual one [fraction] above which a sentence states the latter.
 
 Project choice.
 """
@@ -197,7 +197,7 @@ def _of_full(output: float) -> str:
 
 
 def _acting(effects: Sequence[EffectInstance], output: float) -> float:
-    """Return the force of *output* in the model, dead zone included."""
+    """Return the force due to *output* in the model, including the dead zone."""
     acting = np.full(1, output)
     for own in effects:
         law = EFFECTS[own.slug]
@@ -230,7 +230,7 @@ def _moved(effect: EffectInstance, label: str, by: float) -> EffectInstance:
 
 
 def explains(percent: float) -> str:
-    """Return ``explains 74 % of``, or ``explains nothing of`` for a fit of 0 % or less."""
+    """Return the text ``explains 74 % of``, or ``explains nothing of`` for a fit of 0 % or less."""
     if percent > 0.0:
         return f"explains {format_percent(percent)} of"
     return "explains nothing of"

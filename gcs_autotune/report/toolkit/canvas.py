@@ -1,4 +1,4 @@
-"""Style of every figure, and its conversion to reproducible SVG for the page."""
+"""Common style of all figures, and their conversion to reproducible SVG for the page."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ _STYLE: dict[Any, object] = {
 def pens(name: str) -> Iterator[None]:
     """Apply the style and the identifier salt of figure *name* while plotting and saving.
 
-    The user's matplotlibrc is ignored, so that the report looks the same everywhere.
+    The user's matplotlibrc is ignored, so that the report looks the same on every computer.
     """
     import matplotlib
 

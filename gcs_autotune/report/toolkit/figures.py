@@ -80,7 +80,7 @@ LEAST_TRACK = 5.0
 """Shortest track that is plotted [m]; below it receiver noise dominates. Project choice."""
 
 MOST_INPUTS = 3
-"""Most inputs plotted of one run. Chosen."""
+"""Most inputs plotted of one run. Project choice."""
 
 WIDEST = 100.0
 """Widest interval plotted [% of the value]. A wider one includes zero."""

@@ -161,7 +161,7 @@ class TerminalObserver:
             self._redraw(progress)
 
     def say(self, text: str) -> None:
-        """Show a sentence on a line of its own."""
+        """Show a sentence on a separate line."""
         self._erase()
         self._console.print(Text(visible(text)))
 
@@ -202,7 +202,7 @@ class TerminalObserver:
 
 
 class _TimeLeft(ProgressColumn):
-    """The remaining part of the time limit."""
+    """The column of a progress bar with the time left until the time limit."""
 
     def __init__(self, given: float) -> None:
         super().__init__()
@@ -217,7 +217,8 @@ class _TimeLeft(ProgressColumn):
 class StageBar:
     """One line for the current stage, removed at the end. Silent if *console* is not a terminal.
 
-    verbose : keep a line per stage, also without a terminal. given : time limit [s], shown if it is long enough.
+    verbose : keep a line for each completed stage, also without a terminal. given : time limit [s], shown if it is long
+        enough.
     """
 
     def __init__(self, console: Console, *, verbose: bool = False, given: float = math.inf) -> None:

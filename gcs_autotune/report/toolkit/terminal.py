@@ -115,7 +115,7 @@ def _title(text: str, style: str = "bold") -> RenderableType:
 
 
 def _apart(piece: RenderableType) -> Padding:
-    """Return a piece with a blank line before it."""
+    """Return a part with a blank line before it."""
     return Padding(piece, (1, 0, 0, 0))
 
 

@@ -54,12 +54,13 @@ _PEOPLE: dict[str, tuple[str, float]] = {
 
 
 def to_people(unit: str) -> tuple[str, float]:
-    """Return (unit shown, factor from SI): ``rad`` becomes degrees."""
+    """Return (display unit, factor from SI); ``rad`` becomes degrees."""
     return _PEOPLE.get(unit, (unit, 1.0))
 
 
 def format_parameter(name: str, value: float, std: float, unit: str) -> str:
-    """Return :func:`format_value`, with a heading (``anchor``, ``direction`` [rad]) as a turn of 0 to 2 pi.
+    """Return :func:`format_value` of a parameter. A heading (``anchor``, ``direction`` [rad]) is first wrapped to 0 to
+    2 pi.
 
     A heading with a standard error above a quarter turn is shown as not identifiable.
     """
@@ -92,7 +93,7 @@ def format_factor(factor: float, digits: int = 3) -> str:
 
 
 def format_quantity(value: float, unit: str, digits: int = 3) -> str:
-    """Return *value* [SI *unit*] for people, with its unit: ``format_quantity(0.5, "rad")`` is ``"28.6°"``."""
+    """Return *value* [SI *unit*] as text in display units: ``format_quantity(0.5, "rad")`` is ``"28.6°"``."""
     shown, factor = to_people(unit)
     if not math.isfinite(value):
         return format_number(value)
@@ -167,7 +168,7 @@ def pretty_unit(unit: str) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return ``a, b and c``."""
+    """Return a list as text: ``a, b and c``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

@@ -263,7 +263,7 @@ def track_figure(story: TuneStory) -> Figure:
 
 
 def _levels(story: TuneStory) -> list[float]:
-    """Return the outputs held in the experiments, normalised."""
+    """Return the normalised outputs that were held in the experiments."""
     held = [t.meta.get("levels", [t.meta.get("C", math.nan), -t.meta.get("C", math.nan)]) for t in story.relays]
     return [float(v) for levels in held for v in levels if math.isfinite(v)]
 

@@ -94,14 +94,14 @@ class TuneStory:
 
     @property
     def dof(self) -> Dof:
-        """The degree of freedom this axis moves in."""
+        """The degree of freedom of the tuned axis."""
         kind = AXES.get(OTHER_NAMES.get(self.axis, self.axis))
         name = self.fit.dof if self.fit is not None else "yaw" if kind is None else kind.dof
         return DOFS[name]
 
     @property
     def stepped(self) -> PlottedSignals:
-        """The signals of the step before and after."""
+        """The signals plotted for the step before and after."""
         # A story may come from anywhere, with an axis that is none of ours.
         kind = AXES.get(OTHER_NAMES.get(self.axis, self.axis))
         signal = self.dof.position if kind is None else kind.stepped

@@ -40,7 +40,7 @@ _METRICS: tuple[tuple[str, str, Callable[[StepMetrics], str]], ...] = (
     ("steady_error", "remaining error", lambda m: format_share(m.steady_error)),
     ("travel", "actuator travel per second", lambda m: format_share(m.travel)),
 )
-"""Field of StepMetrics, its label, its format."""
+"""Field of StepMetrics -> its label and its format."""
 
 _VEHICLE: Mapping[str, str] = {
     "name": "vehicle",
