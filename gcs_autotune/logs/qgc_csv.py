@@ -36,7 +36,7 @@ COLUMNS: tuple[tuple[tuple[tuple[str, str, float], ...], ...], ...] = (
         (("gps.lat", "gps.lat", 1.0), ("gps.lon", "gps.lon", 1.0)),
     ),
 )  # fmt: skip
-"""Groups of columns with the source and factor of each: first the columns in front of all groups, then those of each
+"""Groups of columns, each column with its source and factor: first those in front of all groups, then those of each
 group.
 """
 

@@ -60,7 +60,9 @@ class RecordedParameters:
         Raises
         ------
         ParameterMissing
-            The log does not contain one of the parameters. PreconditionFailed The log contains an implausible value.
+            The log does not contain one of the parameters.
+        PreconditionFailed
+            The log contains an implausible value.
         """
         wanted = list(names)
         missing = [n for n in wanted if n not in self.values]
