@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from sitl.autopilot.autopilot import SLOW_RATE, WARNING, Autopilot
+from sitl.autopilot.autopilot import INFO, SLOW_RATE, WARNING, Autopilot
 from sitl.autopilot.parameter_dialect import GENERATIONS, ParameterDialect
 from sitl.autopilot.parameters import Definition, ParameterStore, ReadOnlyParameter
 from sitl.autopilot.pid import Pid
-from sitl.autopilot.rover import STEERING_CHANNEL, THROTTLE_CHANNEL, GuidedTarget, Rover
+from sitl.autopilot.rover import STEERING_CHANNEL, THROTTLE_CHANNEL, Rover
+from sitl.autopilot.rover_navigation import GuidedTarget
 from sitl.autopilot.rover_parameters import ROVER_PARAMETERS
 from sitl.autopilot.sub import Sub
 from sitl.autopilot.sub_parameters import SUB_PARAMETERS
@@ -20,6 +21,7 @@ from sitl.autopilot.sub_parameters import SUB_PARAMETERS
 __all__ = [
     "FIRMWARE",
     "GENERATIONS",
+    "INFO",
     "SLOW_RATE",
     "STEERING_CHANNEL",
     "THROTTLE_CHANNEL",
