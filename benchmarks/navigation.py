@@ -1,0 +1,323 @@
+"""The same missions under ArduPilot's firmware and under the simulated autopilot: ``python3 -m benchmarks.navigation``.
+
+Needs ArduPilot's own SITL (``ARDUPILOT_ROVER``). A hull flies a square of 40 m and a zig-zag of 25 m legs in AUTO, with
+WP_RADIUS 2, once under the real firmware in lock step and with several seeds under ours. The gains are the firmware's
+defaults, and those of ``tune speed`` followed by ``tune heading``; the water is still, or moves at 0.3 m/s. Measured is
+the true track, from the first waypoint on:
+
+* ``rms``: of the distance from the leg under way;
+* ``late``: the same in the second half of each leg;
+* ``corner``: how far the hull goes beyond the new leg at a corner, to the side it comes from; the mean of the corners.
+
+Goal: rms within 10 %, corner within 0.2 m, of the firmware's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import fmean
+from typing import Any, Protocol
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from benchmarks.results import Figure, count, headline
+from benchmarks.rivals.sea import BINARIES, NoAnswer, Sea
+from sitl import load_vehicle, open_vehicle
+from sitl.ardupilot_json import HOME as SEA_HOME
+from sitl.catalogue import VehicleData
+from sitl.effects import HiddenEffect, parse_effect
+from sitl.place import HOME, METRES_PER_DEGREE
+
+HULLS = ("charlie", "blueboat")
+CURRENT = "steady-current.V_x=0.2121,V_y=0.2121"
+RADIUS = 2.0
+SQUARE = (0j, 40 + 0j, 40 + 40j, 40j, 0j)
+ZIGZAG = tuple(sum((25.0 * (1 + (-1) ** k * 1j) / math.sqrt(2.0) for k in range(n)), 0j) for n in range(6))
+TRACKS = {"square": SQUARE, "zig-zag": ZIGZAG}
+LEAD = 20.0
+"""Metres from where the hull is to the first waypoint, north."""
+WITHIN_RMS, WITHIN_CORNER = 0.1, 0.2
+"""Goals: relative, and m."""
+_WARM_UP = 240.0
+"""Seconds that the real estimator needs until its heading stays where it is."""
+_LONGEST = 900.0
+"""Seconds a mission may take."""
+_SAMPLE = 0.1
+_AUTO = 10
+
+
+@dataclass
+class Track:
+    """The true track (time, place) and the time at which each waypoint was reported as reached."""
+
+    places: list[tuple[float, complex]] = field(default_factory=list)
+    reached: dict[int, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Cross-track rms over all, in second halves of legs, and mean corner overshoot [m]."""
+
+    rms: float
+    late: float
+    corner: float
+
+    def __str__(self) -> str:
+        return f"{self.rms:5.2f} {self.late:5.2f} {self.corner:5.2f}"
+
+
+def score(track: Track, waypoints: Sequence[complex]) -> Score:
+    """Return how well *track* follows *waypoints*; item 1 of the mission is the first of them."""
+    offsets: list[float] = []
+    late: list[float] = []
+    beyond: list[float] = []
+    for k, (begin, end) in enumerate(itertools.pairwise(waypoints), start=1):
+        if k + 1 not in track.reached:
+            return Score(math.inf, math.inf, math.inf)
+        along = (end - begin) / abs(end - begin)
+        inside = [p - begin for t, p in track.places if track.reached[k] <= t < track.reached[k + 1]]
+        turned = [p / along for p in inside]
+        offsets += [p.imag for p in turned]
+        late += [p.imag for p in turned if p.real > 0.5 * abs(end - begin)]
+        if k > 1:
+            came = (begin - waypoints[k - 2]) / along
+            beyond.append(max((p.imag * math.copysign(1.0, came.imag) for p in turned), default=0.0))
+    return Score(_rms(offsets), _rms(late), fmean(max(distance, 0.0) for distance in beyond))
+
+
+def _rms(values: Sequence[float]) -> float:
+    return math.sqrt(fmean(value**2 for value in values)) if values else 0.0
+
+
+class Afloat(Protocol):
+    """A hull under an autopilot, with a ground station."""
+
+    listener: Callable[[Any], None]
+
+    @property
+    def t(self) -> float:
+        """Seconds."""
+
+    @property
+    def place(self) -> complex:
+        """The true place, north + i east of home [m]."""
+
+    def send(self, message: Any) -> None:
+        """Send a message."""
+
+    def run(self, seconds: float) -> None:
+        """Let time pass."""
+
+    def globe(self, place: complex) -> tuple[int, int]:
+        """Return latitude and longitude [1e-7 deg]."""
+
+    def begin(self) -> None:
+        """Arm and enter AUTO."""
+
+    def end(self) -> None:
+        """Disarm."""
+
+
+class Ours:
+    """A hull under the simulated autopilot."""
+
+    def __init__(self, name: str, seed: int, gains: Mapping[str, float], effects: Sequence[HiddenEffect]) -> None:
+        parameters = {**gains, "WP_RADIUS": RADIUS}
+        self._server = open_vehicle(name, seed=seed, parameters=parameters, effects=effects)
+        self._mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self._ear = mavlink.MAVLink(None)
+        self.listener: Callable[[Any], None] = lambda message: None
+
+    @property
+    def t(self) -> float:
+        return self._server.now
+
+    @property
+    def place(self) -> complex:
+        return complex(self._server.vehicle.state.x, self._server.vehicle.state.y)
+
+    def send(self, message: Any) -> None:
+        self._server.receive(message.pack(self._mav))
+
+    def run(self, seconds: float) -> None:
+        end = self.t + seconds
+        while self.t < end - 1e-9:
+            self.send(mavlink.MAVLink_rc_channels_override_message(1, 1, *[1500] * 4, *[65535] * 4))
+            for message in self._ear.parse_buffer(self._server.advance_to(min(end, self.t + 0.1))) or ():
+                self.listener(message)
+
+    def globe(self, place: complex) -> tuple[int, int]:
+        return _globe(place, *HOME)
+
+    def begin(self) -> None:
+        for number, *values in ((mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0), (mavlink.MAV_CMD_DO_SET_MODE, 1.0, _AUTO)):
+            padded = [*values, *[0.0] * (7 - len(values))]
+            self.send(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
+            self.run(0.1)
+
+    def end(self) -> None:
+        self.send(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1.0, 0.0, 0, 0, 0, 0, 0))
+        self.send(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0.0, 21196.0, 0, 0, 0, 0, 0))
+        self.run(0.2)
+
+
+class Theirs(Sea):
+    """A hull under ArduPilot's own firmware."""
+
+    def __init__(self, data: VehicleData, effects: Sequence[HiddenEffect], instance: int, port: int) -> None:
+        super().__init__(data, instance=instance, ports=range(port, port + 3), effects=effects)
+        self.listener: Callable[[Any], None] = lambda message: None
+
+    @property
+    def place(self) -> complex:
+        state = self.physics.craft.plant.state
+        return complex(state.x, state.y)
+
+    def _hear(self, message: Any) -> None:
+        super()._hear(message)
+        self.listener(message)
+
+    def globe(self, place: complex) -> tuple[int, int]:
+        latitude, longitude, *_ = map(float, SEA_HOME.split(","))
+        return _globe(place, latitude, longitude)
+
+    def begin(self) -> None:
+        self.go(_AUTO)
+
+    def end(self) -> None:
+        self.rest()
+
+
+def _globe(place: complex, latitude: float, longitude: float) -> tuple[int, int]:
+    east = METRES_PER_DEGREE * math.cos(math.radians(latitude))
+    return round(1e7 * (latitude + place.real / METRES_PER_DEGREE)), round(1e7 * (longitude + place.imag / east))
+
+
+def sail(boat: Afloat, waypoints: Sequence[complex]) -> Score:
+    """Fly a mission over *waypoints*, the first one :data:`LEAD` north of here, and return its score."""
+    first = boat.place + LEAD
+    places = [boat.place, *(first + w - waypoints[0] for w in waypoints)]
+    track = Track()
+    done = False
+
+    def hear(message: Any) -> None:
+        nonlocal done
+        kind = message.get_type()
+        if kind in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
+            x, y = boat.globe(places[message.seq])
+            about = (message.seq, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_CMD_NAV_WAYPOINT, 0, 1)
+            boat.send(mavlink.MAVLink_mission_item_int_message(1, 1, *about, 0, 0, 0, 0, x, y, 0.0, 0))
+        elif kind == "MISSION_ACK":
+            done = message.type == mavlink.MAV_MISSION_ACCEPTED
+        elif kind == "MISSION_ITEM_REACHED":
+            track.reached.setdefault(message.seq, boat.t)
+
+    boat.listener = hear
+    for _ in range(5):
+        boat.send(mavlink.MAVLink_mission_count_message(1, 1, len(places), 0))
+        boat.run(2.0)
+        if done:
+            break
+    else:
+        raise NoAnswer("the mission was not taken")
+    boat.begin()
+    end = boat.t + _LONGEST
+    while len(waypoints) not in track.reached and boat.t < end:
+        boat.run(_SAMPLE)
+        track.places.append((boat.t, boat.place))
+    boat.end()
+    return score(track, places[1:])
+
+
+def tuned_gains(name: str, folder: Path) -> dict[str, float]:
+    """Return the gains of ``tune speed`` followed by ``tune heading`` on the simulated hull *name*."""
+    gains: dict[str, float] = {}
+    for axis in ("speed", "heading"):
+        vehicle = folder / f"{name}-{axis}.toml"
+        rows = "".join(f'{n} = {{ value = {v!r}, unit = "", source = "tune" }}\n' for n, v in gains.items())
+        vehicle.write_text(f'like = "{name}"\n[parameters]\n{rows}')
+        out = folder / f"{name}-{axis}"
+        command = [sys.executable, "-m", "gcs_autotune", "tune", axis, "--connect", f"sitl:{vehicle}?seed=1", "--yes"]
+        subprocess.run([*command, "--out", str(out)], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        changed = json.loads((out / "summary.json").read_text())["gains"]
+        gains |= {n: new for n, (_, new) in changed.items()}
+    return gains
+
+
+def show(hull: str, gains: Mapping[str, float], how: str, water: str, options: argparse.Namespace) -> list[bool]:
+    """Fly both tracks under both autopilots; print and return whether each score is within its goal."""
+    effects = [CURRENT] if water else []
+    theirs: dict[str, Score] = {}
+    sea = Theirs(load_vehicle(hull), [parse_effect(e) for e in effects], options.instance, options.port)
+    try:
+        sea.run(_WARM_UP)
+        sea.set({**gains, "WP_RADIUS": RADIUS})
+        for track in options.tracks:
+            theirs[track] = sail(sea, TRACKS[track])
+    finally:
+        sea.close()
+    good = []
+    for track in options.tracks:
+        ours = [_ours(hull, seed, gains, effects, TRACKS[track]) for seed in range(1, options.seeds + 1)]
+        mean = Score(*(fmean(getattr(s, name) for s in ours) for name in ("rms", "late", "corner")))
+        rms = mean.rms / theirs[track].rms - 1.0
+        corner = mean.corner - theirs[track].corner
+        good += [abs(rms) <= WITHIN_RMS, abs(corner) <= WITHIN_CORNER]
+        print(
+            f"{hull:9} {how:8} {water or 'still':8} {track:8} {theirs[track]}  | {mean}  {rms:+6.1%} {corner:+6.2f} m  "
+            f"(seeds: {min(s.rms for s in ours):.2f} to {max(s.rms for s in ours):.2f})",
+            flush=True,
+        )
+    return good
+
+
+def _ours(
+    hull: str, seed: int, gains: Mapping[str, float], effects: Sequence[str], waypoints: Sequence[complex]
+) -> Score:
+    boat = Ours(hull, seed, gains, [parse_effect(effect) for effect in effects])
+    boat.run(5.0)
+    return sail(boat, waypoints)
+
+
+def main() -> int:
+    """Run all cases; 0 when every goal is met, 2 without ArduPilot."""
+    parser = argparse.ArgumentParser(prog="benchmarks.navigation", description=__doc__.splitlines()[0])
+    parser.add_argument("hulls", nargs="*", default=list(HULLS), help=f"of {', '.join(HULLS)}; default all")
+    parser.add_argument("--tracks", nargs="*", default=list(TRACKS), choices=list(TRACKS))
+    parser.add_argument("--gains", nargs="*", default=["default", "tuned"], choices=["default", "tuned"])
+    parser.add_argument("--water", nargs="*", default=["", "current"], choices=["", "current"])
+    parser.add_argument("--seeds", type=int, default=3, help="flights of ours whose mean counts (3)")
+    parser.add_argument("--instance", type=int, default=30)
+    parser.add_argument("--port", type=int, default=14800, help="first of three UDP ports")
+    options = parser.parse_args()
+    if not os.environ.get(BINARIES["rover"]):
+        print(f"this flies ArduPilot's own firmware: set {BINARIES['rover']} to its binary")
+        return 2
+    print("hull      gains    water    track      rms  late corner | ours: the same          difference")
+    good: list[bool] = []
+    with tempfile.TemporaryDirectory(prefix="navigation-") as folder:
+        for hull in options.hulls:
+            tuned = tuned_gains(hull, Path(folder)) if "tuned" in options.gains else {}
+            for how, water in itertools.product(options.gains, options.water):
+                good += show(hull, tuned if how == "tuned" else {}, how, water, options)
+    rms, corners = good[::2], good[1::2]
+    figures: list[Figure] = [
+        count("missions with the firmware's cross-track rms within 10 %", sum(rms), len(rms), least=1.0),
+        count("missions with the firmware's corner overshoot within 0.2 m", sum(corners), len(corners), least=1.0),
+    ]
+    headline("navigation", "missions under the simulated autopilot against ArduPilot's firmware", figures)
+    return 0 if all(good) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
