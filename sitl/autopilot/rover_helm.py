@@ -44,6 +44,8 @@ class Helm:
         """Let the rate loop steer at *rate* [rad/s]."""
         estimate = self._owner.estimate
         out = self.steering.run(self._owner.ms, rate, estimate.yaw_rate, estimate.speed, self.motors.limit_steer)
+        self.steering.limited_left |= self.motors.limit_left
+        self.steering.limited_right |= self.motors.limit_right
         self.motors.set_steering(out, scaled=True)
 
     def steer_heading(self, heading: float) -> None:

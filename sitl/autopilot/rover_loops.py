@@ -62,7 +62,7 @@ class RoverSteering:
             wanted = clamp(wanted, -top, top)
         top = max(self.lateral_acceleration_limit() / max(abs(speed), 1.0), _LEAST_RATE)
         self._wanted = clamp(wanted, -top, top)
-        self.limited_left, self.limited_right = limited or self._wanted > asked, limited or self._wanted < asked
+        self.limited_left, self.limited_right = self._wanted > asked, self._wanted < asked
         out = self.pid.update(self._wanted, measured, self._dt, limited)
         return out + self.pid.feed_forward
 

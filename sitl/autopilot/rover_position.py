@@ -45,6 +45,11 @@ class RoverPositionController:
         """PSC_POS_P."""
         return self._position.gain
 
+    @property
+    def velocity_integral(self) -> complex:
+        """The integral of the velocity loop [m/s^2]."""
+        return self._velocity.integrator
+
     def error(self, ms: int) -> complex:
         """Return the vector to the target [m]; 0 when the controller does not run."""
         return self.target.place - self._estimate.place if self.is_active(ms) else 0j

@@ -219,12 +219,14 @@ class SCurve:
 
     def at(self, t: float) -> tuple[float, float, float]:
         """Return (acceleration, speed, distance) along the leg at *t* [s], which is cut to the leg's duration."""
-        t = min(max(t, 0.0), self.end)
+        t = max(t, 0.0)
+        if t >= self.end:
+            last = self._knots[-1]
+            return last.acceleration, last.speed, last.distance
         for knot, phase in zip(self._knots, self._phases, strict=False):
             if t < knot.t + phase.duration:
-                return phase.from_(knot, t - knot.t)
-        last = self._knots[-1]
-        return last.acceleration, last.speed, last.distance
+                break
+        return phase.from_(knot, t - knot.t)
 
     def move(self, dt: float, motion: Motion, *, from_end: bool = False) -> None:
         """Advance by *dt* [s] and add the motion, relative to the origin or (*from_end*) to the destination."""
