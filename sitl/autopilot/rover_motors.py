@@ -20,8 +20,8 @@ class RoverMotors:
     """Demands: ``steering`` as a fraction of full (may exceed 1, the servo does not), ``throttle`` in percent.
 
     ``limit_left``, ``limit_right`` and, for either, ``limit_steer`` stop the integrals of the loops above: the servo is
-    at its end, or the boat is slower than MOT_SPD_SCA_BASE. A boat with outputs for left and right throttle steers by their difference:
-    never scaled with speed, and what does not fit is shared out by MOT_STR_THR_MIX.
+    at its end, or the boat is slower than MOT_SPD_SCA_BASE. A boat with outputs for left and right throttle steers by
+    their difference: never scaled with speed, and what does not fit is shared out by MOT_STR_THR_MIX.
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:

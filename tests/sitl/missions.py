@@ -60,6 +60,15 @@ def sailing(steps: Sequence[Step], **options: Any) -> Ground:
     return ground
 
 
+def twin(**parameters: float) -> Ground:
+    """Return a ground station with the blueboat, armed in MANUAL."""
+    ground = Ground("blueboat", parameters=parameters)
+    ground.sticks = {1: 1500, 3: 1500}
+    ground.run(5.0)
+    assert ground.command(400, 1) == 0
+    return ground
+
+
 def run_until_reached(ground: Ground, seq: int, within: float = 300.0) -> float:
     """Let time pass until item *seq* is reported as reached; return when [s]."""
     end = ground.t + within

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sitl.place import to_globe
 from tests.sitl.ground import GUIDED, Ground, boat
-from tests.sitl.missions import AUTO, LOITER, place, run_until_reached, speed, upload, waypoint
+from tests.sitl.missions import AUTO, LOITER, place, run_until_reached, speed, twin, upload, waypoint
 
 TUNED = {"ATC_STR_RAT_FF": 3.0, "ATC_STR_RAT_P": 2.0, "ATC_STR_ANG_P": 1.0}
 ONLY_PLACE, VELOCITY = 0b110111111000, 0b110111000111
@@ -144,16 +144,8 @@ def test_a_stopped_boat_drifts_without_throttle():
     assert ground.servos[2] == 1500 and speed(ground) == pytest.approx(0.4, abs=0.1)
 
 
-def _twin(**parameters: float) -> Ground:
-    ground = Ground("blueboat", parameters=parameters)
-    ground.sticks = {1: 1500, 3: 1500}
-    ground.run(5.0)
-    assert ground.command(400, 1) == 0
-    return ground
-
-
 def test_a_boat_with_two_thrusters_pivots_at_a_sharp_corner():
-    ground = _twin()
+    ground = twin()
     upload(ground, [waypoint(15 + 0j), waypoint(15 + 20j)])
     ground.mode(AUTO)
     run_until_reached(ground, 1)
@@ -166,7 +158,7 @@ def test_a_boat_with_two_thrusters_pivots_at_a_sharp_corner():
 
 
 def test_a_flat_corner_is_rounded_without_a_pivot_turn():
-    ground = _twin()
+    ground = twin()
     upload(ground, [waypoint(15 + 0j), waypoint(30 + 8j)])
     ground.mode(AUTO)
     run_until_reached(ground, 1)
@@ -178,7 +170,7 @@ def test_a_flat_corner_is_rounded_without_a_pivot_turn():
 
 
 def test_no_pivot_turn_where_its_angle_is_zero():
-    ground = _twin(WP_PIVOT_ANGLE=0)
+    ground = twin(WP_PIVOT_ANGLE=0)
     upload(ground, [waypoint(15 + 0j), waypoint(15 + 20j)])
     ground.mode(AUTO)
     run_until_reached(ground, 1)
@@ -190,7 +182,7 @@ def test_no_pivot_turn_where_its_angle_is_zero():
 
 
 def test_a_pivot_turn_is_followed_by_its_delay():
-    ground = _twin(WP_PIVOT_DELAY=4)
+    ground = twin(WP_PIVOT_DELAY=4)
     upload(ground, [waypoint(15 + 0j), waypoint(15 + 20j)])
     ground.mode(AUTO)
     run_until_reached(ground, 1)
@@ -214,7 +206,7 @@ def test_a_rudder_boat_keeps_its_speed_in_a_turn():
 
 
 def test_the_integral_of_the_velocity_is_kept_across_the_hull_only():
-    ground = _twin(PSC_VEL_I=0.3)
+    ground = twin(PSC_VEL_I=0.3)
     upload(ground, [waypoint(80 + 0j)])
     ground.mode(AUTO)
     ground.vehicle.plant.water.V_y = 0.3
