@@ -29,8 +29,8 @@ from gcs_autotune.identify import AxisFit, Structure, cramer_rao, fit_axis
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Sequencer
 from gcs_autotune.models import SingleDof
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow.connection import telemetry_rates
 from gcs_autotune.workflow.experiments import Relays, second_output, speed_for
 from gcs_autotune.workflow.settings import Connection, TuneSettings
@@ -122,11 +122,11 @@ def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
         settings = TuneSettings(Connection("memory"), Path(), axis=axis_name)
         throttle, _ = speed_for(settings, axis, craft.parameters.read_existing(axis.context))
         craft.arm()
-        sequencer = Sequencer(craft, Envelope(), SilentWatcher(), kept.append)
+        sequencer = Sequencer(craft, Envelope(), SilentObserver(), kept.append)
         relays = Relays(settings, axis.dof, throttle, keep_still=not craft.firmware.needs_way)
-        first = sequencer.fly(relays.relay("relay-1", None)).trial
+        first = sequencer.fly(relays.relay("relay-1", None))
         output = second_output(first)
-        second = sequencer.fly(relays.relay("relay-2", output)).trial
+        second = sequencer.fly(relays.relay("relay-2", output))
     return axis, [first, second]
 
 

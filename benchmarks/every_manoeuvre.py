@@ -29,8 +29,8 @@ from gcs_autotune.errors import AutotuneError, PreconditionFailed, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.manoeuvres import MANOEUVRES
+from gcs_autotune.observer import Progress, SilentObserver
 from gcs_autotune.report import Document
-from gcs_autotune.watch import Progress, SilentWatcher
 from gcs_autotune.workflow import (
     CommonSettings,
     Connection,
@@ -51,7 +51,7 @@ QUICK = {"SCHED_LOOP_RATE": 100.0}
 """An ArduSub whose 400 Hz do not matter here: a quarter of the work."""
 
 
-class Ear(SilentWatcher):
+class Ear(SilentObserver):
     """Hears whether it was armed and what was announced, and watches where *server*'s hull goes meanwhile."""
 
     def __init__(self, server: Server) -> None:

@@ -22,8 +22,8 @@ from gcs_autotune.experiments import eliminate
 from gcs_autotune.identify import Fit, fit
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.models import FORMS
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import CommonSettings, Connection, FlySettings, Unattended, fly
 from sitl import open_vehicle
 
@@ -48,7 +48,7 @@ def flown(seed: int, duration: float) -> Trial:
     with tempfile.TemporaryDirectory() as place:
         common = CommonSettings(Connection("memory", opened=link), Path(place) / "run", throttle=0.5)
         settings = FlySettings("s-manoeuvre", common, {"steering": 0.4, "duration": duration})
-        trial = fly(settings, Unattended(), SilentWatcher(), "").trial
+        trial = fly(settings, Unattended(), SilentObserver(), "").trial
     assert trial is not None
     return trial.with_full_scale(FULL)
 

@@ -36,7 +36,7 @@ __all__ = ["FuzzedVehicle", "aboard", "fuzz_files", "fuzz_messages"]
 
 HARMLESS = ("HEARTBEAT", "TIMESYNC", "PARAM_REQUEST_READ", "MAV_CMD_SET_MESSAGE_INTERVAL")
 """What may be sent: questions, signs of life, and a stream that has gone thin asked for again."""
-WATCHED = ("ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_FF")
+PLOTTED_SIGNALS = ("ATC_STR_RAT_P", "ATC_STR_RAT_I", "ATC_STR_RAT_FF")
 _HEARD = (
     *("HEARTBEAT", "PARAM_VALUE", "PARAM_ERROR", "ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED", "STATUSTEXT"),
     *("GLOBAL_POSITION_INT", "VFR_HUD", "SCALED_PRESSURE2", "SYS_STATUS", "COMMAND_ACK", "MESSAGE_INTERVAL"),
@@ -97,7 +97,7 @@ class FuzzedVehicle:
         size = cls.unpacker.size
         payload = bytearray(self._payload(draw, size))
         if cls.msgname == "PARAM_VALUE" and draw.random() < 0.7:
-            payload[8:24] = draw.choice(WATCHED).encode().ljust(16, b"\0")
+            payload[8:24] = draw.choice(PLOTTED_SIGNALS).encode().ljust(16, b"\0")
         if draw.random() < 0.1:
             del payload[draw.randrange(1, size + 1) :]
         own = draw.random() < 0.8
@@ -135,7 +135,7 @@ def aboard(vehicle: FuzzedVehicle) -> MavlinkCraft:
     """Return a craft on it, opened while it is sane, with everything listening."""
     session = Session(MemoryLink(vehicle))
     craft = open_craft(session)
-    craft.parameters.watch(craft.parameters.read_all(WATCHED))
+    craft.parameters.watch(craft.parameters.read_all(PLOTTED_SIGNALS))
     craft.start_recording("fuzzed")
     return craft
 
@@ -189,7 +189,7 @@ def _good_files() -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "journal.jsonl"
         journal = Journal(path, mode="HOLD", armed=False, link="memory")
-        for name in WATCHED:
+        for name in PLOTTED_SIGNALS:
             journal.record("lent", name=name, value=0.2)
             journal.record("writing", name=name, value=0.3)
             journal.record("written", name=name, value=0.3)

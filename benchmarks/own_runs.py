@@ -37,9 +37,9 @@ from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import load_model
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.logs import load_runs
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import (
     CommonSettings,
     Connection,
@@ -273,14 +273,14 @@ def flown(case: Case, folder: Path) -> Path:
     verb, _, axis = case.kind.rpartition(" ")
     connection = Connection("memory", opened=link)
     if verb == "tune":
-        tune(TuneSettings(connection, place, axis=axis), Unattended(), SilentWatcher(), "")
+        tune(TuneSettings(connection, place, axis=axis), Unattended(), SilentObserver(), "")
     elif verb:
-        experiment(TuneSettings(connection, place, axis=axis), Unattended(), SilentWatcher(), "")
+        experiment(TuneSettings(connection, place, axis=axis), Unattended(), SilentObserver(), "")
     else:
         fly(
             FlySettings(case.kind, CommonSettings(connection, place), force=case.force),
             Unattended(),
-            SilentWatcher(),
+            SilentObserver(),
             "",
         )
     (place / "flown").touch()

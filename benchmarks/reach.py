@@ -44,9 +44,9 @@ from gcs_autotune.firmware import FIRMWARE, Axis, Gain
 from gcs_autotune.link import MemoryLink, Transport
 from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.models import SingleDof
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import load_trial
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
 from sitl.actuators import TwinThrusterBoat
@@ -176,7 +176,7 @@ def tune_once(vehicle: str, axis: str, seed: int) -> Tuned:
     with tempfile.TemporaryDirectory() as folder:
         settings = TuneSettings(Aboard(server=server), Path(folder) / "run", axis=axis)
         try:
-            story: TuneStory = tune(settings, Unattended(), SilentWatcher(), "2026-11-20T12:00:00")
+            story: TuneStory = tune(settings, Unattended(), SilentObserver(), "2026-11-20T12:00:00")
         except AutotuneError as error:
             print(f"   {vehicle} {axis} {seed}: {error}")
         else:

@@ -26,8 +26,8 @@ from gcs_autotune.experiments import relative_errors
 from gcs_autotune.identify import fit
 from gcs_autotune.link import MemoryLink
 from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import (
     CommonSettings,
     Connection,
@@ -80,7 +80,7 @@ def flown(path: Path, seed: int, plan: FlightPlan, common: CommonSettings) -> Fl
         return replace(run, common=replace(run.common, connection=common.connection))
 
     plan = replace(plan, runs=tuple(here(run) for run in plan.runs))
-    return fly_plan(plan, common, Unattended(), SilentWatcher(), "")
+    return fly_plan(plan, common, Unattended(), SilentObserver(), "")
 
 
 def seconds_of(result: FlightResult, until: Precision) -> float:

@@ -15,7 +15,7 @@ from benchmarks.results import Figure, count, headline
 from benchmarks.throttled_pty import ThrottledPty
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Transport
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import Connection, TuneSettings, tune
 from gcs_autotune.workflow.operator import Unattended
 from sitl import open_vehicle
@@ -39,7 +39,7 @@ def run(vehicle: str, axis: str, baud: int, seed: int) -> tuple[str, bool]:
     with tempfile.TemporaryDirectory() as folder:
         settings = TuneSettings(Ready("serial", link=link), Path(folder) / "run", axis=axis)
         try:
-            story = tune(settings, Unattended(), SilentWatcher(), "benchmark")
+            story = tune(settings, Unattended(), SilentObserver(), "benchmark")
             ending = story.ending
         except AutotuneError as error:
             ending = f"{type(error).__name__}: {error}"

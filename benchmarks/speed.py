@@ -30,9 +30,9 @@ from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Session, open_craft, open_link
 from gcs_autotune.manoeuvres import common_windows
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import load_trial
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import TuneSettings, Unattended, tune
 from gcs_autotune.workflow.connection import SERVO_RATE
 from gcs_autotune.workflow.experiments import measure, resolution
@@ -128,7 +128,7 @@ def _story(vehicle: str, axis: str, seed: int, waves: bool, rule: str, run: Path
     server = open_vehicle(vehicle, seed=seed, effects=sea if waves else ())
     settings = TuneSettings(Aboard(server=server), run, axis=axis, stop_rule=rule)
     try:
-        story = tune(settings, Unattended(), SilentWatcher(), "2026-11-23T12:00:00")
+        story = tune(settings, Unattended(), SilentObserver(), "2026-11-23T12:00:00")
     except AutotuneError as error:
         print(f"   {vehicle} {axis} {seed} {rule}: {error}")
         return None, "aborted"

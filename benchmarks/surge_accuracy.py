@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.reach import Aboard
 from benchmarks.results import Figure, headline
 from gcs_autotune.identify import CURVE
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import TuneSettings, Unattended, experiment
 from sitl import open_vehicle
 
@@ -38,7 +38,7 @@ def fly(boat: str, seed: int) -> dict[str, tuple[float, float, float]]:
     truth = {"alpha_u": hull.alpha / full, "beta_u": hull.beta / full, "beta_uu": hull.beta2 / full}
     with tempfile.TemporaryDirectory() as folder:
         settings = TuneSettings(Aboard(server=server), Path(folder) / "run", axis="surge")
-        fit = experiment(settings, Unattended(), SilentWatcher())
+        fit = experiment(settings, Unattended(), SilentObserver())
     damping = "beta_uu" if BOATS[boat][1] else "beta_u"
     found = {name: (fit.parameters[name].value, fit.parameters[name].std, truth[name]) for name in ("alpha_u", damping)}
     return {**found, "share": (fit.extra[CURVE]["square"], fit.extra[CURVE]["std"], BOATS[boat][0])}

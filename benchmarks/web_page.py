@@ -6,7 +6,7 @@ over an hour's ticks. With ``--browser`` one more viewer is the page in Chromium
 from a click on it.
 
 The server is that of ``gcs-autotune serve``. It starts this file again as a run: ticks at 25 Hz to the real
-``RemoteWatcher``, or, for STOP, the real craft on a real link to the simulator with the real sequencer.
+``RemoteObserver``, or, for STOP, the real craft on a real link to the simulator with the real sequencer.
 """
 
 from __future__ import annotations
@@ -39,24 +39,24 @@ HEADERS = {"X-Autotune-Token": "none", "Content-Type": "application/json"}
 
 
 def as_run(arguments: list[str]) -> int:
-    from gcs_autotune.cli.remote import RemoteOperator, RemoteWatcher
+    from gcs_autotune.cli.remote import RemoteObserver, RemoteOperator
 
     uri, out = (next(a for a in arguments if a.startswith(k)).partition("=")[2] for k in ("--connect=", "--out="))
     Path(out).mkdir(parents=True)
-    with RemoteWatcher(sys.stdout.buffer) as watcher:
-        operator = RemoteOperator(watcher, sys.stdin.fileno())
+    with RemoteObserver(sys.stdout.buffer) as observer:
+        operator = RemoteOperator(observer, sys.stdin.fileno())
         if uri.startswith("tcp:"):
-            _stops(uri, Path(out), operator, watcher)
+            _stops(uri, Path(out), operator, observer)
         else:
-            _ticks(uri, Path(out), operator, watcher)
+            _ticks(uri, Path(out), operator, observer)
     return 0
 
 
-def _ticks(uri: str, out: Path, operator: Any, watcher: Any) -> None:
+def _ticks(uri: str, out: Path, operator: Any, observer: Any) -> None:
     """Tell a tick every 40 ms, or an hour's as fast as they are taken; note how late each was and what telling took."""
-    from gcs_autotune.watch import Progress, SilentWatcher
+    from gcs_autotune.observer import Progress, SilentObserver
 
-    listener = SilentWatcher() if "silent" in uri else watcher
+    listener = SilentObserver() if "silent" in uri else observer
     hour = "hour" in uri
     late, took = [], []
     begun = time.monotonic()
@@ -77,7 +77,7 @@ def _ticks(uri: str, out: Path, operator: Any, watcher: Any) -> None:
     (out / "late.json").write_text(json.dumps({"late": late, "took": took}))
 
 
-def _stops(uri: str, out: Path, operator: Any, watcher: Any) -> None:
+def _stops(uri: str, out: Path, operator: Any, observer: Any) -> None:
     """Swing the rudder by the real sequencer until STOP, again and again; note when the first neutral override left."""
     from gcs_autotune.craft import Actuate
     from gcs_autotune.errors import OperatorStopped
@@ -100,7 +100,7 @@ def _stops(uri: str, out: Path, operator: Any, watcher: Any) -> None:
                 now = yield Actuate(N=0.5 if now.t % 0.4 < 0.2 else -0.5)
 
     record = RunDirectory(out)
-    with connect_craft(CommonSettings(Connection(uri), out), operator, watcher, record, "heading") as craft:
+    with connect_craft(CommonSettings(Connection(uri), out), operator, observer, record, "heading") as craft:
         sent: list[float] = []  # when the first neutral override left after the last that was none
         send = craft.session.send
 
@@ -111,16 +111,16 @@ def _stops(uri: str, out: Path, operator: Any, watcher: Any) -> None:
 
         craft.session.send = timed
         craft.arm()
-        sequencer = Sequencer(craft, Envelope(), watcher, lambda trial: None)
+        sequencer = Sequencer(craft, Envelope(), observer, lambda trial: None)
         while not (out / "enough").exists():
-            watcher.say("swinging")
+            observer.say("swinging")
             try:
                 sequencer.fly(Swing(), "swinging")
             except OperatorStopped:
                 neutral = sent[:]
                 sequencer.go_on()
             operator._stop = craft.session.operator.asked = False
-            watcher.say("neutral " + json.dumps(neutral))
+            observer.say("neutral " + json.dumps(neutral))
         craft.disarm()
 
 

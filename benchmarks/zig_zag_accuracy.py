@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.results import Figure, headline
 from gcs_autotune.link import MemoryLink
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import CommonSettings, Connection, FlightResult, FlySettings, Unattended, fly
 from sitl import load_vehicle, open_vehicle
 from sitl.plants import Wrench
@@ -73,7 +73,7 @@ def flown(craft: str, seed: int, options: Mapping[str, float], *, noise: bool = 
     link.is_simulated = True
     with tempfile.TemporaryDirectory() as place:
         common = CommonSettings(Connection("memory", opened=link), Path(place) / "run")
-        return fly(FlySettings("zig-zag", common, options), Unattended(), SilentWatcher(), "")
+        return fly(FlySettings("zig-zag", common, options), Unattended(), SilentObserver(), "")
 
 
 def figures(result: FlightResult) -> dict[str, float]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer, restore_on_exit
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow.connection import telemetry_rates
 from gcs_autotune.workflow.record import RunDirectory
 from sitl import open_vehicle
@@ -38,10 +38,10 @@ def main(run: Path) -> None:
         manoeuvre = kind.make({**usual, "steering": 0.6, **ASKED})
         with Session(MemoryLink(open_vehicle("cybership2", seed=1))) as session:
             craft = open_craft(session, wanted_rates=telemetry_rates(10.0))
-            with restore_on_exit(craft, SilentWatcher()):
+            with restore_on_exit(craft, SilentObserver()):
                 craft.set_mode(craft.firmware.manual_mode)
                 craft.arm()
-                Sequencer(craft, ANY_HEADING, SilentWatcher(), record.keep).fly(manoeuvre)
+                Sequencer(craft, ANY_HEADING, SilentObserver(), record.keep).fly(manoeuvre)
 
 
 if __name__ == "__main__":

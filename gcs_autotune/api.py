@@ -285,8 +285,7 @@ def _table(source: Any) -> dict[str, ArrayLike]:
         return {str(head): _seconds(np.asarray(values)) for head, values in source.items()}
     raise UsageError(
         f"a {type(source).__name__} is not a source of runs. Use a path, a pandas DataFrame, an xarray Dataset, a "
-        f"mapping "
-        "of name[unit] to arrays, or a structured array"
+        "mapping of name[unit] to arrays, or a structured array"
     )
 
 

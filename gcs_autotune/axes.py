@@ -1,6 +1,8 @@
-"""The axes: the loop tuned, the experiment that identifies it, and the names and numbers of both.
+"""What an axis is, in three tables of which each row reads the one below it, and nothing is repeated.
 
-The firmware profile (``Firmware.axes``) contains the loops, laws and gains of each firmware.
+``sname.DOFS`` has the names of a motion, :data:`EXCITATIONS` how it is identified, :data:`AXES` the loop on it.
+
+The firmware profile (``Firmware.axes``) adds the law and the gains that each firmware has for an axis.
 """
 
 from __future__ import annotations
@@ -33,17 +35,15 @@ class Excitation:
 
     Attributes
     ----------
-    signal : feedback signal of the relay; ``x`` is integrated speed ahead, ``y`` sideways.
     least_hysteresis : of a relay on it [rad or m].
     title : name of the oscillating motion, for people.
     check : announcement of the actuator check.
     check_reach, check_time : a pulse of the check ends at this fraction of ``least_hysteresis``, or after this time
     [s]. by_throttle : throttle drives it, so a craft under way is identified by throttle steps.
-    below_surface : it can only be excited under water.
+    below_surface : it can only be excited under water. turns : its force steers the craft.
     """
 
     dof: str
-    signal: str
     least_hysteresis: float
     title: str
     check: str
@@ -51,21 +51,27 @@ class Excitation:
     check_time: float = 6.0
     by_throttle: bool = False
     below_surface: bool = False
+    turns: bool = False
 
     @property
     def names(self) -> Dof:
         """The names of its signals and parameters."""
         return DOFS[self.dof]
 
+    @property
+    def signal(self) -> str:
+        """The feedback signal of the relay; ``x`` is integrated speed ahead, ``y`` sideways."""
+        return self.names.position
+
 
 EXCITATIONS: Mapping[str, Excitation] = {
     e.dof: e
     for e in (
         # A yaw time constant of 8 s shows 0.4 of its rate in 4 s.
-        Excitation("yaw", "psi", math.radians(10.0), "heading", _PULSES, check_reach=0.6, check_time=4.0),
-        Excitation("heave", "z", 0.15, "depth", _PULSES, below_surface=True),
-        Excitation("surge", "x", 0.3, "speed", "a pulse ahead to check the response, then ", by_throttle=True),
-        Excitation("sway", "y", 0.3, "sideways speed", ""),
+        Excitation("yaw", math.radians(10.0), "heading", _PULSES, check_reach=0.6, check_time=4.0, turns=True),
+        Excitation("heave", 0.15, "depth", _PULSES, below_surface=True),
+        Excitation("surge", 0.3, "speed", "a pulse ahead to check the response, then ", by_throttle=True),
+        Excitation("sway", 0.3, "sideways speed", ""),
     )
 }
 """Degree of freedom -> how it is identified."""
@@ -101,9 +107,19 @@ class AxisKind:
         return EXCITATIONS[self.dof]
 
     @property
+    def names(self) -> Dof:
+        """The names of its signals and parameters."""
+        return DOFS[self.dof]
+
+    @property
     def angular(self) -> bool:
         """Whether its steps and hystereses are typed in degrees."""
-        return DOFS[self.dof].angular
+        return self.names.angular
+
+    @property
+    def controls_velocity(self) -> bool:
+        """Whether its loop is stepped in a speed or a turn rate, about what the craft keeps."""
+        return self.stepped != self.names.position
 
 
 AXES: Mapping[str, AxisKind] = {
@@ -120,7 +136,7 @@ AXES: Mapping[str, AxisKind] = {
 OTHER_NAMES: Mapping[str, str] = {"surge": "speed"}
 """Alias -> name of an axis."""
 
-SIGNAL_FORCES: Mapping[str, str] = {a.stepped: DOFS[a.dof].force for a in AXES.values()}
+SIGNAL_FORCES: Mapping[str, str] = {a.stepped: a.names.force for a in AXES.values()}
 """Stepped signal -> the force that drives it."""
 
 

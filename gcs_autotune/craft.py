@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 from gcs_autotune.clock import Clock
 from gcs_autotune.firmware import Firmware
@@ -23,7 +23,9 @@ __all__ = [
     "HeadingTarget",
     "Intervention",
     "Observation",
+    "SteeredBy",
     "TurnRateTarget",
+    "set_point",
 ]
 
 
@@ -102,7 +104,26 @@ class DepthTarget:
     z: float
 
 
+SteeredBy = Literal["rudder", "thrusters", "rov"]
+"""What turns a craft: a boat's rudder, its two thrusters, or the thrusters of an ROV, which turns on the spot."""
 Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget
+
+
+def set_point(signal: str, value: float, *, course: float = math.nan, speed: float = 0.0) -> Command:
+    """Return the command that has the autopilot's own loop hold *signal* at *value* [SI].
+
+    course : heading [rad] to keep where the signal is the speed. speed : ahead [m/s] where it is not.
+    """
+    match signal:
+        case "psi":
+            return HeadingTarget(value, speed)
+        case "r":
+            return TurnRateTarget(value, speed)
+        case "u":
+            return HeadingTarget(course, value)
+        case "z":
+            return DepthTarget(value)
+    raise KeyError(signal)
 
 
 @dataclass(frozen=True, slots=True)

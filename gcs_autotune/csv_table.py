@@ -141,7 +141,7 @@ def cells_of(path: Path) -> Cells:
     remarks = [row for row in rows if row[0].lstrip().startswith("#")]
     rows = [row for row in rows if not row[0].lstrip().startswith("#")]
     if rows:
-        _see_separator(path, rows)
+        _verify_separator(path, rows)
     if rows and all(_NUMBER.match(cell) for cell in rows[0]):
         above = [row for row in remarks if len(row) == len(rows[0])]
         if not above:
@@ -162,7 +162,7 @@ def cells_of(path: Path) -> Cells:
     return _with_units(Cells(path, named, body))
 
 
-def _see_separator(path: Path, rows: Sequence[list[str]]) -> None:
+def _verify_separator(path: Path, rows: Sequence[list[str]]) -> None:
     head = rows[0]
     name = shlex.quote(path.name)
     body = "\n".join(",".join(row) for row in rows[1:50])

@@ -179,12 +179,12 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
         def work(connection: Connection) -> None:
             from rich.console import Console
 
-            from gcs_autotune.report import TerminalWatcher, print_document, tune_document
+            from gcs_autotune.report import TerminalObserver, print_document, tune_document
 
             console = Console(force_terminal=False, width=100)
             settings = tune_settings(args, connection, now)
-            with TerminalWatcher(console, quiet=args.quiet) as watcher:
-                story = tune(settings, self._person, watcher, now.isoformat(timespec="seconds"))
+            with TerminalObserver(console, quiet=args.quiet) as observer:
+                story = tune(settings, self._person, observer, now.isoformat(timespec="seconds"))
             print_document(console, tune_document(story))
 
         self._begin(f"tune {args.axis}", _Console(yes=args.yes), work)
@@ -198,10 +198,10 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
         def work(connection: Connection) -> None:
             from rich.console import Console
 
-            from gcs_autotune.report import TerminalWatcher
+            from gcs_autotune.report import TerminalObserver
 
-            with TerminalWatcher(Console(force_terminal=False, width=100)) as watcher:
-                for name, (found, old) in restore_run(connection, run, self._person, watcher).items():
+            with TerminalObserver(Console(force_terminal=False, width=100)) as observer:
+                for name, (found, old) in restore_run(connection, run, self._person, observer).items():
                     _print(f"{name}: {found:g} -> {old:g}, verified by reading back")
 
         self._begin("restore", _Console(yes=False), work)

@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from gcs_autotune.errors import BadFile
 
@@ -34,6 +35,7 @@ __all__ = [
     "OVERFULL",
     "SIGNALS",
     "Dof",
+    "Signal",
     "column_unit",
     "parse_header",
     "signal_meaning",
@@ -41,34 +43,52 @@ __all__ = [
     "wrap",
 ]
 
-SIGNALS: dict[str, tuple[str, str]] = {
-    "x": ("m", "north position"),
-    "y": ("m", "east position"),
-    "z": ("m", "depth, down positive"),
-    "phi": ("rad", "roll angle"),
-    "theta": ("rad", "pitch angle"),
-    "psi": ("rad", "heading, north over east"),
-    "u": ("m/s", "surge velocity"),
-    "v": ("m/s", "sway velocity"),
-    "w": ("m/s", "heave velocity"),
-    "p": ("rad/s", "roll rate"),
-    "q": ("rad/s", "pitch rate"),
-    "r": ("rad/s", "yaw rate"),
-    "U": ("m/s", "speed over ground"),
-    "X": ("N", "surge force, or fraction of full output"),
-    "Y": ("N", "sway force, or fraction of full output"),
-    "Z": ("N", "heave force, or fraction of full output"),
-    "K": ("N m", "roll moment, or fraction of full output"),
-    "M": ("N m", "pitch moment, or fraction of full output"),
-    "N": ("N m", "yaw moment, or fraction of full output"),
-    "delta": ("rad", "rudder angle"),
-    "n": ("rad/s", "propeller speed"),
-    "d": ("m", "distance to a flat surface ahead"),
-    "psi_ref": ("rad", "commanded heading"),
-    "z_ref": ("m", "commanded depth"),
-    "u_ref": ("m/s", "commanded speed ahead"),
+
+class Signal(NamedTuple):
+    """One signal: its SI unit and meaning.
+
+    ``wraps``: an angle on a circle. ``down``: grows downwards, and is plotted so.
+    """
+
+    unit: str
+    meaning: str
+    wraps: bool = False
+    down: bool = False
+
+    @property
+    def angular(self) -> bool:
+        """Whether it is an angle or its rate of change, which people read in degrees."""
+        return self.unit.startswith("rad")
+
+
+SIGNALS: dict[str, Signal] = {
+    "x": Signal("m", "north position"),
+    "y": Signal("m", "east position"),
+    "z": Signal("m", "depth, down positive", down=True),
+    "phi": Signal("rad", "roll angle"),
+    "theta": Signal("rad", "pitch angle"),
+    "psi": Signal("rad", "heading, north over east", wraps=True),
+    "u": Signal("m/s", "surge velocity"),
+    "v": Signal("m/s", "sway velocity"),
+    "w": Signal("m/s", "heave velocity"),
+    "p": Signal("rad/s", "roll rate"),
+    "q": Signal("rad/s", "pitch rate"),
+    "r": Signal("rad/s", "yaw rate"),
+    "U": Signal("m/s", "speed over ground"),
+    "X": Signal("N", "surge force, or fraction of full output"),
+    "Y": Signal("N", "sway force, or fraction of full output"),
+    "Z": Signal("N", "heave force, or fraction of full output"),
+    "K": Signal("N m", "roll moment, or fraction of full output"),
+    "M": Signal("N m", "pitch moment, or fraction of full output"),
+    "N": Signal("N m", "yaw moment, or fraction of full output"),
+    "delta": Signal("rad", "rudder angle"),
+    "n": Signal("rad/s", "propeller speed"),
+    "d": Signal("m", "distance to a flat surface ahead"),
+    "psi_ref": Signal("rad", "commanded heading"),
+    "z_ref": Signal("m", "commanded depth"),
+    "u_ref": Signal("m/s", "commanded speed ahead"),
 }
-"""Signal name -> (SI unit, meaning)."""
+"""Signal name -> its row."""
 
 _ALONG: dict[tuple[str, str], str] = {("surge", "x"): "distance ahead", ("sway", "y"): "distance to starboard"}
 """(Degree of freedom identified alone, signal) -> meaning: its position is not one on the map."""

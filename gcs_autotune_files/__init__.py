@@ -214,17 +214,17 @@ def _bounded(data: Any) -> None:
             if isinstance(each, (dict, list)):
                 named = each.items() if isinstance(each, dict) else enumerate(each)
                 for name, value in named:
-                    _see_value(place, name)
+                    _verify_value(place, name)
                     deeper.append((f"{place}.{name}" if place else str(name), value))
             else:
-                _see_value(place, each)
+                _verify_value(place, each)
         if not deeper:
             return
         level = deeper
     raise Refused(f"it is nested more than {DEEPEST} levels deep")
 
 
-def _see_value(place: str, value: object) -> None:
+def _verify_value(place: str, value: object) -> None:
     at = f"{clipped(place, 100)}: " if place else ""
     if isinstance(value, str):
         try:

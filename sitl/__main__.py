@@ -127,8 +127,7 @@ def _speedup(text: str) -> float:
         pass
     raise _Usage(
         f"--speedup {clipped(text)}: use {_SLOWEST:g} to {_QUICKEST:g} simulated seconds per second. A slow computer "
-        f"runs "
-        "as fast as it can"
+        "runs as fast as it can"
     )
 
 

@@ -29,7 +29,7 @@ from sitl.actuators import (
 )
 from sitl.plants import AxisDynamics, Coupling, PlanarHull, Water, coupling_of
 from sitl.sensors import Rangefinder, SensorData
-from sitl.vehicle_file import see_vehicle_tables
+from sitl.vehicle_file import verify_vehicle_tables
 
 __all__ = ["VEHICLES", "BadVehicle", "UnknownVehicle", "VehicleData", "load_vehicle"]
 
@@ -199,7 +199,7 @@ def _tables(path: Path) -> dict[str, Any]:
     for heading, table in own.items():
         tables[heading] = {**tables.get(heading, {}), **table} if isinstance(table, dict) else table
     tables.pop("like", None)
-    see_vehicle_tables(own, tables)
+    verify_vehicle_tables(own, tables)
     return tables
 
 

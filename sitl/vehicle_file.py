@@ -15,7 +15,7 @@ from msgspec import Meta, Struct, defstruct
 
 from gcs_autotune_files import conform, shown
 
-__all__ = ["HEADINGS", "VehicleFile", "see_vehicle_tables"]
+__all__ = ["HEADINGS", "VehicleFile", "verify_vehicle_tables"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ VehicleFile: type[Struct] = defstruct(
 """A vehicle file, or what it changes of the vehicle it is ``like``."""
 
 
-def see_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
+def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     """See that a file (*own*) is of the schema, and that the vehicle it makes (*tables*, all said) makes sense.
 
     Raises
@@ -151,7 +151,7 @@ def see_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     ValueError
         It does not; the message says where.
     """
-    _see_units(own)
+    _verify_units(own)
     conform(own, VehicleFile)
     if not isinstance(tables.get("title"), str):
         raise ValueError("missing entry 'title'")
@@ -174,7 +174,7 @@ def see_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
         raise ValueError("start: depth is not above the bottom")
 
 
-def _see_units(own: Any) -> None:
+def _verify_units(own: Any) -> None:
     for heading, rows in HEADINGS.items():
         table = own.get(heading)
         for name, entry in table.items() if isinstance(table, dict) else ():

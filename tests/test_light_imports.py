@@ -82,3 +82,10 @@ def test_a_constant_that_is_no_number_is_refused_before_anything_slow_is_importe
 def test_the_table_of_manoeuvres_is_told_without_what_flies_or_fits() -> None:
     modules = imported("from gcs_autotune.cli import main\nassert main(['fly', '--list']) == 0")
     assert modules.isdisjoint(("scipy", "numba", "gcs_autotune.identify", "gcs_autotune.link", "gcs_autotune.workflow"))
+
+
+@pytest.mark.parametrize("command", ["fly", "diagnose", "tune"])
+def test_a_command_imports_no_other_command(command: str) -> None:
+    asking = "from gcs_autotune.cli import main\ntry:\n    main([sys.argv[1], '--help'])\nexcept SystemExit:\n    pass"
+    commands = {name.split(".")[-1] for name in imported(asking, command) if name.endswith("_cmd")}
+    assert commands == {f"{command}_cmd", "tune_cmd"}  # the exit codes of a tune are part of every help

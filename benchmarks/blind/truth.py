@@ -20,8 +20,9 @@ from benchmarks.results import count, headline
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.base_model import base_limits, data_summary_of, plain_form
+from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.problem import Fitted, Problem
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.sname import DOFS
 
 __all__ = ["fit_truth", "main"]

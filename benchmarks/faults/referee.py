@@ -28,7 +28,7 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify.model_file import as_extended, load_model
 from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.models import SingleDof
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import TuneSettings, Unattended, restore_run, tune
 from gcs_autotune.workflow.restore import is_settled
 from sitl import open_vehicle
@@ -72,7 +72,7 @@ class Outcome:
         return json.dumps(asdict(self))
 
 
-class _Ear(SilentWatcher):
+class _Ear(SilentObserver):
     def __init__(self) -> None:
         self.said: list[str] = []
 

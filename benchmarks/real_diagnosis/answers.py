@@ -68,7 +68,7 @@ def answer_of(diagnosis: Diagnosis | str) -> Answer:
         return Answer(refused=diagnosis, **when)
     evidence = {
         (r.cause, r.place): f"{0.5 * r.evidence:+.0f} in log-likelihood"
-        + (f" on data left out ({', '.join(f'{v:+.0f}' for v in r.unseen)})" if r.unseen else "")
+        + (f" on held-out data ({', '.join(f'{v:+.0f}' for v in r.unseen)})" if r.unseen else "")
         for r in diagnosis.ranking
     }
     return Answer(
@@ -155,7 +155,7 @@ def page() -> str:
 
 
 def _block(name: str, case: Case, answer: Answer | None) -> str:
-    """Return the lead, and a table: plain model, what is missing, by how much, on data left out."""
+    """Return the lead, a table of figures, and the longer sentences as a list."""
     command = f"`BENCHMARKS_RECORD=1 python3 -m benchmarks.real_diagnosis --case {name}`"
     if answer is None:
         return f"Not recorded yet: {command}.\n"
@@ -163,22 +163,23 @@ def _block(name: str, case: Case, answer: Answer | None) -> str:
         return f"Refused: {answer.refused}\n\n{answer.date}, `{answer.commit}`. {command}\n"
     unseen = ", ".join(case.unseen) or "each in turn"
     rows = [
-        ("runs", f"{', '.join(case.runs)}; left out: {unseen}; `--dof {case.dof}`"),
+        ("runs", f"{', '.join(case.runs)}; held out: {unseen}; `--dof {case.dof}`"),
         *([("plain model", answer.plain)] if answer.plain else []),
         ("verdict", f"`{answer.verdict}`"),
     ]
     for k, cause in enumerate(answer.causes, start=1):
-        rows.append((f"missing, {k}" if len(answer.causes) > 1 else "missing", cause.what))
+        rows.append((f"cause {k}" if len(answer.causes) > 1 else "cause", cause.what))
         rows += [("evidence", cause.evidence)] if cause.evidence else []
-        rows += [("what it gains", cause.gain)] if len(answer.causes) > 1 and cause.gain else []
+        rows += [("error reduction", cause.gain)] if len(answer.causes) > 1 and cause.gain else []
     rows += [("not distinguished", group) for group in answer.alike]
-    rows += [("error on data left out", answer.error)] if answer.error else []
-    rows += [("hint" if k == 0 else "next hint", f"{h.what}. {h.evidence}") for k, h in enumerate(answer.hints)]
-    rows += [("what remains", words) for words in answer.left]
+    rows += [("error on held-out data", answer.error)] if answer.error else []
     rows += [("doubts", ", ".join(f"`{d}`" for d in answer.doubts))] if answer.doubts else []
-    rows += [("fly next", answer.next)] if answer.next else []
     work = f"{answer.samples / 1e6:.0f} million samples" if answer.samples else answer.origin
     rows.append(("measured", f"{answer.date}, `{answer.commit}`, {work}"))
     table = "".join(f"| {label} | {' '.join(text.replace('|', chr(92) + '|').split())} |\n" for label, text in rows)
+    notes = [("Hint", f"{h.what}. {h.evidence}") for h in answer.hints]
+    notes += [("Residual", words) for words in answer.left]
+    notes += [("Fly next", answer.next)] if answer.next else []
+    listed = "".join(f"* {label}: {' '.join(text.split())}\n" for label, text in notes)
     lead = f"**{answer.lead}**\n\n" if answer.lead else ""
-    return f"{lead}| | |\n|---|---|\n{table}\n{command}\n"
+    return f"{lead}| | |\n|---|---|\n{table}\n{listed}{chr(10) * bool(listed)}{command}\n"

@@ -9,61 +9,71 @@ import re
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from typing import NoReturn
 
 from gcs_autotune import __version__
-from gcs_autotune.cli import (
-    completion_cmd,
-    diagnose_cmd,
-    doctor_cmd,
-    experiment_cmd,
-    export_cmd,
-    figures_cmd,
-    fly_cmd,
-    identify_cmd,
-    logs_cmd,
-    params_cmd,
-    recheck_cmd,
-    restore_cmd,
-    serve_cmd,
-    sitl_cmd,
-    thrusters_cmd,
-    tune_cmd,
-    watch_cmd,
-)
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
-from gcs_autotune.cli.tune_cmd import tune_settings
+from gcs_autotune.cli.tune_cmd import RESTORED, tune_settings
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, OperatorStopped, UsageError, exit_code
 from gcs_autotune.registry import nearest_of
 from gcs_autotune.untrusted_text import visible
 
 __all__ = ["COMMANDS", "find_config", "main", "make_parser", "read_config", "tune_settings"]
 
-COMMANDS: Mapping[str, Command] = {
-    c.name: c
-    for c in (
-        tune_cmd.COMMAND,
-        identify_cmd.COMMAND,
-        diagnose_cmd.COMMAND,
-        figures_cmd.COMMAND,
-        experiment_cmd.COMMAND,
-        fly_cmd.COMMAND,
-        recheck_cmd.COMMAND,
-        watch_cmd.COMMAND,
-        thrusters_cmd.COMMAND,
-        logs_cmd.COMMAND,
-        export_cmd.COMMAND,
-        params_cmd.COMMAND,
-        restore_cmd.COMMAND,
-        serve_cmd.COMMAND,
-        sitl_cmd.COMMAND,
-        doctor_cmd.DOCTOR,
-        doctor_cmd.PORTS,
-        completion_cmd.COMMAND,
-    )
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """One line of the table of commands: its help in the list, and where the command is."""
+
+    help: str
+    module: str
+    attribute: str = "COMMAND"
+
+    def load(self) -> Command:
+        """Import the command: only the one that runs, since each brings the tables it offers as options."""
+        command: Command = getattr(import_module(f"{__name__}.{self.module}"), self.attribute)
+        return command
+
+
+COMMANDS: Mapping[str, Verb] = {
+    "tune": Verb("identify the craft, design gains, prove them, keep or restore them", "tune_cmd"),
+    "identify": Verb("identify inertia, damping and constant force from recorded runs", "identify_cmd"),
+    "diagnose": Verb(
+        "find what a simulation gets wrong, identify the cause, and extend the model by it", "diagnose_cmd"
+    ),
+    "figures": Verb(
+        "compute ship figures (IMO, ITTC) from a zig-zag, turning circle, spiral, pull-out or stop", "figures_cmd"
+    ),
+    "experiment": Verb(
+        "fly relay experiments and identify one degree of freedom; writes no parameter", "experiment_cmd"
+    ),
+    "fly": Verb("fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model", "fly_cmd"),
+    "recheck": Verb(
+        "check whether the tune of the heading, depth or speed loop is still good; drives no actuator directly",
+        "recheck_cmd",
+    ),
+    "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
+    "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),
+    "logs": Verb("show the contents of a telemetry or onboard log, and import its runs", "logs_cmd"),
+    "export": Verb(
+        "write a model for ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table", "export_cmd"
+    ),
+    "params": Verb("save or restore a vehicle's parameters", "params_cmd"),
+    "restore": Verb("restore what an interrupted run left changed", "restore_cmd"),
+    "serve": Verb("web page to start, monitor and stop runs (extra: web)", "serve_cmd"),
+    "sitl": Verb("run a simulated vehicle that speaks MAVLink (see `gcs-autotune sitl --help`)", "sitl_cmd"),
+    "doctor": Verb(
+        "check this computer: programs, clock, disk, caches, ports and the vehicles on them", "doctor_cmd", "DOCTOR"
+    ),
+    "ports": Verb("list the ports and the vehicles heard on them", "doctor_cmd", "PORTS"),
+    "completion": Verb("print a completion script for bash, zsh or fish", "completion_cmd"),
 }
-"""Verb -> command; adding one is one file and one line."""
+"""Verb -> where its command is; adding one is one file and one line."""
+COMPLETION = "completion"
+"""The one command that needs the parsers of all others."""
 
 YOUNG = 20_000
 """Number of new objects before the garbage collector runs; chosen."""
@@ -75,19 +85,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Before NumPy is imported. Our matrices are small: a second thread wins nothing on an idle machine, and beside
     # other programs (a ground station, a simulator) the two wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if arguments[:1] == [sitl_cmd.COMMAND.name]:
-        return sitl_cmd.hand_over(arguments[1:])
+    if arguments[:1] == ["sitl"]:
+        from gcs_autotune.cli.sitl_cmd import hand_over
+
+        return hand_over(arguments[1:])
     args = None
     # What is imported stays: by Python's own threshold (700 objects) the collector would look at it 600 times.
     usual = gc.get_threshold()
     gc.set_threshold(YOUNG, *usual[1:])
     try:
         config = read_config(find_config())
-        args = make_parser(config).parse_args(arguments)
+        verb = next((word for word in arguments if word in COMMANDS), None)
+        args = make_parser(config, None if verb == COMPLETION else verb).parse_args(arguments)
         if used := config.used_by(args):
             told = ", ".join(f"{name} {shown_value(value)}" for name, value in used.items())
             sys.stderr.write(f"{visible(f'settings of {config.path}: {told}')}\n")
-        code = COMMANDS[args.command].run(args)
+        code = COMMANDS[args.command].load().run(args)
         sys.stdout.flush()
         return code
     except AutotuneError as error:
@@ -117,9 +130,12 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(f"{message.removeprefix('argument ')}{'.' if hint else ''}{hint} (see `{self.prog} --help`)")
 
 
-def make_parser(config: ConfigFile = NO_CONFIG) -> argparse.ArgumentParser:
-    """Return the parser of the whole command line, with the defaults of the settings file."""
-    rows = [(0, "done"), (tune_cmd.RESTORED, "tuned, but the old gains proved better and were restored")]
+def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argparse.ArgumentParser:
+    """Return the parser of the whole command line, with the defaults of the settings file.
+
+    only : the verb to be run; the others are listed without their options, and are not imported.
+    """
+    rows = [(0, "done"), (RESTORED, "tuned, but the old gains proved better and were restored")]
     rows += [(code, meaning) for _, code, meaning in EXIT_CODES]
     codes = "\n".join(f"  {code:3d}  {meaning}" for code, meaning in sorted(rows))
     parser = _Parser(
@@ -130,9 +146,13 @@ def make_parser(config: ConfigFile = NO_CONFIG) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"gcs-autotune {__version__}")
     verbs = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command in COMMANDS.values():
-        sub = verbs.add_parser(command.name, help=command.help, description=command.description)
+    for name, verb in COMMANDS.items():
+        if only not in (None, name):
+            verbs.add_parser(name, help=verb.help)
+            continue
+        command = verb.load()
+        sub = verbs.add_parser(name, help=verb.help, description=command.description)
         command.add_arguments(sub)
     config.apply(parser)
-    verbs.choices[completion_cmd.COMMAND.name].set_defaults(whole=parser)
+    verbs.choices[COMPLETION].set_defaults(whole=parser)
     return parser

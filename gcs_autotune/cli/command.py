@@ -21,7 +21,7 @@ from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 if TYPE_CHECKING:
     from gcs_autotune.manoeuvres import Envelope
     from gcs_autotune.mavlink import SigningKey
-    from gcs_autotune.report import StageBar, TerminalWatcher
+    from gcs_autotune.report import StageBar, TerminalObserver
     from gcs_autotune.workflow import Connection
 
 __all__ = [
@@ -67,10 +67,8 @@ GUARDING = (
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One verb: name, one-line help, options, and the function it runs (returns the exit code)."""
+    """One verb: description, options, and the function it runs (returns the exit code)."""
 
-    name: str
-    help: str
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
@@ -238,13 +236,13 @@ def add_loudness(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def watching(args: argparse.Namespace) -> TerminalWatcher:
+def watching(args: argparse.Namespace) -> TerminalObserver:
     """Return the progress display of a vehicle; :func:`add_loudness` sets how much it shows."""
     from rich.console import Console
 
-    from gcs_autotune.report import TerminalWatcher
+    from gcs_autotune.report import TerminalObserver
 
-    return TerminalWatcher(Console(stderr=True), quiet=args.quiet, verbose=args.verbose)
+    return TerminalObserver(Console(stderr=True), quiet=args.quiet, verbose=args.verbose)
 
 
 def progress_bar(args: argparse.Namespace, given: float = math.inf) -> StageBar:

@@ -45,8 +45,6 @@ def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
 
 
 COMMAND = Command(
-    name="completion",
-    help="print a completion script for bash, zsh or fish",
     description="Print a completion script. bash: `gcs-autotune completion bash > "
     "~/.local/share/bash-completion/completions/gcs-autotune`; zsh: `> ~/.zfunc/_gcs-autotune` (fpath); "
     "fish: `> ~/.config/fish/completions/gcs-autotune.fish`.",

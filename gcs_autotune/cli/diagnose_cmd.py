@@ -125,8 +125,6 @@ def _names(text: str | None) -> tuple[str, ...]:
 
 
 COMMAND = Command(
-    name="diagnose",
-    help="find what a simulation gets wrong, identify the cause, and extend the model by it",
     description="Compare measured runs with a plain simulation of the same commands (or --model, or --simulation), "
     "identify what is missing from it, and measure the improvement on held-out data. Every verdict exits with code 0. "
     "Searches are limited by work, not by time, so every machine gives the same result.",

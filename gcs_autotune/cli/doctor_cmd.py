@@ -73,16 +73,12 @@ def _print(sign: str, what: str, text: str) -> None:
 
 
 DOCTOR = Command(
-    name="doctor",
-    help="check this computer: programs, clock, disk, caches, ports and the vehicles on them",
     description="Check what a tune needs of this computer, and listen on its ports. Nothing is sent and nothing moves. "
     "A line with X prevents a tune (exit code 1); a line with ! is a caution.",
     add_arguments=_add_listening,
     run=_doctor,
 )
 PORTS = Command(
-    name="ports",
-    help="list the ports and the vehicles heard on them",
     description="List this computer's serial ports and UDP 14550, the vehicle heard on each, and its --connect option. "
     "Nothing is sent.",
     add_arguments=_add_listening,

@@ -79,8 +79,8 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
         fetch_log=args.fetch_log,
         envelope=envelope_from(args),
     )
-    with attending(args) as (operator, watcher):
-        fit = experiment(settings, operator, watcher, now.isoformat(timespec="seconds"))
+    with attending(args) as (operator, observer):
+        fit = experiment(settings, operator, observer, now.isoformat(timespec="seconds"))
     if not args.remote:  # else standard output is the program's
         page = settings.directory / "report.html"
         put_out(fit_document(fit), f"Recorded in {settings.directory}", f"Report: {page}", as_json=args.json)
@@ -89,8 +89,6 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
 
 
 COMMAND = Command(
-    name="experiment",
-    help="fly relay experiments and identify one degree of freedom; writes no parameter",
     description="Fly two relay experiments in one degree of freedom and identify it. No parameter is written. "
     "Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,

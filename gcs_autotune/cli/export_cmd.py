@@ -51,8 +51,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    name="export",
-    help="write a model for ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table",
     description="Write an identified model for another simulator, with the effects that its format can express. "
     "What it cannot express is listed on standard error and in the file.",
     add_arguments=_add_arguments,

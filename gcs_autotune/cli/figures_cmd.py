@@ -47,8 +47,6 @@ def _known(value: float | None) -> float:
 
 
 COMMAND = Command(
-    name="figures",
-    help="compute ship figures (IMO, ITTC) from a zig-zag, turning circle, spiral, pull-out or stop",
     description="Recognise the manoeuvre in a recorded run and print its figures with standard errors and the criteria "
     "of IMO MSC.137(76): overshoot angles, initial turning, advance, tactical diameter, stability.",
     add_arguments=_add_arguments,

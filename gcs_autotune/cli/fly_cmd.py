@@ -123,7 +123,7 @@ def _run(args: argparse.Namespace) -> int:
         raise UsageError(f"--{'form' if args.form else 'total-time'} needs --until, e.g. --until 'N_r 5%, Y_v 10%'")
     if args.manoeuvre is None and args.resume is None and args.until is None:
         raise UsageError("no manoeuvre given. See `gcs-autotune fly --list`")
-    _see_it_is_known(args)
+    _verify_known(args)
     check_model_file(args.model)
     _precision(args)
     if args.preview and args.model is not None and args.connect is None:
@@ -131,7 +131,7 @@ def _run(args: argparse.Namespace) -> int:
     return run_flight(args)
 
 
-def _see_it_is_known(args: argparse.Namespace) -> None:
+def _verify_known(args: argparse.Namespace) -> None:
     """Reject an unknown manoeuvre before the slow imports."""
     from gcs_autotune.manoeuvres import MANOEUVRES
     from gcs_autotune.registry import lookup
@@ -156,11 +156,11 @@ def _recheck(args: argparse.Namespace, connection: Connection, axis: AxisKind) -
 
     now = datetime.now()
     plan, common = _plan(args, connection, now, f"recheck-{axis.name}")
-    with attending(args) as (operator, watcher):
+    with attending(args) as (operator, observer):
         when = now.isoformat(timespec="seconds")
-        found = recheck(plan, axis, operator, watcher, when, _runs(common.directory))
+        found = recheck(plan, axis, operator, observer, when, _runs(common.directory))
         if args.remote:
-            watcher.say(found.text)
+            observer.say(found.text)
     if args.remote:
         return 0
     page = common.directory / "report.html"
@@ -279,12 +279,12 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
 
     now = datetime.now()
     plan, common = _plan(args, connection, now)
-    with attending(args) as (operator, watcher):
+    with attending(args) as (operator, observer):
         when = now.isoformat(timespec="seconds")
-        result = fly_plan(plan, common, operator, watcher, when, only_preview=args.preview)
+        result = fly_plan(plan, common, operator, observer, when, only_preview=args.preview)
         if args.remote:  # standard output is the program's
             for remark in result.remarks:
-                watcher.say(remark)
+                observer.say(remark)
     if args.remote:
         return 0
     if args.preview:
@@ -296,8 +296,6 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
 
 
 COMMAND = Command(
-    name="fly",
-    help="fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model",
     description="Preview and announce a manoeuvre, fly it inside the safety limits, restore everything, and compute "
     "figures and a model from the record. No parameter is written. Without --connect a simulated boat is used.",
     add_arguments=_add_arguments,

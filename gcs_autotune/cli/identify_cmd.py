@@ -32,7 +32,7 @@ MOTIONS = (*DOFS, *sorted(file.name.removesuffix(".toml") for file in _FORMS.ite
 """Names of degrees of freedom and shipped forms, to reject a typo before SciPy is imported."""
 
 
-def _see_method_is_known(name: str, *besides: str) -> None:
+def _verify_method_known(name: str, *besides: str) -> None:
     lookup(dict.fromkeys((*METHOD_PLACES, *besides)), name, "identification method")
 
 
@@ -115,9 +115,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     known, options = _numbers(args.known), _options("--option", args.option)  # first: a typo waits for no import
-    _see_method_is_known(args.method, "all", "list")
+    _verify_method_known(args.method, "all", "list")
     if args.compare is not None and not _is_file(args.compare):
-        _see_method_is_known(args.compare)
+        _verify_method_known(args.compare)
     if args.method != "list":
         check_files(*args.runs, *args.validate, args.start, args.parameters)
 
@@ -246,8 +246,6 @@ def _value(flag: str, pair: str, text: str) -> Any:
 
 
 COMMAND = Command(
-    name="identify",
-    help="identify inertia, damping and constant force from recorded runs",
     description="Identify one degree of freedom, alpha*nu_dot + (beta + beta_nn*|nu|)*nu = tau + delta, or a coupled "
     "model (--dof horizontal, --dof 6dof) from run directories, CSV files with columns like t[s], psi[rad], "
     "r[rad/s], N[N m], telemetry logs (.tlog) or onboard logs (.bin). Several runs are fitted together.",

@@ -69,8 +69,8 @@ def _fetch(args: argparse.Namespace) -> int:
 
     operator = ConsoleOperator(yes=True, bell=not args.quiet)
     connection = connection_of(args, uri_of(args))
-    with operator.listening(), watching(args) as watcher:
-        logs, log, data = fetch_onboard_log(connection, args.number, operator, watcher)
+    with operator.listening(), watching(args) as observer:
+        logs, log, data = fetch_onboard_log(connection, args.number, operator, observer)
     if log is None:
         for one in logs:
             when = f", {datetime.fromtimestamp(one.utc):%Y-%m-%d %H:%M}" if one.utc else ""
@@ -147,11 +147,8 @@ def _print(data: dict[str, Any]) -> None:
 
 
 COMMAND = Command(
-    name="logs",
-    help="show the contents of a telemetry or onboard log, and import its runs",
     description=f"Read {FORMATS}. Show their contents, or write their runs as CSV files for the other commands; a run "
-    f"is a "
-    "segment armed in one mode. identify and diagnose also read the logs directly.",
+    "is a segment armed in one mode. identify and diagnose also read the logs directly.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -33,14 +33,14 @@ def _run(args: argparse.Namespace) -> int:
     saving = args.action == "save"
     connection = connection_of(args, uri_of(args) if saving else args.connect or link_of(args.file))
     operator = ConsoleOperator(yes=saving or args.yes, bell=not args.quiet)
-    with operator.listening(), watching(args) as watcher:
+    with operator.listening(), watching(args) as observer:
         if saving:
             replaced = on_replacing(args.file)
-            count, changed = save_parameters(connection, args.file, operator, watcher)
+            count, changed = save_parameters(connection, args.file, operator, observer)
             own = "" if changed is None else f" ({changed} are not the firmware's defaults)"
             sys.stdout.write(f"{count} parameters saved to {args.file}{replaced}{own}\n")
         else:
-            restored = restore_parameters(connection, args.file, operator, watcher)
+            restored = restore_parameters(connection, args.file, operator, observer)
             for name, (found, wanted) in restored.items():
                 sys.stdout.write(f"{visible(name)}: {found:g} -> {wanted:g}\n")
             sys.stdout.write(f"{len(restored)} parameters changed; all of {args.file} verified by reading back\n")
@@ -48,8 +48,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    name="params",
-    help="save or restore a vehicle's parameters",
     description="Save a vehicle's parameters to a file, or restore them from a file.",
     add_arguments=_add_arguments,
     run=_run,

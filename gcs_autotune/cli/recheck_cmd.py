@@ -8,7 +8,6 @@ from gcs_autotune.axes import axis_kind
 from gcs_autotune.cli.command import Command, add_connection, add_output, check_axis_limits
 from gcs_autotune.cli.fly_cmd import COMMAND as FLY
 from gcs_autotune.cli.fly_cmd import DEFAULT_CONNECTION, add_flight, run_flight
-from gcs_autotune.sname import DOFS
 
 __all__ = ["COMMAND"]
 
@@ -29,13 +28,11 @@ def _run(args: argparse.Namespace) -> int:
     check_axis_limits(args, RELAY)
     given = argparse.Namespace(**vars(args))  # what is not asked here is as `fly` has it where nothing is said
     axis = axis_kind(args.axis)
-    given.force = DOFS[axis.dof].force
+    given.force = axis.names.force
     return run_flight(flight.parse_args(["set-point-relay"], given), axis.example, recheck=axis)
 
 
 COMMAND = Command(
-    name="recheck",
-    help="check whether the tune of the heading, depth or speed loop is still good; drives no actuator directly",
     description="Fly two relays on the autopilot's own set-point of heading, depth (ROVs) or speed (boats), like fly "
     "set-point-relay. The verdict is good, degraded since the tune, poorly damped, oscillates, or not identifiable. "
     "Without a clear result the relays are halved and flown again. The results are compared with the last tune of "

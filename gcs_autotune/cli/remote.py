@@ -24,17 +24,17 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from gcs_autotune.cli.command import watching
 from gcs_autotune.cli.console import ConsoleOperator
-from gcs_autotune.watch import (
+from gcs_autotune.observer import (
     Fact,
     Intentions,
     LeftAs,
+    Observer,
     PredictedCost,
     PredictedTrack,
     Progress,
     ProposedGains,
     Room,
     Vitals,
-    Watcher,
     Words,
 )
 from gcs_autotune_files import parse
@@ -42,7 +42,7 @@ from gcs_autotune_files import parse
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["COLUMNS", "RemoteOperator", "RemoteWatcher", "attending"]
+__all__ = ["COLUMNS", "RemoteObserver", "RemoteOperator", "attending"]
 
 COLUMNS = ("t", "value", "target", "output", "rate", "x", "y", "psi")
 """Fields of a row of ``samples``."""
@@ -64,7 +64,7 @@ _KEYS: Mapping[type, str] = {
 }
 
 
-class RemoteWatcher:
+class RemoteObserver:
     """Write reports to *stream* as JSON lines, ten times a second, from a separate thread."""
 
     def __init__(self, stream: BinaryIO) -> None:
@@ -142,14 +142,14 @@ def _plain(thing: Any) -> Any:
 
 
 class RemoteOperator(ConsoleOperator):
-    """Ask through *watcher*; a thread reads answers and STOP as lines from the file descriptor *source*.
+    """Ask through *observer*; a thread reads answers and STOP as lines from the file descriptor *source*.
 
     A signal is a stop request here too. *yes* is the answer to every question.
     """
 
-    def __init__(self, watcher: RemoteWatcher, source: int, *, yes: bool = False) -> None:
+    def __init__(self, observer: RemoteObserver, source: int, *, yes: bool = False) -> None:
         super().__init__(yes=yes, bell=False)
-        self._watcher = watcher
+        self._observer = observer
         self._source = source
         self._asked = 0
         self._answers: dict[int, bool] = {}
@@ -161,7 +161,7 @@ class RemoteOperator(ConsoleOperator):
             return True
         self._asked += 1
         asked = self._asked
-        self._watcher.put("question", {"id": asked, "text": question})
+        self._observer.put("question", {"id": asked, "text": question})
         while asked not in self._answers:
             while_waiting()
         return self._answers[asked]
@@ -182,7 +182,7 @@ class RemoteOperator(ConsoleOperator):
             if "answer" in told:
                 self._answers.setdefault(int(told["answer"]["id"]), told["answer"]["yes"] is True)
         except (ValueError, KeyError, TypeError, AttributeError):
-            self._watcher.say("Ignored a line on standard input that is not a stop or an answer (docs/serve.md).")
+            self._observer.say("Ignored a line on standard input that is not a stop or an answer (docs/serve.md).")
 
 
 def _read(source: int) -> bytes:
@@ -193,8 +193,8 @@ def _read(source: int) -> bytes:
 
 
 @contextmanager
-def attending(args: argparse.Namespace, otherwise: str = "") -> Iterator[tuple[ConsoleOperator, Watcher]]:
-    """Yield operator and watcher: the person at the terminal, or with ``--remote`` a program.
+def attending(args: argparse.Namespace, otherwise: str = "") -> Iterator[tuple[ConsoleOperator, Observer]]:
+    """Yield operator and observer: the person at the terminal, or with ``--remote`` a program.
 
     Objects loaded so far are frozen for the garbage collector. Scanning them all takes about 60 ms, too long for
     the loop that holds the sticks.
@@ -206,15 +206,15 @@ def attending(args: argparse.Namespace, otherwise: str = "") -> Iterator[tuple[C
         gc.unfreeze()
 
 
-def _attending(args: argparse.Namespace, otherwise: str) -> Iterator[tuple[ConsoleOperator, Watcher]]:
+def _attending(args: argparse.Namespace, otherwise: str) -> Iterator[tuple[ConsoleOperator, Observer]]:
     import sys
 
     if args.remote:
-        with RemoteWatcher(sys.stdout.buffer) as remote:
+        with RemoteObserver(sys.stdout.buffer) as remote:
             operator: ConsoleOperator = RemoteOperator(remote, sys.stdin.fileno(), yes=args.yes)
             with operator.listening():
                 yield operator, remote
         return
     operator = ConsoleOperator(yes=args.yes, otherwise=otherwise, bell=not args.quiet)
-    with operator.listening(), watching(args) as watcher:
-        yield operator, watcher
+    with operator.listening(), watching(args) as observer:
+        yield operator, observer

@@ -39,16 +39,14 @@ def _run(args: argparse.Namespace) -> int:
         return 0
     operator = ConsoleOperator(yes=args.yes, bell=not args.quiet)
     connection = connection_of(args, args.connect or link_of(args.run))
-    with operator.listening(), watching(args) as watcher:
-        restored = restore_run(connection, args.run, operator, watcher)
+    with operator.listening(), watching(args) as observer:
+        restored = restore_run(connection, args.run, operator, observer)
     for name, (found, old) in restored.items():
         sys.stdout.write(f"{visible(name)}: {found:g} -> {old:g}, verified by reading back\n")
     return 0
 
 
 COMMAND = Command(
-    name="restore",
-    help="restore what an interrupted run left changed",
     description="Read the journal of an interrupted run (power, radio, kill) and restore the vehicle: actuators "
     "neutral, parameters at their original values, verified by reading back. Asks before it touches parameters that "
     "another operator changed since.",

@@ -71,8 +71,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    name="serve",
-    help="web page to start, monitor and stop runs (extra: web)",
     description="Serve a page that starts a tune or an experiment, shows it live, asks its questions, and has a STOP. "
     "The run is a process of its own. Closing the page does not affect it; Ctrl-C here stops it and restores "
     "everything.",

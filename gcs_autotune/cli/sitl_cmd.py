@@ -39,8 +39,6 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    name="sitl",
-    help="run a simulated vehicle that speaks MAVLink (see `gcs-autotune sitl --help`)",
     description="Run a simulated vehicle (`--list` shows them), or its hull under the real ArduPilot.",
     add_arguments=_add_arguments,
     run=_run,

@@ -82,8 +82,6 @@ def _pulls(text: str | None) -> list[float] | None:
 
 
 COMMAND = Command(
-    name="thrusters",
-    help="map a thruster's command to force from a bollard pull test",
     description="Map command to force from a bollard pull test: coefficients ahead and astern, dead zone, and the "
     "inverse map. Or identify K_T(J), K_Q(J) and C_n, C_v of a propeller from an open-water test.",
     add_arguments=_add_arguments,

@@ -35,7 +35,7 @@ from gcs_autotune.errors import UsageError
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
 
-__all__ = ["COMMAND", "tune_settings"]
+__all__ = ["COMMAND", "RESTORED", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth")
 """Names of the reference models, listed here because importing their table takes a second."""
@@ -118,8 +118,8 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
 
     now = datetime.now()
     settings = tune_settings(args, connection, now)
-    with attending(args, "or --dry-run to change nothing") as (operator, watcher):
-        story = tune(settings, operator, watcher, now.isoformat(timespec="seconds"))
+    with attending(args, "or --dry-run to change nothing") as (operator, observer):
+        story = tune(settings, operator, observer, now.isoformat(timespec="seconds"))
     if not args.remote:  # else standard output is the program's
         page = [f"Report: {Path(story.directory) / 'report.html'}"] if story.directory else []
         put_out(tune_document(story), *page, as_json=args.json)
@@ -203,8 +203,6 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
 
 
 COMMAND = Command(
-    name="tune",
-    help="identify the craft, design gains, prove them, keep or restore them",
     description="Tune one loop of an ArduPilot boat or ROV. The present gains are flown first. New gains stay only if "
     "they follow the same step better. Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,

@@ -88,8 +88,6 @@ def _identified(trials: list[Trial], dof: str, structure: str | None) -> AxisFit
 
 
 COMMAND = Command(
-    name="watch",
-    help="check later logs for changes of the craft since it was tuned",
     description="Identify each log of a craft again and report when inertia, drag, thrust or trim has left its "
     "interval (payload, fouling, a weak thruster). Causes are named as in `diagnose`. Every result exits with code 0.",
     add_arguments=_add_arguments,

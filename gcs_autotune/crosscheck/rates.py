@@ -12,6 +12,7 @@ from gcs_autotune.crosscheck.agreement import Comparison, Expected, compare
 from gcs_autotune.crosscheck.contradiction import Contradiction
 from gcs_autotune.crosscheck.windows import Series, integral, series
 from gcs_autotune.crosscheck.wording import told
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["compared_with_rate", "rate_contradictions"]
@@ -125,7 +126,7 @@ def _suspect(
         return pair.position
     if found.kind == "still-rate":
         return pair.rate
-    if pair.position != "psi":
+    if not SIGNALS[pair.position].wraps:
         return ""
     track = course(trial)
     if track is not None:

@@ -18,7 +18,7 @@ from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
 from gcs_autotune.design.plant import in_fractions
-from gcs_autotune.design.prediction import told_over
+from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.reference_model import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
@@ -61,6 +61,7 @@ __all__ = [
     "is_better",
     "is_followed",
     "omega_for_settling",
+    "over_windows",
     "provisional",
     "pulse_of",
     "reduce",
@@ -71,7 +72,6 @@ __all__ = [
     "stability_bound",
     "step_metrics",
     "throttle_of",
-    "told_over",
     "turn_rate_step",
     "uncertainty_of",
 ]

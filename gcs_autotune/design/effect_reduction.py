@@ -106,7 +106,7 @@ def _rate(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     return "the step is simulated with this slew rate", advice
 
 
-def _play(draft: Draft, own: EffectInstance) -> tuple[str, str]:
+def _backlash(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, play=own["width"])
     return (
         "the gains are chosen with the backlash in the loop, for the smallest limit cycle",
@@ -148,7 +148,7 @@ def _stall(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     )
 
 
-def _lopsided(draft: Draft, own: EffectInstance) -> tuple[str, str]:
+def _asymmetric(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     ratio = own["ratio"]
     draft.actuator = replace(draft.actuator, astern=ratio)
     advice = "trim the weaker side with SERVOn_MIN or SERVOn_MAX"
@@ -210,11 +210,11 @@ _REDUCED: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
     "actuator-lag": _lag,
     "saturation": _limit,
     "rate-limit": _rate,
-    "backlash": _play,
+    "backlash": _backlash,
     "dead-zone": _dead,
     "quadratic-actuator": _bent,
     "rudder-stall": _stall,
-    "asymmetric-thrust": _lopsided,
+    "asymmetric-thrust": _asymmetric,
     "gain-drift": _drift,
     "speed-dependent-steering": _steering,
     "linear-drag": _linear,

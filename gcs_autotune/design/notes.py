@@ -24,7 +24,7 @@ from gcs_autotune.firmware import Axis
 from gcs_autotune.models import SingleDof
 from gcs_autotune.sname import DOFS
 
-__all__ = ["NEAR_LIMIT", "at_speed", "beside_told", "notes_on", "on_other_speeds", "said"]
+__all__ = ["NEAR_LIMIT", "at_speed", "notes_on", "on_other_speeds", "other_mode_notes", "said"]
 
 LONG_DELAY = 0.05
 """Delay from which its location matters [s]. Chosen."""
@@ -57,7 +57,7 @@ def notes_on(
     yield from _on_the_present(problem, axis)
     yield from _on_the_change(before, shown, changed)
     yield from _on_the_model(problem)
-    yield from _on_the_wish(problem, axis, shown, is_refined and changed)
+    yield from _on_the_specification(problem, axis, shown, is_refined and changed)
     if wider is not None:
         yield _on_the_ranges(problem, axis, shown, wider)
 
@@ -111,16 +111,15 @@ def _on_the_model(problem: DesignProblem) -> Iterator[str]:
         yield "the model has no uncertainty, so the worst margins are those of the model itself"
 
 
-def _on_the_wish(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_refined: bool) -> Iterator[str]:
+def _on_the_specification(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_refined: bool) -> Iterator[str]:
     for objection in shown.objections:
         yield f"below the specification, but the best inside the documented ranges: {objection}"
     if is_refined:
         settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
         yield (
-            f"the gains minimise the predicted tracking error (ITAE), with actuator saturation. The search started "
+            "the gains minimise the predicted tracking error (ITAE), with actuator saturation. The search started "
             f"from gains matched to a {shown.wanted.kind} step settling in {settled:.1f} s, or from the present ones. "
-            f"Set a "
-            "settling time to get the matched gains"
+            "Set a settling time to get the matched gains"
         )
         return
     use, velocity = problem.demand(problem.model, shown.wanted)
@@ -153,7 +152,7 @@ POORLY = 0.1
 """Shortfall of a mode from which advice is given. Chosen."""
 
 
-def beside_told(beside: Beside) -> Iterator[str]:
+def other_mode_notes(beside: Beside) -> Iterator[str]:
     """Yield the prediction of the other mode with the same gains."""
     yield (
         f"{BESIDE[beside.law]}: predicted shortfall {beside.after:.1%} (time-weighted mean; "

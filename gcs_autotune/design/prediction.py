@@ -21,7 +21,7 @@ from gcs_autotune.design.step_metrics import StepError, combine, step_error, ste
 from gcs_autotune.models import SingleDof
 from gcs_autotune.settling import LOOK, TRIFLE, is_at_rest
 
-__all__ = ["PairAsFlown", "predict", "predict_as_flown", "predict_error", "ruler_of", "told_over"]
+__all__ = ["PairAsFlown", "over_windows", "predict", "predict_as_flown", "predict_error", "ruler_of"]
 
 Array = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
     return PairAsFlown(_read(one, ends, ruler), _read(other, ends, ruler), (ends[0], ends[1]), (one, other))
 
 
-def told_over(proposal: Proposal, windows: Sequence[float]) -> Proposal:
+def over_windows(proposal: Proposal, windows: Sequence[float]) -> Proposal:
     """Return *proposal* with its predictions read over the *windows* [s] that two flown steps both recorded.
 
     How long a half lasts hangs on a creep at the edge of a band, and the error over time on how long it was read. The

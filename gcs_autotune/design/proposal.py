@@ -14,7 +14,7 @@ from gcs_autotune.design.hunting import hunting_of
 from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
-from gcs_autotune.design.notes import NEAR_LIMIT, beside_told, notes_on, said
+from gcs_autotune.design.notes import NEAR_LIMIT, notes_on, other_mode_notes, said
 from gcs_autotune.design.other_mode import OtherMode, other_mode
 from gcs_autotune.design.plant import heavier, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict, predict_as_flown, predict_error, ruler_of
@@ -139,7 +139,7 @@ def design(
             *(r.sentence for r in remarks),
             *(said(*left, axis.dof) if left else ()),
             *map(axis.names.worded, notes_on(problem, axis, before, shown, bool(changes), is_refined, wider)),
-            *(() if beside is None else beside_told(beside)),
+            *(() if beside is None else other_mode_notes(beside)),
         ),
         remarks=remarks,
         left=left,

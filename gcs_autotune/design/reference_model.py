@@ -21,7 +21,7 @@ from gcs_autotune.registry import lookup
 __all__ = [
     "REFERENCE_MODELS",
     "SETTLED",
-    "WantedStep",
+    "ReferenceStep",
     "omega_for_settling",
     "reference_model",
     "settling_time",
@@ -42,7 +42,7 @@ _UNIT_STEP = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WantedStep:
+class ReferenceStep:
     """A reference model's unit step: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
 
     position: NDArray[np.float64]
@@ -86,12 +86,12 @@ def omega_for_settling(kind: str, seconds: float) -> float:
     return _unit_settling(kind) / seconds
 
 
-def wanted_step(function: ReferenceModel, t: NDArray[np.float64]) -> WantedStep:
+def wanted_step(function: ReferenceModel, t: NDArray[np.float64]) -> ReferenceStep:
     """Return the unit step response at times *t* (n,) [s] (zero before ``t = 0``)."""
     grid, states = _unit_response(function.kind)
     scaled = t * function.omega_0
     columns = [np.interp(scaled, grid, states[:, i], left=0.0) for i in range(3)]
-    return WantedStep(columns[0], columns[1] * function.omega_0, columns[2] * function.omega_0**2)
+    return ReferenceStep(columns[0], columns[1] * function.omega_0, columns[2] * function.omega_0**2)
 
 
 @cache

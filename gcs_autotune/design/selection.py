@@ -74,7 +74,7 @@ def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
     tried: list[GainCandidate] = []
     best: GainCandidate | None = None
     patience = PATIENCE
-    for wanted in _wishes(problem):
+    for wanted in _specifications(problem):
         fastest = (tried[0].wanted if tried else wanted).omega_0
         span = problem.spec.step_duration or SPANS * settling_time(wanted.kind, fastest)
         gains = match(problem, wanted, tried[-1].settings if tried else None)
@@ -153,7 +153,7 @@ def max_overshoot(problem: DesignProblem) -> float:
     return max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
 
 
-def _wishes(problem: DesignProblem) -> Iterator[ReferenceModel]:
+def _specifications(problem: DesignProblem) -> Iterator[ReferenceModel]:
     spec = problem.spec
     if spec.omega_0 is not None:
         yield reference_model(spec.kind, spec.omega_0)

@@ -191,25 +191,25 @@ def generic_terms(form: Form) -> dict[str, str]:
         f, nu = d.force, d.velocity
         own = {
             f"{f}_0": "a constant force",
-            f"{f}_{nu}{nu}": f"drag that grows with {nu} squared",
-            f"{f}_{nu}{nu}{nu}": f"drag that grows with the cube of {nu}",
+            f"{f}_{nu}{nu}": f"drag proportional to {nu} squared",
+            f"{f}_{nu}{nu}{nu}": f"drag proportional to {nu} cubed",
         }
         if "yaw" in form.dofs:
             own |= {
-                f"{f}_sinpsi": "a force that goes with the heading",
-                f"{f}_cospsi": "a force that goes with the heading",
+                f"{f}_sinpsi": "a force that depends on the heading",
+                f"{f}_cospsi": "a force that depends on the heading",
             }
         if dof in ("yaw", "heave"):
-            own[f"{f}_{d.position}"] = f"a force that goes with {d.position}"
+            own[f"{f}_{d.position}"] = f"a force proportional to {d.position}"
         for channel, pairs in form.inputs.items():
             if any(force == f for force, _ in pairs):
-                own[f"{f}_{channel}{channel}"] = f"a force that goes with {channel} squared"
-                own[f"{f}_{channel}{channel}{channel}"] = f"a force that goes with the cube of {channel}"
-                own[f"{f}_|{channel}|{nu}"] = f"a force that goes with {channel} times {nu}"
-                own[f"{f}_|{channel}|"] = f"a force that goes with the size of {channel}"
+                own[f"{f}_{channel}{channel}"] = f"a force proportional to {channel} squared"
+                own[f"{f}_{channel}{channel}{channel}"] = f"a force proportional to {channel} cubed"
+                own[f"{f}_|{channel}|{nu}"] = f"a force proportional to |{channel}| times {nu}"
+                own[f"{f}_|{channel}|"] = f"a force proportional to |{channel}|"
         for other in form.dofs:
             if other != dof:
-                own[f"{f}_{DOFS[other].velocity}"] = f"a force that goes with {DOFS[other].velocity}"
+                own[f"{f}_{DOFS[other].velocity}"] = f"a force proportional to {DOFS[other].velocity}"
         for name, words in own.items():
             try:
                 term_of(name, tuple(form.inputs))
@@ -297,8 +297,8 @@ def _cubic_thrust(own: EffectInstance, form: Form) -> Sequence[str]:
 
 
 LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] = {
-    "quadratic-drag": (_cubic_drag, "drag that grows with the cube of speed does better than with its square"),
-    "quadratic-actuator": (_cubic_thrust, "thrust that grows with the cube of the command does better than its square"),
+    "quadratic-drag": (_cubic_drag, "cubic drag fits better than quadratic drag"),
+    "quadratic-actuator": (_cubic_thrust, "thrust cubic in the command fits better than thrust quadratic in it"),
 }
 """Slug -> the derivatives that would stand in its place, and in words what it would mean if they did better."""
 

@@ -14,8 +14,8 @@ from gcs_autotune.diagnose.numbers import judge_numbers, model_in_question
 from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
 from gcs_autotune.diagnose.report_builder import build_report, unfinished_report
 from gcs_autotune.diagnose.result import Diagnosis
-from gcs_autotune.diagnose.search_with_noise import look_before_joining, look_with_process_noise
-from gcs_autotune.diagnose.second_looks import foretells, look_at_all_runs, look_in_pieces
+from gcs_autotune.diagnose.retries import improves_prediction, search_all_runs, search_in_pieces
+from gcs_autotune.diagnose.search_with_noise import model_noise_before_joining, model_process_noise
 from gcs_autotune.diagnose.simulation import surrogate_of
 from gcs_autotune.diagnose.state import begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
@@ -74,7 +74,7 @@ def diagnose(
     progress : called with a stage, how much of it is done, and how much there is.
     horizon : seconds a simulation runs freely before it starts again at what was measured, inf for whole runs; None:
         whole runs, and pieces where nothing pays over whole runs but much is left. What is found in pieces is a
-        hypothesis, unless pieces were asked for and the model foretells whole runs down to the noise of pieces.
+        hypothesis, unless pieces were requested and the model predicts whole runs down to the noise of pieces.
     jobs : processes to share the work among; the answer is the same.
     work : samples that simulations and filters may pass over, see :class:`.Budget`.
     max_seconds : the latest end. A search stopped by either names nothing: its verdict is ``unfinished``, and it
@@ -112,13 +112,13 @@ def _diagnosed(
     """Do as :func:`diagnose` within *effort*."""
     together = [runs] if isinstance(runs, Trial) else list(runs)
     if not together:
-        raise UsageError("no run was given to diagnose")
+        raise UsageError("no run to diagnose: name at least one run file")
     slugs = list(EFFECTS) if effects is None else [lookup(EFFECTS, e, "effect").slug for e in effects]
     early: list[Doubt] = []
     given = None if model is None else model_in_question(model)
     if simulations:
         if given is not None:
-            raise UsageError("give either a model or a simulation's output, not both")
+            raise UsageError("supply either a model or a simulation's output, not both")
         given, early = surrogate_of(
             simulations, together, dof=dof, use=use, form=form, effects=slugs, progress=progress, jobs=jobs
         )
@@ -142,13 +142,13 @@ def _diagnosed(
     question = Question(
         base, segments, slugs, held, whole, given, horizon, progress, executor_for(jobs), one_flight=one
     )
-    strategies = (*SEARCH, look_before_joining, look_at_all_runs, look_with_process_noise, look_in_pieces)
+    strategies = (*SEARCH, model_noise_before_joining, search_all_runs, model_process_noise, search_in_pieces)
     state = follow(begin(question), strategies if given is None else (*strategies, judge_numbers))
     if not effort.stopped:
         chosen = state.pieces is not None or (state.with_noise is not None and bool(state.with_noise.accepted))
         try:
             check_effort("what is left over")
-            sure = not chosen and (horizon is None or math.isinf(horizon) or foretells(state, whole))
+            sure = not chosen and (horizon is None or math.isinf(horizon) or improves_prediction(state, whole))
             return build_report(state, doubts, together, others, sure=sure)
         except OutOfTime:
             pass  # told by what was under way

@@ -147,7 +147,7 @@ class _TangentSpace:
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
         moves = fitted.jacobian.copy()
-        if fitted.slack:
+        if fitted.shift_std:
             moves[:, -1] = 0.0  # a shift of stamps looks like a delay, but may only be small: what is left of it counts
         norms = np.linalg.norm(moves, axis=0)
         scaled = moves / np.where(norms > 0.0, norms, 1.0)

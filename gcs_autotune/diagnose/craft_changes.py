@@ -44,10 +44,10 @@ class CraftChange:
 
 
 CHANGES: Sequence[CraftChange] = (
-    CraftChange("inertia", (1.0, 0.0, 0.0), "mass-change", "payload taken on, or flooded", "payload taken off"),
-    CraftChange("drag", (0.0, 1.0, 0.0), "linear-drag", "fouled hull, something towed", "hull cleaned"),
+    CraftChange("inertia", (1.0, 0.0, 0.0), "mass-change", "payload added, or flooding", "payload removed"),
+    CraftChange("drag", (0.0, 1.0, 0.0), "linear-drag", "fouled hull, or something in tow", "hull cleaned"),
     CraftChange(
-        "thrust", (-1.0, -1.0, 0.0), "gain-drift", "stronger thrust, fuller battery", "weak thruster, flat battery"
+        "thrust", (-1.0, -1.0, 0.0), "gain-drift", "stronger thruster, fuller battery", "weak thruster, flat battery"
     ),
     CraftChange("trim", (0.0, 0.0, 1.0), "input-bias", "trim to the positive side", "trim to the negative side"),
 )
@@ -77,9 +77,9 @@ class CraftComparison:
     def told(self) -> str:
         """One sentence for a person."""
         if not self.changed:
-            return "as it was"
+            return "unchanged"
         if not self.causes:
-            return f"changed ({', '.join(self.outside) or 'all together'}), by no single cause: tune again"
+            return f"changed ({', '.join(self.outside) or 'all together'}), no single cause explains it: tune again"
         said = [
             f"{c.name} {'by ' + format(size, '+.3g') if c.name == 'trim' else 'x ' + format(size, '.2f')} "
             f"({c.more if (size > 0.0 if c.name == 'trim' else size > 1.0) else c.less}; {c.slug})"
@@ -113,7 +113,7 @@ def compare_craft(reference: AxisFit, now: AxisFit) -> CraftComparison:
     """
     if (reference.dof, reference.model.input_unit) != (now.dof, now.model.input_unit):
         raise UsageError(
-            f"a model of {reference.dof} [{reference.model.input_unit}] cannot be held against one of {now.dof} "
+            f"a model of {reference.dof} [{reference.model.input_unit}] cannot be compared with one of {now.dof} "
             f"[{now.model.input_unit}]"
         )
     speed = min(_speed(reference), _speed(now))

@@ -47,12 +47,12 @@ def check_alive(runs: Sequence[Trial]) -> None:
     if inputs and not _vary(runs, inputs):
         still = "" if _vary(runs, motions) or not motions else f", nor does any motion ({', '.join(motions)})"
         raise NotInformative(
-            f"no input ({', '.join(inputs)}) ever changes{still}: without commands a simulation's errors cannot be "
-            "separated from its initial state; fly steps both ways, a zig-zag or a relay"
+            f"no input ({', '.join(inputs)}) ever changes{still}: without commands, errors of a simulation cannot be "
+            "distinguished from a wrong initial state; fly steps both ways, a zig-zag or a relay"
         )
     if inputs and motions and not _vary(runs, motions):
         raise NotInformative(
-            f"nothing moves: {', '.join(motions)} never change; is the logger connected to the sensors?"
+            f"no motion: {', '.join(motions)} never change; check that the logger is connected to the sensors"
         )
 
 
@@ -72,8 +72,8 @@ def check_excitation(runs: Sequence[Trial], form: Form, signals: Sequence[str] |
     samples = max((sum(len(run[n]) for run in runs if n in run) for n in there), default=0)
     if samples < FEWEST:
         raise NotInformative(
-            f"{samples} samples in all are too few to distinguish causes: at least {FEWEST}, better 500; "
-            "fly longer or log faster"
+            f"{samples} samples are too few to distinguish causes: {FEWEST} are needed, 500 are better; fly longer or "
+            "log faster"
         )
     _check_commands(runs, form)
     _check_answer(runs, form, there)
@@ -88,7 +88,7 @@ def _check_commands(runs: Sequence[Trial], form: Form) -> None:
     levels = max(n for _, n in changes.values())
     if moves < 2 and levels < 3:
         raise NotInformative(
-            f"the inputs ({', '.join(names)}) change once only: after a single step every cause looks like another "
+            f"the inputs ({', '.join(names)}) change only once: after a single step every cause looks like a different "
             "inertia or drag; fly steps of several sizes both ways, a zig-zag or a relay"
         )
 
@@ -134,8 +134,8 @@ def _check_answer(runs: Sequence[Trial], form: Form, signals: Sequence[str]) -> 
                 best = max(best, coherence(y, u), coherence(y, u, integrated=True))
     if samples and best < max(ANSWER, 10.0 / samples):
         raise NotInformative(
-            f"the motion ({', '.join(signals)}) is unrelated to the inputs ({', '.join(form.inputs)}): they "
-            f"account for {100 * best:.0f} % of it; are the columns of one craft and one clock?"
+            f"the motion ({', '.join(signals)}) does not follow the inputs ({', '.join(form.inputs)}): they "
+            f"account for {100 * best:.0f} % of it; check that all columns are of one craft and one clock"
         )
 
 

@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 
 from gcs_autotune.diagnose.heldout import BLOCKS, FEWEST
 from gcs_autotune.diagnose.result import ErrorReduction
-from gcs_autotune.diagnose.sampling_interval import foresight, horizons, refitted
+from gcs_autotune.diagnose.sampling_interval import horizons, prediction_horizon, refitted
 from gcs_autotune.identify import NoisyFit, NoisyProblem, Segment
 from gcs_autotune.sname import SIGNALS
 
@@ -47,7 +47,7 @@ def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFi
 
     plain : the model without any cause, by which it is chosen how far ahead refits are compared.
     """
-    seconds, found = foresight(problem, plain), []
+    seconds, found = prediction_horizon(problem, plain), []
     for train, test in folds:
         again = refitted(problem.on(train), fit, REFIT, seconds)
         found.append(None if again is None else problem.on(test).judge(again))

@@ -67,14 +67,16 @@ def check_clock(run: Trial) -> None:
         return
     step = min(steps)
     if step >= SLOW:
-        told = f"{step:.4g} s apart and the run lasts {run.duration / 3600.0:.3g} h: the time looks like milliseconds"
+        told = (
+            f"{step:.4g} s apart and the run lasts {run.duration / 3600.0:.3g} h: the time seems to be in milliseconds"
+        )
         head = "t[ms]"
         if step >= 1e4:
             told, head = told.replace("milliseconds", "microseconds"), "t[us]"
     else:
-        told = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s: the time looks like seconds already"
+        told = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s: the time seems to be in seconds already"
         head = "t[s]"
-    raise BadFile(f"samples of run '{run.name}' are {told}; write {head} in the head of that column")
+    raise BadFile(f"samples of run '{run.name}' are {told}; rename that column {head}")
 
 
 def _confirmed(run: Trial) -> bool:
@@ -109,8 +111,8 @@ def check_heading(run: Trial) -> None:
     if torn:
         raise BadFile(
             f"the heading of run '{run.name}' jumps {len(torn)} time(s), by {math.degrees(float(np.median(torn))):.0f} "
-            "deg, which is no full turn at once: it was wrapped wrongly, or averaged across north; log psi as the "
-            "vehicle sends it, from 0 to 360 deg or from -180 to 180 deg"
+            "deg instead of a full turn: it was wrapped wrongly, or averaged across north; log psi as the vehicle "
+            "sends it, from 0 to 360 deg or from -180 to 180 deg"
         )
 
 
@@ -167,8 +169,8 @@ def _check_pair(run: Trial, dof: Dof, name: str, output: str) -> None:
     forward = max(coherence(y, u), coherence(y, u, integrated=True) if integrated else 0.0)
     if backward > LEADS and 1.0 - backward < ALONE * (1.0 - forward):
         raise BadFile(
-            f"{name} and {output} of run '{run.name}' look exchanged: {name} is smooth and follows {output} "
-            f"({100 * backward:.0f} % of it), while {output} jumps like a command; exchange the heads of the columns"
+            f"{name} and {output} of run '{run.name}' look swapped: {name} is smooth and follows {output} "
+            f"({100 * backward:.0f} % of it), while {output} jumps like a command; swap the names of the two columns"
         )
 
 
@@ -247,13 +249,13 @@ def without_repeats(runs: Sequence[Trial], unseen: Sequence[Trial]) -> tuple[lis
         if twin is None:
             kept.append(run)
         else:
-            cause = f"runs '{twin.name}' and '{run.name}' are the same recording: it was used once"
-            doubts.append(Doubt("run-twice", cause, "give every run once"))
+            cause = f"runs '{twin.name}' and '{run.name}' are the same recording: only the first was used"
+            doubts.append(Doubt("run-twice", cause, "list every run once"))
     for run in unseen:
         if any(_same(run, k) for k in kept):
             raise UsageError(
-                f"run '{run.name}' is given both to fit and to validate: the gain would be measured on what was "
-                "fitted; give another run to --validate, or none to leave out blocks in turn"
+                f"run '{run.name}' is used both to fit and to validate, so the gain would be measured on fitted "
+                "data; name another run after --validate, or none to leave out blocks in turn"
             )
     return kept, doubts
 
@@ -291,14 +293,14 @@ def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
             channels[name] = channel if good.all() else replace(channel, t=channel.t[good], values=channel.values[good])
             continue
         if len(channel):
-            doubts.append(_doubt(run, name, "holds no numbers", "check the sensor and the logger"))
+            doubts.append(_doubt(run, name, "contains no numbers", "check the sensor and the logger"))
     if not channels:
-        raise BadFile(f"run '{run.name}' holds no samples: is it the right file?")
+        raise BadFile(f"run '{run.name}' contains no samples: check that it is the right file")
     motions = [n for n in channels if n in MOTIONS and len(channels[n]) >= MIN_SAMPLES]
     if not motions and not any(n in SIGNALS and n not in MOTIONS for n in channels):
         raise MissingChannel(
-            f"run '{run.name}' has no column this program knows; it has {', '.join(channels)}, wanted are such as "
-            "t[s], psi[rad], r[rad/s], N[N m]"
+            f"run '{run.name}' has no known column; it has {', '.join(channels)}; name columns like t[s], "
+            "psi[rad], r[rad/s], N[N m]"
         )
     still = {n for n in motions if np.ptp(channels[n].values) == 0.0}
     for dof in DOFS.values():
@@ -307,7 +309,7 @@ def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
         if dead and pair - still:
             name = dead.pop()
             doubts.append(
-                _doubt(run, name, "never changes while the craft moves", "check that sensor; it was left out")
+                _doubt(run, name, "never changes while the craft moves", "check that sensor; the column was ignored")
             )
             del channels[name]
     return replace(run, channels=channels)

@@ -110,7 +110,7 @@ class LeastSquares:
         """Fit to the end what was fitted roughly."""
 
         def told(done: int, total: int) -> None:
-            self.question.say(self.stage + ": fitting to the end", done, total)
+            self.question.say(self.stage + ": final fits", done, total)
 
         fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, told)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
@@ -128,7 +128,7 @@ class LeastSquares:
         silent = replace(self, question=replace(self.question, progress=None))
 
         def told(done: int, total: int) -> None:
-            self.question.say(self.stage + ": runs left out", done, total)
+            self.question.say(self.stage + ": held-out runs", done, total)
 
         executor = SerialExecutor() if self.quick else self.question.executor
         score = partial(_score_of, silent, correlation_of(best))

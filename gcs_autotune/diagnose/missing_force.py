@@ -31,7 +31,7 @@ UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row
 """What the missing force is told over -> its unit."""
 
 TOLD = 0.1
-"""Share of the missing force that must go with something, foretold from other runs, to be told."""
+"""Share of the missing force that a quantity must explain, predicted from other runs, to be reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,20 +176,20 @@ AXES: Mapping[str, str] = {
     "w": "the speed down",
     "drift": "the drift angle",
     "psi": "the heading",
-    "time": "the time into the run",
+    "time": "the time since the start of the run",
 }
 
 TELLING: Mapping[str, str] = {
-    "command": "steps of four sizes to each side, each held until the rate is steady: a curve over the command is the "
-    "actuator's",
-    "r": "turning circles at three rates each way, each held for a full turn: a curve over the turn rate is damping",
-    "u": "the same zig-zag at slow, half and full speed, each speed steady before it begins",
-    "v": "pull-outs: a hard turn, then no command until it runs straight, at two speeds, with the sideways speed "
-    "recorded",
+    "command": "steps of four sizes to each side, each held until the rate is steady: a dependence on the command "
+    "points to the actuator",
+    "r": "turning circles at three rates each way, each held for a full turn: a dependence on the turn rate is damping",
+    "u": "the same zig-zag at slow, half and full speed, each begun at a steady speed",
+    "v": "pull-outs: a hard turn, then no command until the craft runs straight, at two speeds, with the sideways "
+    "speed recorded",
     "drift": "turning circles at two rudder angles each way, with the sideways speed recorded, then pull-outs",
-    "w": "equal pushes up and down at two depths",
-    "psi": "two slow full turns, one each way: what goes with the heading is wind, current or the compass",
-    "time": "the first manoeuvre once more at the end of the run: what grows with time is battery, fouling or weather",
+    "w": "equal vertical commands up and down at two depths",
+    "psi": "two slow full turns, one each way: what depends on the heading is wind, current or the compass",
+    "time": "the first manoeuvre again at the end of the run: what changes with time is battery, fouling or wind",
 }
 """Quantity the missing force goes with -> the manoeuvre that would tell why."""
 
@@ -199,7 +199,7 @@ def words_of_noise(search: NoiseSearch) -> str:
     noise = search.fit.noise
     unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
     bursts = "" if math.isinf(noise.freedom) else ", in bursts"
-    return f"{noise.size:.3g} {unit} of standard deviation, remembered for {noise.memory:.3g} s{bursts}"
+    return f"{noise.size:.3g} {unit} standard deviation, correlation time {noise.memory:.3g} s{bursts}"
 
 
 def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
@@ -207,10 +207,10 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
     found = []
     if missing is not None:
         kind = "moment" if DOFS[missing.dof].angular else "force"
-        share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of what is commanded (rms)"
+        share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of the command (rms)"
         found.append(
             f"a {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) is missing in {missing.dof}; "
-            f"it changes within {missing.memory:.3g} s{_sure_of(missing)}"
+            f"its correlation time is {missing.memory:.3g} s{_sure_of(missing)}"
         )
         if missing.waves is not None:
             found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
@@ -219,14 +219,16 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
             found.append(
-                f"{100.0 * curve.share:.0f} % of it goes with {AXES.get(curve.over, curve.over)}, "
+                f"{100.0 * curve.share:.0f} % of it depends on {AXES.get(curve.over, curve.over)}, "
                 f"predicted by {curve.predicted_by}: "
                 f"{curve.force[low]:+.3g} +- {curve.band[low]:.2g} at {curve.x[low]:.3g}{x}, "
                 f"{curve.force[high]:+.3g} +- {curve.band[high]:.2g} at {curve.x[high]:.3g}{x}"
             )
         if not told:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
-            found.append(f"it goes with nothing recorded{others}: it is the water, or something that was not recorded")
+            found.append(
+                f"it depends on no recorded quantity{others}: it is waves, wind or current, or a quantity not recorded"
+            )
     accepted = {key_of(a.effect) for a in search.accepted}
     last = {key_of(a.effect): a for step in search.steps for a in step.judged}  # beside all accepted before it
     short = {k: a for k, a in last.items() if a.gained > a.needed and (a.unsound or not a.holds)}
@@ -241,7 +243,7 @@ def _sure_of(missing: MissingForce) -> str:
         return ""
     until = f"{late:.3g} s" if math.isfinite(late) else "no limit"
     words = f" (95 %: {low:.2g} to {high:.2g}, and {soon:.2g} s to {until})"
-    return words + "; these runs do not distinguish it from a constant" * (late > missing.longest)
+    return words + "; these runs do not distinguish it from a constant force" * (late > missing.longest)
 
 
 def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
@@ -249,9 +251,9 @@ def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
     swing = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
     kind = "moment" if DOFS[missing.dof].angular else "force"
     return (
-        f"it swings every {waves.period:.2g} s besides, as waves or a mount that shakes make it: "
-        f"{AXES.get(signal, signal)} by {swing}, under a {kind} of {waves.force:.2g} {_of(missing)} (standard "
-        "deviations); that counts as no cause"
+        f"it also oscillates with a period of {waves.period:.2g} s, as from waves or a loose sensor mount: "
+        f"{AXES.get(signal, signal)} by {swing}, driven by a {kind} of {waves.force:.2g} {_of(missing)} (standard "
+        "deviations); this is not counted as a cause"
     )
 
 
@@ -261,20 +263,20 @@ def _of(missing: MissingForce) -> str:
 
 def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
     """Return in words why a candidate that fits the given runs is not named."""
-    fits = (
-        f"{unnamed.effect.slug} of {unnamed.effect.place} fits the given runs ({unnamed.gained:+.1f} in log-likelihood)"
-    )
+    candidate = f"{unnamed.effect.slug} of {unnamed.effect.place}"
+    fits = f"{candidate} improves the log-likelihood of the fitted runs by {unnamed.gained:.1f}"
     if unnamed.unsound:
-        return f"{fits}, but {unnamed.unsound}: not named"
-    if unnamed.foretold > 0.0 and unnamed.interval[0] < 0.0:
+        return f"{fits}, but {unnamed.unsound}: not reported as a cause"
+    if unnamed.held_out_gain > 0.0 and unnamed.interval[0] < 0.0:
         low, high = unnamed.interval
         return (
-            f"{fits} and gains nothing sure on those left out ({unnamed.foretold:+.1f}, 90 % interval {low:+.1f} to "
-            f"{high:+.1f}): not named"
+            f"{fits}, that of held-out runs by {unnamed.held_out_gain:+.1f} (90 % interval {low:+.1f} to {high:+.1f}): "
+            "too uncertain to report as a cause"
         )
-    if unnamed.foretold > 0.0:
-        return f"{fits} and gains on those left out together ({unnamed.foretold:+.1f}), but not on each: not named"
-    return f"{fits} and loses on those left out ({unnamed.foretold:+.1f}): refuted as it stands"
+    if unnamed.held_out_gain > 0.0:
+        together = f"that of all held-out runs by {unnamed.held_out_gain:+.1f}, but not of each"
+        return f"{fits}, {together}: not reported as a cause"
+    return f"{fits}, but lowers that of held-out runs ({unnamed.held_out_gain:+.1f}): rejected"
 
 
 def next_of(missing: MissingForce | None) -> str | None:
@@ -284,7 +286,7 @@ def next_of(missing: MissingForce | None) -> str | None:
     best = next((c for c in missing.curves.values() if c.varies), None)
     if best is None or best.share <= TOLD:
         return (
-            f"the same manoeuvre on a calm day, or four times as long: a force that wanders by {missing.size:.2g} "
-            f"{_of(missing)} hides what is smaller than a fraction of it"
+            f"the same manoeuvre in calm water, or four times as long: a drifting force of {missing.size:.2g} "
+            f"{_of(missing)} masks smaller effects"
         )
     return TELLING.get(best.over, TELLING["command"])

@@ -12,7 +12,7 @@ from gcs_autotune.diagnose.candidates import candidates
 from gcs_autotune.diagnose.heldout_score import Folds, Unseen, densities_of, gains_ahead, interval_of, unseen_of
 from gcs_autotune.diagnose.process_noise_starts import FEWEST_TO_COMPARE, ROUGH, WAVES, Say
 from gcs_autotune.diagnose.run_to_run import alike_in
-from gcs_autotune.diagnose.sampling_interval import foresight, rms_ahead, stands
+from gcs_autotune.diagnose.sampling_interval import prediction_horizon, rms_ahead, stands
 from gcs_autotune.diagnose.score import (
     ALIKE,
     HALF,
@@ -110,7 +110,7 @@ class WithProcessNoise:
         """Fit to the end what was fitted roughly, from several starts of the process noise."""
         problem, ends = self.problem, []
         for k, (tried_one, fit) in enumerate(rough):
-            self.say(f"{self.stage}: fitting to the end", k, RUNNERS)
+            self.say(f"{self.stage}: final fits", k, RUNNERS)
             tries = [fit, problem.fit(fit.theta, fit.effects, fit.noise)]
             same = alike_in(fit.noise, problem.runs)
             if fit.noise.day_thrust or fit.noise.day_force > 1.01 * same.day_force:
@@ -133,7 +133,7 @@ class WithProcessNoise:
             return best
         noise = replace(hint.noise, day_force=present.noise.day_force, day_thrust=present.noise.day_thrust)
         fits = [problem.fit(hint.theta, hint.effects, w) for w in (noise, alike_in(hint.noise, problem.runs))]
-        seconds = foresight(problem, self.plain)
+        seconds = prediction_horizon(problem, self.plain)
         other = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
         if other is None or seconds is None or other.total <= present.total:
             return best
@@ -158,7 +158,7 @@ class WithProcessNoise:
         """Return the scores of candidates fitted to the end, the likeliest on the runs fitted first."""
         found = []
         for k, (effect, fit) in enumerate(ends):
-            self.say(f"{self.stage}: runs left out", k, len(ends))
+            self.say(f"{self.stage}: held-out runs", k, len(ends))
             found.append(self._sound(self.score(effect, fit)))
         return sorted(found, key=lambda a: -(a.gained - a.fit.price(a.fit.unknowns - self.present.unknowns)))
 
@@ -170,16 +170,16 @@ class WithProcessNoise:
         before = densities_of(self.left_out, self.left_out)
         after = densities_of(self.unseen(fit), self.left_out) if gained > min(0.5 * needed, WORTH) else before
         parts = np.array([float(np.sum(a - b)) for a, b in zip(after, before, strict=True)])
-        foretold = float(parts.sum())
+        held_out_gain = float(parts.sum())
         found = CandidateScore(
             now,
             fit,
             gained,
             needed,
             numbers=sum(fit.effects[i] is now for i, _ in fit.free_effects),
-            evidence=2.0 * foretold,
-            gain=1.0 - math.exp(-max(foretold, -50.0) / max(fit.samples, 1)),
-            p=min(1.0, tried * math.exp(-max(min(foretold, 700.0), 0.0))),
+            evidence=2.0 * held_out_gain,
+            gain=1.0 - math.exp(-max(held_out_gain, -50.0) / max(fit.samples, 1)),
+            p=min(1.0, tried * math.exp(-max(min(held_out_gain, 700.0), 0.0))),
             parts=parts,
             interval=interval_of(before, after),
         )
@@ -193,7 +193,7 @@ class WithProcessNoise:
         if found.lacks is not None:
             return found
         if not stands(self.problem, found.fit):
-            return replace(found, lacks="no-model", unsound="no model of the craft stands with it")
+            return replace(found, lacks="no-model", unsound="with it no model of the craft fits")
         seen: list[tuple[float, float]] = []
         unseen = self.unseen(found.fit)
         for seconds, gain in gains_ahead(self.problem, self.plain, self.folds, self.left_out, unseen, ""):
@@ -207,7 +207,7 @@ class WithProcessNoise:
         found = replace(found, ahead=after / before if 0.0 < before < math.inf else 1.0)
         if ratio < 1.0:
             return found
-        why = f"predicts no better {seconds:g} s ahead ({ratio:.2f} times the error)"
+        why = f"does not improve prediction {seconds:g} s ahead ({ratio:.2f} times the error)"
         return replace(found, lacks="no-gain", unsound=why)
 
     def winner(self, scores: Sequence[Score]) -> Score | None:
@@ -314,7 +314,7 @@ def _as_likely(judged: Sequence[Score], winner: Score) -> list[Score]:
         a
         for a in judged
         if a.gained > enough
-        and (a.foretold > WORTH or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained)
+        and (a.held_out_gain > WORTH or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained)
     ]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import correlation_of
-from gcs_autotune.effects import EFFECTS, Drive, EffectInstance, in_order
+from gcs_autotune.effects import EFFECTS, Drive, EffectInstance, columns_of, in_order
 from gcs_autotune.identify import Fitted, Problem, Segment
 from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.sname import DOFS
@@ -26,10 +26,10 @@ __all__ = ["CONSTANT", "CURVED", "LATE", "PLAIN", "PlainNumber", "command_sizes"
 Array = NDArray[np.float64]
 
 PLAIN: Mapping[str, str] = {
-    "gain": "speed held per unit of command",
-    "time constant": "time to 63 % of it after a step",
-    "delay": "from command to action",
-    "trim": "command that holds it still",
+    "gain": "steady speed per unit of command",
+    "time constant": "time to 63 % of the steady speed after a step",
+    "delay": "from command to force",
+    "trim": "command that holds the craft still",
 }
 """Numbers of the plain model, and what they mean."""
 
@@ -121,7 +121,7 @@ def _with_delay_and_trim(
     wide = form.freeing(*trims)
     values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
     theta = np.array([values.get(n, 0.0) for n in wide.parameters])
-    late = {e.place for e in fitted.effects if e.slug in LATE}
+    late = {n for e in fitted.effects if e.slug in LATE for n in columns_of(e.place)}
     everywhere = any(e.slug in LATE - {"input-delay", "actuator-lag"} for e in fitted.effects)
     lacking = [] if everywhere else [c for c in dict.fromkeys(c for c, _ in driven.values()) if c not in late]
     more = Problem(
@@ -164,10 +164,16 @@ class _Numbers:
             steps = {c: np.full(2, way if c == channel else 0.0) for c in self.form.inputs}
             drive = Drive(np.array([0.0, 1.0]), steps, 0.0)
             for e in in_order(self.effects):
-                if e.slug in CURVED and e.place == channel:
+                if e.slug in CURVED and (e.place == channel or channel in self.shared(e)):
                     drive = EFFECTS[e.slug].drive(e, drive)
             both.append(float(drive.channels[channel][-1]))
         return 0.5 * (both[0] - both[1])
+
+    def shared(self, effect: EffectInstance) -> tuple[str, ...]:
+        """Return the two thrusters that have an effect in common; none where it mixes steering and throttle."""
+        names = columns_of(effect.place)
+        alike = len({frozenset((f, str(g).lstrip("-")) for f, g in self.form.inputs.get(n, ())) for n in names}) == 1
+        return names if alike else ()
 
 
 class _Reading:
@@ -215,7 +221,7 @@ def _delays(effect: EffectInstance, channel: str, problem: Problem) -> bool:
     """Whether an effect makes all that is seen of a command late."""
     if effect.slug == "measurement-delay":
         return set(effect.place.split("+")) >= set(problem.data_summary.signals)
-    return effect.slug == "time-offset" or (effect.slug == "input-delay" and effect.place == channel)
+    return effect.slug == "time-offset" or (effect.slug == "input-delay" and channel in columns_of(effect.place))
 
 
 def _delay_of(channel: str, problem: Problem) -> Quantity:

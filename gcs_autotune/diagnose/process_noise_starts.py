@@ -170,7 +170,7 @@ def at_the_right_interval(
     pace = _pace_of(theta)
 
     def at(interval: float) -> Plain | None:
-        say("process noise: interval between samples", 0, 1)
+        say("process noise: sampling interval", 0, 1)
         runs = _thinned(problem, form, signal, theta, pace, _limits(form), interval)
         plain = None if runs is None else _best_of_starts(runs, theta, pace, say)
         return None if runs is None or plain is None else (runs, plain)
@@ -255,7 +255,7 @@ def _to_the_end(problem: NoisyProblem, rough: list[NoisyFit], say: Say) -> Noisy
     """Return the best of the two most promising, fitted to the end."""
     ends = []
     for k, f in enumerate(sorted(rough, key=lambda f: -f.total)[:2]):
-        say("process noise: fitting to the end", k, 2)
+        say("process noise: final fits", k, 2)
         ends.append(problem.fit(f.theta, (), f.noise))
     return max((f for f in ends if f is not None), key=lambda f: f.total, default=None)
 
@@ -263,12 +263,12 @@ def _to_the_end(problem: NoisyProblem, rough: list[NoisyFit], say: Say) -> Noisy
 def _shaped(problem: NoisyProblem, best: NoisyFit, say: Say) -> NoisyFit:
     """Return *best* with the law that suits its innovations, and a smoother of the signal, where these pay."""
     for k, freedom in enumerate(FREEDOMS[1:]):
-        say("process noise: law of the innovations", k, len(FREEDOMS))
+        say("process noise: distribution of the innovations", k, len(FREEDOMS))
         tailed = problem.fit(best.theta, (), replace(best.noise, freedom=freedom))
         if tailed is None or tailed.total <= best.total + WORTH or errs_after_commands(problem, best):
             break
         best = tailed
-    say("process noise: law of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
+    say("process noise: distribution of the innovations", len(FREEDOMS) - 1, len(FREEDOMS))
     blurred = problem.fit(best.theta, (), replace(best.noise, smoothing=problem.data_summary.interval))
     return blurred if blurred is not None and blurred.total > best.total + WORTH else best
 

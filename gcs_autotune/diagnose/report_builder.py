@@ -146,8 +146,8 @@ def _without_useless(state: SearchState) -> SearchState:
     names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
     doubt = Doubt(
         "no-gain",
-        f"{names} fits the runs given and lowers no error on data left out, so it is not identified as a cause",
-        "fly the same manoeuvre again, and another one, and diagnose all runs together",
+        f"{names} fits these runs but does not reduce the error on held-out data, so it is not reported as a cause",
+        "repeat the manoeuvre, fly a different one too, and diagnose all runs together",
     )
     return replace(
         state, fitted=state.base, present_unseen=state.base_unseen, renamed=(), doubts=(*state.doubts, doubt)
@@ -189,15 +189,17 @@ def _weightless(state: SearchState) -> list[Doubt]:
                 0.0 if state.with_noise is None or state.with_noise.dof != dof else state.with_noise.fit.noise.memory
             )
             # A craft of time constant a under a force remembered for b wanders just as one of b under a force of a.
-            swapped = f" (or {memory:.2g} s, as long as what else drives it is remembered: the two may change places)"
+            swapped = (
+                f" (or {memory:.2g} s, the correlation time of the disturbance: these runs do not distinguish the two)"
+            )
             found.append(
                 Doubt(
                     "no-inertia",
                     f"these runs show no inertia in {dof}: the time constant is {bound}"
-                    f"{swapped * (below < memory < LIKE_SAMPLES * interval)}, and was found within three "
-                    "samples, whatever number the model has for it",
-                    "take gain and delay alone from these runs; a simulator may well have no inertia there, of a craft "
-                    "record faster",
+                    f"{swapped * (below < memory < LIKE_SAMPLES * interval)}, less than three samples, so its value is "
+                    "not reliable",
+                    "use only gain and delay from these runs; of a real craft record faster (a simulator may have no "
+                    "inertia there)",
                 )
             )
     return found
@@ -212,8 +214,8 @@ def _by_interval(state: SearchState) -> list[Doubt]:
         Doubt(
             "sampling-interval",
             search.interval,
-            "take the numbers for those of motion slower than that interval; what acts faster (thrusters that need "
-            "time, the autopilot's filter) is in no model here: record thrust or propeller speed",
+            "use these numbers for motion slower than that interval only; faster dynamics (thruster lag, the "
+            "autopilot's filter) are not modelled: record thrust or propeller speed",
         )
     ]
 
@@ -241,7 +243,7 @@ def unfinished_report(
     search = None if state.noise_search is None else state.noise_search[1]
     ranking = (*_ranked(state), *(() if search is None else _ranked(search)))
     model = replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs)
-    unknown = Signature(("not looked at: the search was stopped",), math.nan)
+    unknown = Signature(("not examined: the search was stopped",), math.nan)
     return Diagnosis(
         verdict="unfinished",
         causes=(),
@@ -269,15 +271,14 @@ def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> D
     """Return the doubt that says at what a search was stopped, what was tried and what is left."""
     later = [s.removeprefix(NOT_BEGUN) for s in dict.fromkeys(state.cut) if s.startswith(NOT_BEGUN)]
     tried = list(dict.fromkeys(r.cause for r in ranking))
-    at = "" if effort.stopped.startswith(NOT_BEGUN) else f" at: {effort.stopped}"
-    parts = [f"stopped{at}", f"tried to the end: {', '.join(tried) or 'nothing'}"]
+    at = "" if effort.stopped.startswith(NOT_BEGUN) else f" during: {effort.stopped}"
+    parts = [f"stopped{at}", f"completed: {', '.join(tried) or 'nothing'}"]
     parts += [f"{NOT_BEGUN}{', '.join(later)}"] if later else []
     what = "work" if effort.by_work else "time"
     return Doubt(
         f"out-of-{what}",
-        f"the search used up the {what} it was given and names nothing; {'; '.join(parts)}",
-        "go on with --resume DIR, DIR the folder this search wrote; or look at fewer runs, or at the effects in "
-        "question (--effects)",
+        f"the search reached its {what} limit, so no cause is reported; {'; '.join(parts)}",
+        "continue with --resume DIR, the folder this search wrote; or diagnose fewer runs or fewer effects (--effects)",
     )
 
 
@@ -339,8 +340,8 @@ def _elsewhere(effect: EffectInstance, alike: Sequence[EffectInstance]) -> Doubt
     here, others = f"{effect.place}{_digits(effect)}", " or ".join(f"{e.place}{_digits(e)}" for e in alike)
     return Doubt(
         "another-place",
-        f"{effect.slug} of {here} explains these runs no better than {effect.slug} of {others}",
-        f"look at the columns: {EFFECTS[effect.slug].separated_by}",
+        f"{effect.slug} on {here} explains these runs as well as {effect.slug} on {others}",
+        f"check the columns: {EFFECTS[effect.slug].separated_by}",
     )
 
 
@@ -354,9 +355,9 @@ def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdi
         return EFFECTS[alike[0][0] if alike[0][0] in EFFECTS else VELOCITY_PRODUCT].separated_by
     if verdict in ("unexplained", "partly-explained"):
         return (
-            "the same manoeuvre twice, once on the opposite heading, then a minute without any command: what repeats "
-            "is the craft, what turns with the heading is wind, current or compass, what does neither is disturbance"
+            "the same manoeuvre twice, the second on the opposite heading, then a minute without commands: what "
+            "repeats is the craft, what turns with the heading is wind, current or compass, the rest is disturbance"
         )
     if order:
         return EFFECTS[order[0].slug].separated_by
-    return "nothing more is needed for this model; a run with larger commands would try it harder"
+    return "no further run is needed for this model; a run with larger commands would test it harder"

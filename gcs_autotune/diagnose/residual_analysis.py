@@ -39,16 +39,16 @@ def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test
 
 def _words(test: Test) -> str:
     if not test.signal and math.isnan(test.size):
-        return f"the oscillation is correlated with {test.what}: its cause is aboard or in the hull, not a wave"
+        return f"the oscillation is correlated with {test.what}: its cause is the craft, not waves"
     if not test.signal:
         return f"the residual is correlated with {test.what} (correlation {test.size:+.2f})"
     if test.what == "one frequency":
         return f"{test.signal}: {100 * test.size:.0f} % of the residual's power is at one frequency"
     if test.what == "heavy tails":
-        return f"{test.signal}: single samples are far off, more often than noise explains (kurtosis {test.size:+.1f})"
+        return f"{test.signal}: more outliers than noise explains (kurtosis {test.size:+.1f})"
     if test.what == "slow drift":
-        return f"{test.signal}: the residual drifts slowly, {math.sqrt(test.size):.1f} times as far as noise"
-    return f"{test.signal}: the residual is correlated: each sample resembles the ones before it"
+        return f"{test.signal}: the residual drifts slowly, {math.sqrt(test.size):.1f} times as far as noise would"
+    return f"{test.signal}: the residual is correlated from sample to sample"
 
 
 def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:

@@ -108,7 +108,7 @@ def doubt_of_days(dof: str, unit: str, days: Sequence[Day]) -> list[Doubt]:
     return [
         Doubt(
             "day-to-day",
-            f"the runs differ in {dof} beside what they were commanded ({'; '.join(told)})",
+            f"the runs differ in {dof} by more than their commands explain ({'; '.join(told)})",
             "note battery, load and wind of each run: run-to-run differences are not attributed to the craft",
         )
     ]

@@ -24,9 +24,9 @@ __all__ = [
     "Plain",
     "changes_at",
     "commanded",
-    "foresight",
     "horizons",
     "judged_at",
+    "prediction_horizon",
     "refitted",
     "rms_ahead",
     "stands",
@@ -102,7 +102,7 @@ def stands(problem: NoisyProblem, fit: NoisyFit) -> bool:
     return fit.noise.size < OF_THE_COMMAND * gain * commanded(problem)
 
 
-def foresight(problem: NoisyProblem, fit: NoisyFit) -> float | None:
+def prediction_horizon(problem: NoisyProblem, fit: NoisyFit) -> float | None:
     """Return how far ahead [s] predictions are to be compared; None where the runs are too short.
 
     Three time constants of the craft, and no less than two correlation times of the commands: of a fit that takes a
@@ -126,11 +126,11 @@ def foresight(problem: NoisyProblem, fit: NoisyFit) -> float | None:
 
 
 def horizons(problem: NoisyProblem, fit: NoisyFit) -> tuple[float, ...]:
-    """Return how far ahead [s] a cause is to lower the error: :func:`foresight`, or one time constant of the craft.
+    """Return the horizons [s] at which a cause must lower the error: :func:`prediction_horizon`, or one time constant.
 
     What acts at once (a saturation, backlash) shows in the first time constant; later the drifting force hides it.
     """
-    found = (foresight(problem, fit), _nearest(problem, 1.0 / max(abs(float(fit.theta[1])), 1e-3)))
+    found = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(float(fit.theta[1])), 1e-3)))
     return tuple(dict.fromkeys(s for s in found if s is not None))
 
 
@@ -241,7 +241,7 @@ def judged_at(
     steady = [_alike(*a, *b) for o in wider for a, b in zip(_pairs(plain), _pairs(o[1]), strict=True)]
     if stands(problem, plain) and all(steady):
         return begun, None, ""
-    seconds = foresight(problem, plain)
+    seconds = prediction_horizon(problem, plain)
     if seconds is None:
         return begun, None, ""
     first = _look(problem, plain, slugs, price, seconds)
@@ -251,7 +251,7 @@ def judged_at(
     if all(steady):
         return begun, None, ""
     far = wider[int(np.argmin(steady)) // 2]
-    words = f"judged every {problem.interval:.2g} s the plain model has {_told(plain)}, every {far[0].interval:.2g} s "
+    words = f"sampled every {problem.interval:.2g} s the plain model has {_told(plain)}, every {far[0].interval:.2g} s "
     return begun, None, words + _told(far[1])
 
 
@@ -265,11 +265,11 @@ def _told(fit: NoisyFit) -> str:
 
 
 def _moved(first: Look, found: Look, seconds: float) -> str:
-    term = found.best.effects[0].slug if found.best.effects else "no term more"
+    term = found.best.effects[0].slug if found.best.effects else "no added term"
     return (
-        f"judged every {first.problem.interval:.2g} s the plain model has {_told(first.plain)} and the best model errs "
-        f"by {first.error:.2g} {seconds:g} s ahead; every {found.problem.interval:.2g} s and more, with {term}, "
-        f"{_told(found.best)} and {found.error:.2g}: the runs are judged there"
+        f"sampled every {first.problem.interval:.2g} s the plain model has {_told(first.plain)}, and the best model an "
+        f"error of {first.error:.2g} {seconds:g} s ahead; every {found.problem.interval:.2g} s or more, with {term}, "
+        f"{_told(found.best)} and {found.error:.2g}; this interval is used"
     )
 
 

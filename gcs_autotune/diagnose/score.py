@@ -106,7 +106,7 @@ class CandidateScore(Generic[FitT]):
     unsound: str = ""
 
     @property
-    def foretold(self) -> float:
+    def held_out_gain(self) -> float:
         """Log-likelihood gained on all data left out."""
         return float(self.parts.sum())
 
@@ -117,7 +117,7 @@ class CandidateScore(Generic[FitT]):
         That is sure whatever its scatter over blocks: no single gust brings it.
         """
         even = len(self.parts) > 2 and bool(np.all(self.parts > 0.0))
-        return even and self.foretold > AMPLE and self.foretold - float(self.parts.max()) > WORTH
+        return even and self.held_out_gain > AMPLE and self.held_out_gain - float(self.parts.max()) > WORTH
 
     @property
     def holds(self) -> bool:
@@ -129,9 +129,9 @@ class CandidateScore(Generic[FitT]):
             return False
         losing = int(np.sum(self.parts <= 0.0))
         if losing == 0:
-            return self.foretold > WORTH
+            return self.held_out_gain > WORTH
         most = float(self.parts.max())
-        return losing == 1 and len(self.parts) > 2 and min(self.foretold - most, 0.5 * self.foretold) > WORTH
+        return losing == 1 and len(self.parts) > 2 and min(self.held_out_gain - most, 0.5 * self.held_out_gain) > WORTH
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +178,7 @@ def lack_by_parts(one: CandidateScore[NoisyFit], *, brief: bool = False, uncerta
         return "uncertain"
     if brief:
         return "brief"
-    if one.holds and (one.gained > one.needed or one.foretold > FAR_MORE * one.needed):
+    if one.holds and (one.gained > one.needed or one.held_out_gain > FAR_MORE * one.needed):
         return None
     if one.gained <= one.needed:
         return "weak"
@@ -198,8 +198,8 @@ def winner_of(scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted
     paying = [j for j in paying if not _outdone(j, paying)]
     best = paying[0]
     if EFFECTS[best.effect.slug].is_disturbance:
-        foretold = [j for j in paying if not EFFECTS[j.effect.slug].is_disturbance and j.gain > best.gain]
-        best = foretold[0] if foretold else best
+        better = [j for j in paying if not EFFECTS[j.effect.slug].is_disturbance and j.gain > best.gain]
+        best = better[0] if better else best
     return plainest(best, paying)
 
 

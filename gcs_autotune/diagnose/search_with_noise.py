@@ -29,7 +29,13 @@ from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
 from gcs_autotune.identify import Doubt, Fitted
 from gcs_autotune.sname import DOFS
 
-__all__ = ["NO_MODEL", "look_before_joining", "look_with_process_noise", "no_model_with_noise", "wanders"]
+__all__ = [
+    "NO_MODEL",
+    "model_noise_before_joining",
+    "model_process_noise",
+    "needs_process_noise",
+    "no_model_with_noise",
+]
 
 Array = NDArray[np.float64]
 
@@ -40,7 +46,7 @@ NO_MODEL = "no-model"
 """Name of the doubt where no model of the craft was found to name a cause beside."""
 
 
-def wanders(state: SearchState) -> tuple[SearchState, bool]:
+def needs_process_noise(state: SearchState) -> tuple[SearchState, bool]:
     """Return the state, and whether a drifting force is there whatever causes are accepted beside it.
 
     The answer is kept: the search under process noise is long. No where it cannot be asked.
@@ -60,7 +66,7 @@ def wanders(state: SearchState) -> tuple[SearchState, bool]:
     return state, search.calm >= PRESENT and search.still >= PRESENT
 
 
-def look_with_process_noise(state: SearchState) -> SearchState | None:
+def model_process_noise(state: SearchState) -> SearchState | None:
     """Look again with a drifting force in the model, where what is left over is no noise.
 
     Causes found so replace those of the search without it. None where that search ended at the noise, where it accepted
@@ -75,14 +81,14 @@ def look_with_process_noise(state: SearchState) -> SearchState | None:
         return None
     if any(not may_be_weighed(e, state.question.form.inputs) for e in state.causes):
         return None
-    state, _ = wanders(state)
+    state, _ = needs_process_noise(state)
     search = None if state.noise_search is None else state.noise_search[1]
     if no_model_with_noise(state):
         return _without_names(state)
     if search is None or search.calm < PRESENT:
         return state
     if search.momentary:
-        return replace(state, doubts=(*state.doubts, _no_weather(search)))
+        return replace(state, doubts=(*state.doubts, _no_disturbance(search)))
     if search.cut:
         return replace(state, cut=(*state.cut, *search.cut))
     if state.causes and _outdone(search, state):
@@ -100,12 +106,12 @@ def look_with_process_noise(state: SearchState) -> SearchState | None:
         "process-noise",
         f"a slowly varying force is present ({words_of_noise(search)}). With it modelled, the causes reported still "
         f"improve prediction of the {search.dof} of held-out runs",
-        "treat the causes as hypotheses; repeat in calm water, or record a run on which the craft comes back to rest",
+        "treat the causes as hypotheses; repeat in calm water, or record a run in which the craft returns to rest",
     )
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
 
 
-def look_before_joining(state: SearchState) -> SearchState | None:
+def model_noise_before_joining(state: SearchState) -> SearchState | None:
     """Look with a drifting force at the runs to fit alone, before those kept apart are joined to them.
 
     Of a BlueBoat's runs three name the damping that grows with speed, and predict the two kept apart. All five together
@@ -113,7 +119,7 @@ def look_before_joining(state: SearchState) -> SearchState | None:
     """
     if not state.question.unseen:
         return None
-    found = look_with_process_noise(state)
+    found = model_process_noise(state)
     if found is None or (found.with_noise is not None and found.with_noise.accepted):
         return found
     return replace(state, noise_search=found.noise_search)
@@ -123,7 +129,7 @@ def _no_base(search: NoiseSearch, above: float) -> Doubt:
     return Doubt(
         "above-command",
         f"a drifting {'moment' if DOFS[search.dof].angular else 'force'} drives the {search.dof} {above:.1f} times as "
-        "much as the commands do: no cause is identified beside a disturbance of that size",
+        "hard as the commands do: no cause can be identified under a disturbance of that size",
         "use larger commands or calmer water; check that the commands in the file are those that drove the craft",
     )
 
@@ -143,10 +149,9 @@ def _without_names(state: SearchState) -> SearchState:
     names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
     doubt = Doubt(
         NO_MODEL,
-        "no model of the craft was found with process noise modelled: what is left over is no noise, and from no start "
-        "does an equation with a drifting force follow these runs"
-        + (f"; {names} is therefore not identified" * bool(names)),
-        "look at columns, units and clocks first; then calmer water, or slower and larger commands",
+        "no model of the craft fits these runs with process noise modelled, from any starting point, and the residual "
+        "is more than noise" + (f"; {names} is therefore not identified" * bool(names)),
+        "check columns, units and clocks first; then record in calmer water, or with slower and larger commands",
     )
     return replace(
         state,
@@ -189,13 +194,13 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
     return other.total - price > search.fit.total + luck
 
 
-def _no_weather(search: NoiseSearch) -> Doubt:
+def _no_disturbance(search: NoiseSearch) -> Doubt:
     return Doubt(
         "no-weather",
-        f"what drives the {search.dof} besides its commands lasts {search.plain.noise.memory:.2g} s, no "
-        "more than two samples: that is no wind, wake or current",
-        "record commands with the moment they took effect, and the sensor without its filter: either leaves such a "
-        "trace",
+        f"the disturbance of the {search.dof} has a correlation time of {search.plain.noise.memory:.2g} s, at most two "
+        "samples: too short for wind, wake or current",
+        "check that commands are stamped when they take effect and that the sensor is logged unfiltered: either "
+        "fault looks like this",
     )
 
 
@@ -203,7 +208,8 @@ def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
     names = ", ".join(f"{e.slug} of {e.place}" for e in causes)
     return Doubt(
         "not-under-process-noise",
-        f"{names} lowers the error of a simulation without process noise, and predicts nothing once it is modelled",
+        f"{names} lowers the error only without process noise modelled; with it, prediction of held-out runs does not "
+        "improve",
         "repeat the runs in calmer water",
     )
 

@@ -16,10 +16,10 @@ from gcs_autotune.clock import OutOfTime
 from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.diagnose.plain_numbers import driven_by
 from gcs_autotune.diagnose.question import ModelInQuestion, Progress, Question
+from gcs_autotune.diagnose.simulation_alignment import compared
 from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.diagnose.two_records import compared
-from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
+from gcs_autotune.effects import EFFECTS, EffectInstance, columns_of, in_order
 from gcs_autotune.errors import UsageError
 from gcs_autotune.executor import executor_for
 from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, plain_form, prepare_as_recorded
@@ -62,7 +62,7 @@ def surrogate_of(
     """
     if len(simulations) != len(runs):
         raise UsageError(
-            f"{len(runs)} run(s) but {len(simulations)} simulation(s): give one per run, in the same order"
+            f"{len(runs)} run(s) but {len(simulations)} simulation(s): supply one per run, in the same order"
         )
     records = compared(simulations, runs)
     flown = records.simulations
@@ -86,8 +86,8 @@ def surrogate_of(
             doubts.append(
                 Doubt(
                     "simulation-not-understood",
-                    f"the model of the simulator misses its own {name} by {100 * share:.0f} % of the motion",
-                    "give its equations as a model file (--model) instead of its output",
+                    f"the model fitted to the simulation misses its {name} by {100 * share:.0f} % of the motion",
+                    "supply its equations as a model file (--model) instead of its output",
                 )
             )
     given = ModelInQuestion(found.model, theirs=(problem, found), records=records.rows)
@@ -102,14 +102,14 @@ def _directly(simulations: Sequence[Trial], placed: Sequence[Trial], runs: Seque
     told, right = _misses(simulations, runs), _misses(placed, runs)
     if not right:
         return []
-    said = f"as it stands it misses {told}" if told else "as it stands it is about other times"
+    said = f"unchanged it misses {told}" if told else "unchanged it covers other times"
     if told != right:
-        said += f", with clock, signs and units set right {right}"
+        said += f", with clock, signs and units corrected {right}"
     return [
         Doubt(
             "simulation-off",
-            f"errors are those of a model fitted to the simulation; {said} (rms, its worst run)",
-            "give its equations as a model file (--model), or begin its runs where the craft was",
+            f"the errors shown are of a model fitted to the simulation; {said} (rms, worst run)",
+            "supply its equations as a model file (--model), or start its runs at the state of the craft",
         )
     ]
 
@@ -171,8 +171,10 @@ def _terms(problem: Problem) -> tuple[EffectInstance, ...]:
         ("net-buoyancy", [d for d in driven if d == "heave"]),
     ):
         entry = EFFECTS[slug]
+        lacking = set(places)
         for place in entry.places(data):
-            if place in places:
+            if lacking.issuperset(columns_of(place)):
+                lacking -= set(columns_of(place))
                 start = dict.fromkeys(entry.starts(place, data)[0], 0.0)
                 found.append(EffectInstance(slug, place, start, dict(entry.constants(place, data))))
     return in_order(found)

@@ -290,7 +290,7 @@ def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: F
     unseen, given_unseen = HeldOut((), False), None
     cut: tuple[str, ...] = ()
     try:
-        question.say("plain model: runs left out", 0, 1)
+        question.say("plain model: held-out runs", 0, 1)
         unseen = held_out(problem, parts, fitted, refit=True)
         given_unseen = None if given is None else held_out(problem, parts, given, refit=False)
     except OutOfTime as over:

@@ -40,7 +40,7 @@ from gcs_autotune.diagnose.score import (
     ordered,
 )
 from gcs_autotune.diagnose.search import add_one_by_one, judge
-from gcs_autotune.diagnose.search_with_noise import wanders
+from gcs_autotune.diagnose.search_with_noise import needs_process_noise
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
@@ -114,7 +114,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
     if step.accepted is None and white < SIGNIFICANCE:
         # With a drifting force every pair looks as good as the next, and there are many. Two causes without any such
         # force look like one, too, and only they leave nothing when both are known.
-        state, adrift = wanders(state)
+        state, adrift = needs_process_noise(state)
         try:
             state, ahead = _look_ahead(state, step, stage, 2 if adrift else FARTHEST)
             if ahead is not None and (not adrift or leaves_nothing(state.problem, ahead[-1].judged[0].fit)):
@@ -210,10 +210,10 @@ def _look_ahead(
 def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState, _Path | None]:
     """Return the path with the likeliest next cause; None when nothing adds to it.
 
-    No disturbance: what a filter learns from what is left over foretells any ringing of a wrong model.
+    Disturbances are excluded: a filter that learns from the residual predicts any ringing of a wrong model.
     """
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, step = state.step(f"{stage} and another", path.taken[-1].fit, slugs=slugs, quick=True)
+    state, step = state.step(f"{stage} and one more", path.taken[-1].fit, slugs=slugs, quick=True)
     if not step.judged or step.judged[0].evidence <= 0.0:
         return state, None
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
@@ -261,7 +261,7 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     if not is_needed(likelihood, kept, without, state.tried):
         return state.with_model(without)
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, again = state.step(f"second thoughts on {slug}", without, slugs=slugs, quick=True, most=RIVALS)
+    state, again = state.step(f"is {slug} still needed", without, slugs=slugs, quick=True, most=RIVALS)
     rival = next((j for j in again.judged if j.effect.slug != slug), None)
     if rival is None:
         return state
@@ -316,7 +316,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
     lost = state.lost
     if lost is None or leaves_nothing(state.problem, state.fitted):
         return None
-    state, adrift = wanders(state)
+    state, adrift = needs_process_noise(state)
     search = None if state.noise_search is None else state.noise_search[1]
     rough = adrift and search is not None and above_the_command(search) > CALM
     if rough and search is not None and search.accepted and _is_all(search.dof, state.problem):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -27,6 +27,7 @@ __all__ = [
     "QuadraticActuator",
     "RudderStall",
     "Saturation",
+    "SharedActuatorEffect",
     "horizon",
     "largest",
     "last_stamp",
@@ -62,13 +63,8 @@ class ActuatorEffect(Effect):
         return tuple(n for n in data.inputs if data.amplitude[n] > 0.0)
 
 
-class Characteristic(ActuatorEffect):
-    """An actuator whose output is a function of the present command: a static curve.
-
-    Two thrusters of one kind may share it: their place is both channels, joined by ``+``.
-    """
-
-    title: ClassVar[str]
+class SharedActuatorEffect(ActuatorEffect):
+    """An effect that two thrusters of one kind may share: their place is both channels, joined by ``+``."""
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every input that was used, and both of two thrusters; of two commanded alike only both."""
@@ -76,6 +72,12 @@ class Characteristic(ActuatorEffect):
         alike = {n for pair in data.commanded_alike for n in pair}
         both = ["+".join(pair) for pair in data.twins if set(pair) <= set(used)]
         return (*(n for n in used if n not in alike), *both)
+
+
+class Characteristic(SharedActuatorEffect):
+    """An actuator whose output is a function of the present command: a static curve."""
+
+    title: ClassVar[str]
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
         """Return what acts (n,) at the commands *u* (n,), both in the input's unit."""
@@ -95,12 +97,12 @@ class Characteristic(ActuatorEffect):
         return EffectCurve(u, self.acting(effect, u), x_label, y_label, self.title, plain=u)
 
 
-class Gradual(ActuatorEffect):
+class Gradual(SharedActuatorEffect):
     """An actuator that moves between the stamps of its commands."""
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """How finely the motion between stamps must be held so that this craft hardly notices."""
-        return {RESOLUTION: 4.0 * FAINT * quickest(data) * data.amplitude[place]}
+        return {RESOLUTION: 4.0 * FAINT * quickest(data) * largest(place, data)}
 
     def resolution(self, effect: EffectInstance, u: Array) -> float:
         """Return the constant, or one for the quickest craft when *effect* was made without."""
@@ -140,16 +142,22 @@ def steers(place: str, data: DataSummary) -> bool:
     return any(force in turning for n in columns_of(place) for force, _ in data.form.inputs.get(n, ()))
 
 
-def redrawn(drive: Drive, name: str, t: Array, values: Array) -> Drive:
-    """Return *drive* with channel *name* holding *values* (k,) from the stamps *t* (k,) on.
+def redrawn(drive: Drive, place: str, moved: Callable[[Array], tuple[Array, Array]]) -> Drive:
+    """Return *drive* with every channel of *place* as *moved*.
 
-    A lone channel has these stamps only; with others there the stamps of both are merged.
+    Of commands (j,) at the stamps of *drive*, *moved* returns stamps (k,) and the values (k,) held from these on. A
+    lone channel has these stamps only; with others there the stamps of all are merged.
     """
+    names = columns_of(place)
+    parts = {n: moved(drive.channels[n]) for n in names}
     if len(drive.channels) == 1:
-        return replace(drive, t=t, channels={name: values})
-    together = np.union1d(drive.t, t)
-    at = np.maximum(np.searchsorted(t, together, side="right") - 1, 0)
-    return drive.on(together).with_channel(name, values[at])
+        t, values = parts[names[0]]
+        return replace(drive, t=t, channels={names[0]: values})
+    together = np.unique(np.concatenate([drive.t, *(t for t, _ in parts.values())]))
+    drawn = drive.on(together)
+    for name, (t, values) in parts.items():
+        drawn = drawn.with_channel(name, values[np.maximum(np.searchsorted(t, together, side="right") - 1, 0)])
+    return drawn
 
 
 def with_other(drive: Drive, name: str, other: str) -> tuple[Array, Array, Array] | None:
@@ -393,7 +401,7 @@ class AsymmetricThrust(Characteristic):
         left, right = self.acting(effect, X + N), self.acting(effect, X - N)
         if throttle in drive.channels:
             drive = drive.with_channel(throttle, 0.5 * (left + right))
-        return redrawn(drive, steering, t, 0.5 * (left - right))
+        return redrawn(drive, steering, lambda _: (t, 0.5 * (left - right)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Acting over commanded; of two thrusters that of each."""
@@ -409,7 +417,7 @@ def _both_ways(extent: tuple[float, float]) -> bool:
     return min(-low, high) > BOTH * max(-low, high)
 
 
-class Backlash(ActuatorEffect):
+class Backlash(SharedActuatorEffect):
     """Play: what acts stays where it is until the command has gone ``width / 2`` past it, then is dragged along.
 
     It starts at the first command. Exact for held commands.
@@ -431,21 +439,24 @@ class Backlash(ActuatorEffect):
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """Shares of the largest command; twice that is the whole way."""
-        return tuple({"width": share * data.amplitude[place]} for share in (0.1, 0.3, 0.7, 1.2))
+        return tuple({"width": share * largest(place, data)} for share in (0.1, 0.3, 0.7, 1.2))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Something must still come through when the command goes from end to end."""
-        return {"width": (0.0, 1.8 * data.amplitude[place])}
+        return {"width": (0.0, 1.8 * largest(place, data))}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Drag what acts along."""
-        return drive.with_channel(effect.place, play(drive.channels[effect.place], 0.5 * effect["width"]))
+        for name in columns_of(effect.place):
+            drive = drive.with_channel(name, play(drive.channels[name], 0.5 * effect["width"]))
+        return drive
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """The loop: from full reverse to full ahead and back."""
-        way = np.linspace(-data.amplitude[effect.place], data.amplitude[effect.place], 101)
+        full = largest(effect.place, data)
+        way = np.linspace(-full, full, 101)
         u = np.concatenate([way, way[::-1], way])
         y = play(u, 0.5 * effect["width"])
-        unit = data.inputs[effect.place]
+        unit = data.inputs[columns_of(effect.place)[0]]
         x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
         return EffectCurve(u[101:], y[101:], x_label, y_label, "Backlash", plain=u[101:])

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gcs_autotune.effects.actuator import ActuatorEffect, Gradual, horizon, last_stamp, redrawn
-from gcs_autotune.effects.effect import INPUT, Drive, EffectCurve, EffectInstance, Quantity
+from gcs_autotune.effects.actuator import Gradual, SharedActuatorEffect, horizon, largest, last_stamp, redrawn
+from gcs_autotune.effects.effect import INPUT, Array, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.kernels import fading, following, limited
 from gcs_autotune.effects.summary import DataSummary
 
@@ -18,7 +18,7 @@ LATEST = 1.0
 """A delay [s] that is looked for however quick the craft is: radio, autopilot and a GPS know nothing of that."""
 
 
-class InputDelay(ActuatorEffect):
+class InputDelay(SharedActuatorEffect):
     """The command acts ``delay`` later, the first one before that; exact, as commands are held."""
 
     slug = "input-delay"
@@ -52,11 +52,14 @@ class InputDelay(ActuatorEffect):
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Shift the changes of the channel; a lone channel keeps no other stamps."""
-        u = drive.channels[effect.place]
-        changes = np.r_[True, np.diff(u) != 0.0]
-        t, u = drive.t[changes] + effect["delay"], u[changes]
-        t[0] = drive.t[0]
-        return redrawn(drive, effect.place, t, u)
+
+        def later(u: Array) -> tuple[Array, Array]:
+            changes = np.r_[True, np.diff(u) != 0.0]
+            t = drive.t[changes] + effect["delay"]
+            t[0] = drive.t[0]
+            return t, u[changes]
+
+        return redrawn(drive, effect.place, later)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """A step, commanded and acting."""
@@ -84,26 +87,32 @@ class RateLimit(Gradual):
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """From zero to full in less than a sample to twice the craft's pace."""
         shortest, longest = horizon(data)
-        return tuple({"rate": float(data.amplitude[place] / s)} for s in np.geomspace(0.6 * shortest, 2.0 * longest, 5))
+        full = largest(place, data)
+        return tuple({"rate": float(full / s)} for s in np.geomspace(0.6 * shortest, 2.0 * longest, 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """From zero to full in a fiftieth of a sample to ten times the craft's pace."""
         shortest, longest = horizon(data)
-        return {"rate": (0.1 * data.amplitude[place] / longest, 50.0 * data.amplitude[place] / shortest)}
+        full = largest(place, data)
+        return {"rate": (0.1 * full / longest, 50.0 * full / shortest)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Run after the command."""
-        u = drive.channels[effect.place]
-        return redrawn(drive, effect.place, *limited(drive.t, u, effect["rate"], self.resolution(effect, u)))
+        return redrawn(drive, effect.place, lambda u: limited(drive.t, u, effect["rate"], self.resolution(effect, u)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """A step from zero to full command, commanded and acting."""
-        full = data.amplitude[effect.place]
+        full = largest(effect.place, data)
         t = np.linspace(-0.5, 2.0, 501) * full / effect["rate"]
         commanded = np.where(t >= 0.0, full, 0.0)
         acting = np.clip(effect["rate"] * t, 0.0, full)
         return EffectCurve(
-            t, acting, "time [s]", f"{effect.place} [{data.inputs[effect.place]}]", "Rate limit", plain=commanded
+            t,
+            acting,
+            "time [s]",
+            f"{effect.place} [{data.inputs[columns_of(effect.place)[0]]}]",
+            "Rate limit",
+            plain=commanded,
         )
 
 
@@ -143,10 +152,10 @@ class ActuatorLag(Gradual):
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Follow the command."""
-        u = drive.channels[effect.place]
-        if effect["time_constant"] < INSTANT:
+        T = effect["time_constant"]
+        if T < INSTANT:
             return drive
-        return redrawn(drive, effect.place, *following(drive.t, u, effect["time_constant"], self.resolution(effect, u)))
+        return redrawn(drive, effect.place, lambda u: following(drive.t, u, T, self.resolution(effect, u)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """A step, commanded and acting."""
@@ -193,10 +202,12 @@ class GainDrift(Gradual):
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Let the commands fade."""
-        u = drive.channels[effect.place]
-        resolution = self.resolution(effect, u)
-        faded = fading(drive.t, u, drive.start, last_stamp(drive), effect["rate"], LEAST_GAIN, resolution)
-        return redrawn(drive, effect.place, *faded)
+        end = last_stamp(drive)
+
+        def faded(u: Array) -> tuple[Array, Array]:
+            return fading(drive.t, u, drive.start, end, effect["rate"], LEAST_GAIN, self.resolution(effect, u))
+
+        return redrawn(drive, effect.place, faded)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Gain over time."""

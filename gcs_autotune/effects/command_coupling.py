@@ -60,7 +60,9 @@ class CommandCoupling(ActuatorEffect):
         """Add the other command, or what other effects have made of it where it drives something."""
         name, other = columns_of(effect.place)
         both = with_other(drive, name, other)
-        return drive if both is None else redrawn(drive, name, both[0], both[1] + effect["gain"] * both[2])
+        if both is None:
+            return drive
+        return redrawn(drive, name, lambda _: (both[0], both[1] + effect["gain"] * both[2]))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """What acts here over the other command."""

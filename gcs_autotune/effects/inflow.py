@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from gcs_autotune.effects.actuator import ActuatorEffect, redrawn, steers, with_other
+from gcs_autotune.effects.actuator import ActuatorEffect, SharedActuatorEffect, largest, redrawn, steers, with_other
 from gcs_autotune.effects.effect import Array, Drive, EffectCurve, EffectInstance, Quantity, columns_of
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import FORCES, STATES
@@ -101,7 +101,8 @@ class SpeedDependentSteering(ActuatorEffect):
         ahead = np.r_[at[1:], at[-1]]
         mean = (at * at + at * ahead + ahead * ahead) / 3.0
         u = drive.channels[effect.place][np.searchsorted(drive.t, t, side="right") - 1]
-        return redrawn(drive, effect.place, t, u * ((1.0 - effect["share"]) + effect["share"] * mean))
+        gain = (1.0 - effect["share"]) + effect["share"] * mean
+        return redrawn(drive, effect.place, lambda _: (t, u * gain))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Gain over speed."""
@@ -174,7 +175,9 @@ class PropellerWash(ActuatorEffect):
         """Scale the commands with the thrust commanded, or with what other effects have made of it."""
         name, other = columns_of(effect.place)
         both = with_other(drive, name, other)
-        return drive if both is None else redrawn(drive, name, both[0], both[1] * self._gain(effect, both[2]))
+        if both is None:
+            return drive
+        return redrawn(drive, name, lambda _: (both[0], both[1] * self._gain(effect, both[2])))
 
     def _gain(self, effect: EffectInstance, thrust: Array) -> Array:
         gain: Array = (1.0 - effect["share"]) + effect["share"] * thrust * np.abs(thrust) / effect["X_ref"] ** 2
@@ -235,7 +238,7 @@ RUDDER = "rad"
 PER_SPEED = "s/m or s/rad"
 
 
-class AdvanceSpeedLoss(ActuatorEffect):
+class AdvanceSpeedLoss(SharedActuatorEffect):
     """The force of a thruster is lowered by ``loss |force| nu``: the bilinear thruster.
 
     Miskovic2010, (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; ZhaoUSV, eq. (4). ``nu`` is the velocity
@@ -259,7 +262,8 @@ class AdvanceSpeedLoss(ActuatorEffect):
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Every thruster along one simulated axis."""
-        return tuple(n for n in super().places(data) if _axis(n, data) is not None and data.inputs[n] != RUDDER)
+        thrusters = [n for n in data.inputs if data.inputs[n] != RUDDER and _axis(n, data) is not None]
+        return tuple(place for place in super().places(data) if set(columns_of(place)) <= set(thrusters))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
         """A fifth and two thirds of the thrust at the highest speed."""
@@ -271,21 +275,21 @@ class AdvanceSpeedLoss(ActuatorEffect):
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """The gain of the input, and which axis it drives."""
-        ((force, gain),) = data.form.inputs[place]
+        ((force, gain),) = data.form.inputs[columns_of(place)[0]]
         size = abs(data.base.get(gain.lstrip("-"), 1.0)) if isinstance(gain, str) else abs(gain)
         return {GAIN: size, AXIS: float(FORCES.index(force))}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``X_|X|u`` and so on."""
+        """``X_|X|u`` and so on, of each thruster."""
         i = int(effect[AXIS])
-        return {f"{FORCES[i]}_|{effect.place}|{STATES[i]}": -effect["loss"] * effect[GAIN]}
+        return {f"{FORCES[i]}_|{n}|{STATES[i]}": -effect["loss"] * effect[GAIN] for n in columns_of(effect.place)}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
         """Force at full command over speed ahead."""
         force, velocity = FORCES[int(effect[AXIS])], STATES[int(effect[AXIS])]
         nu = np.linspace(0.0, _fastest(effect.place, data), 101)
-        rest = np.full_like(nu, effect[GAIN] * data.amplitude[effect.place])
-        unit = data.inputs[effect.place] if effect[GAIN] == 1.0 else SIGNALS[force][0]
+        rest = np.full_like(nu, effect[GAIN] * largest(effect.place, data))
+        unit = data.inputs[columns_of(effect.place)[0]] if effect[GAIN] == 1.0 else SIGNALS[force][0]
         x_label, y_label = f"{velocity} [{SIGNALS[velocity][0]}]", f"{force} at full {effect.place} [{unit}]"
         return EffectCurve(nu, rest * (1.0 - effect["loss"] * nu), x_label, y_label, "Thrust over speed", plain=rest)
 
@@ -297,7 +301,7 @@ class AdvanceSpeedLoss(ActuatorEffect):
 
 def _axis(place: str, data: DataSummary) -> Dof | None:
     """Return the only degree of freedom an input drives, None when it drives none or several."""
-    pairs = data.form.inputs.get(place, ())
+    pairs = data.form.inputs.get(columns_of(place)[0], ())
     driven = [DOFS[d] for d in data.form.dofs for force, _ in pairs if DOFS[d].force == force]
     return driven[0] if len(pairs) == 1 and len(driven) == 1 else None
 

@@ -23,12 +23,12 @@ __all__ = [
     "BLOCKS",
     "MOST_FOLDS",
     "Fold",
+    "amplitudes_of",
     "correlation_of",
     "cross_validated",
     "folds_of",
     "log_likelihood_of",
     "rms_per_signal",
-    "swings_of",
 ]
 
 BLOCKS = 4
@@ -98,7 +98,7 @@ def rms_per_signal(traces: Sequence[Trace]) -> dict[str, float]:
     return {n: math.sqrt(float(np.mean(np.square(e)))) for n, e in _by_signal(traces).items()}
 
 
-def swings_of(traces: Sequence[Trace]) -> dict[str, float]:
+def amplitudes_of(traces: Sequence[Trace]) -> dict[str, float]:
     """Return the standard deviation of each measured signal, what an error is compared with."""
     names = dict.fromkeys(t.signal for t in traces)
     return {n: float(np.std(np.concatenate([t.measured for t in traces if t.signal == n]))) for n in names}

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gcs_autotune.experiments.cross_validation import cross_validated, folds_of, swings_of
+from gcs_autotune.experiments.cross_validation import amplitudes_of, cross_validated, folds_of
 from gcs_autotune.identify import FREE, AxisFit, Decision, Structure, fit_axis, validate
 from gcs_autotune.sname import signal_meaning
 from gcs_autotune.trial import Trial
@@ -75,7 +75,7 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     traces = validate(fit.model, runs).traces
-    swings = swings_of(traces)
+    swings = amplitudes_of(traces)
     signal = traces[0].signal
     folds = folds_of(runs, (*(d for d in ("delta", fit.model.axis.force)),))
     bic = {c.structure: c.bic for c in fit.candidates}

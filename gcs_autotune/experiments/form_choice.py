@@ -18,12 +18,12 @@ import numpy as np
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.experiments.cross_validation import (
     Fold,
+    amplitudes_of,
     correlation_of,
     cross_validated,
     folds_of,
     log_likelihood_of,
     rms_per_signal,
-    swings_of,
 )
 from gcs_autotune.identify import METHODS, CoupledCase, Fit, physical, prepare_form, validate
 from gcs_autotune.models import RIGID_BODY, CoupledModel, Form, inertia_of
@@ -226,7 +226,7 @@ class _Judge:
                 form, None, len(form.free), math.nan, -math.inf, math.inf, math.inf, math.inf, (), nothing, nothing, bad
             )
         if not self.correlation:
-            self.correlation, self.swings = correlation_of(traces), swings_of(traces)
+            self.correlation, self.swings = correlation_of(traces), amplitudes_of(traces)
         spent = sum(p.status in ("fitted", "at_bound") for p in fit.parameters.values())
         samples = sum(len(t.t) for t in traces)
         tempered = -2.0 * log_likelihood_of(traces) / self.correlation

@@ -29,10 +29,10 @@ __all__ = [
     "Direction",
     "Identifiability",
     "Unseen",
+    "check_identifiability",
     "direction_doubt",
     "identifiability",
     "joined",
-    "look_into",
     "percent",
     "unseen_doubt",
 ]
@@ -254,10 +254,10 @@ def identifiability(fit: Fit, trials: Trial | Sequence[Trial]) -> Identifiabilit
     UsageError, NotInformative
         As :func:`gcs_autotune.identify.information.fitted_model_of`.
     """
-    return look_into(fitted_model_of(fit, trials))
+    return check_identifiability(fitted_model_of(fit, trials))
 
 
-def look_into(subject: FittedModel) -> Identifiability:
+def check_identifiability(subject: FittedModel) -> Identifiability:
     """Return the identifiability of the subject's parameters from its runs."""
     information = information_on(subject)
     scales = scales_of(subject)

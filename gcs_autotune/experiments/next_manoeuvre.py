@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.experiments.identifiability import Identifiability, look_into, percent
+from gcs_autotune.experiments.identifiability import Identifiability, check_identifiability, percent
 from gcs_autotune.experiments.preview import (
     CONTROL_STEP,
     ROLES,
@@ -167,7 +167,7 @@ def plan_next(
             f"the inputs {', '.join(allocation.channels)} give {', '.join(allocation.columns)}; "
             "no candidate manoeuvre uses these"
         )
-    now = look_into(subject)
+    now = check_identifiability(subject)
     plans = [p for c in able if (p := ranking_of(subject, now, fly(subject, allocation, c, seconds), c)) is not None]
     if not plans:
         raise NotInformative(
@@ -248,7 +248,7 @@ def rank_by_precision(
     """
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of_shares(subject.form, most or {})
-    now, present = look_into(subject), relative_errors(fit, wanted)
+    now, present = check_identifiability(subject), relative_errors(fit, wanted)
 
     def weighed(candidates: Iterable[Preset], step: float) -> list[PrecisionGain]:
         found = []

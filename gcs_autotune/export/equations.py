@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EFFECTS, ExtendedSimulator
+from gcs_autotune.effects import EFFECTS, ExtendedSimulator, columns_of
 from gcs_autotune.errors import BadFile
 from gcs_autotune.identify import ModelFile
 from gcs_autotune.models import (
@@ -142,7 +142,7 @@ def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> MotionEqua
     lag = dict.fromkeys(inputs, values.get("lag", 0.0))
     for effect in model.effects:
         entry = EFFECTS[effect.slug]
-        channels = [c for c in inputs if effect.place in (c, "")]
+        channels = [c for c in inputs if not effect.place or c in columns_of(effect.place)]
         if effect.slug in AT_THE_INPUT and channels:
             late = delay if effect.slug == "input-delay" else lag
             late.update({c: late[c] + effect.values[AT_THE_INPUT[effect.slug]] for c in channels})

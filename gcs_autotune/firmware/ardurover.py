@@ -17,7 +17,6 @@ __all__ = ["FIRMWARE"]
 
 _HEADING = Axis(
     name="heading",
-    dof="yaw",
     law="rover-heading",
     gains=(
         Gain("ATC_STR_RAT_FF", 0.0, 3.0, "steering per required turn rate"),
@@ -45,7 +44,6 @@ _HEADING = Axis(
 
 _YAW = Axis(
     name="yaw",
-    dof="yaw",
     law="rover-yaw",
     gains=_HEADING.gains[:4],
     context=(*_HEADING.context, "ATC_STR_ANG_P"),
@@ -54,7 +52,6 @@ _YAW = Axis(
 
 _SPEED = Axis(
     name="speed",
-    dof="surge",
     law="rover-speed",
     gains=(
         Gain("ATC_SPEED_P", 0.01, 2.0, "throttle per speed error"),

@@ -18,7 +18,6 @@ __all__ = ["FIRMWARE"]
 
 _HEADING = Axis(
     name="heading",
-    dof="yaw",
     law="sub-heading",
     gains=(
         Gain("ATC_RAT_YAW_P", 0.0, 0.5, "yaw output per yaw-rate error"),
@@ -40,7 +39,6 @@ _HEADING = Axis(
 
 _YAW = Axis(
     name="yaw",
-    dof="yaw",
     law="sub-yaw",
     gains=(*_HEADING.gains[:3], Gain("ATC_ANG_YAW_P", 1.0, 6.0, "yaw rate per heading error")),
     context=tuple(name for name in _HEADING.context if name not in ("ATC_SLEW_YAW", "ATC_INPUT_TC")),
@@ -48,7 +46,6 @@ _YAW = Axis(
 
 _DEPTH = Axis(
     name="depth",
-    dof="heave",
     law="sub-depth",
     gains=(
         Gain("PSC_POSZ_P", 1.0, 3.0, "climb rate per depth error"),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
-from gcs_autotune.axes import excitation_of
+from gcs_autotune.axes import AxisKind, Excitation, axis_kind
 from gcs_autotune.firmware.aliases import ALIASES
 from gcs_autotune.firmware.failsafe import Failsafe
 from gcs_autotune.firmware.names import Names
@@ -63,7 +63,6 @@ class Axis:
 
     Attributes
     ----------
-    dof : name in ``sname.DOFS`` of the motion identified.
     law : name in ``design.LAWS`` of the autopilot's control structure.
     gains : the parameters that may be changed.
     context : other parameters the law needs to know (limits, filters, scalings); read, never written.
@@ -72,7 +71,6 @@ class Axis:
     """
 
     name: str
-    dof: str
     law: str
     gains: Sequence[Gain]
     context: Sequence[str]
@@ -80,9 +78,24 @@ class Axis:
     names: Names = field(default_factory=Names)
 
     @property
+    def kind(self) -> AxisKind:
+        """The row of ``axes.AXES``."""
+        return axis_kind(self.name)
+
+    @property
+    def dof(self) -> str:
+        """Name in ``sname.DOFS`` of the motion identified."""
+        return self.kind.dof
+
+    @property
+    def excitation(self) -> Excitation:
+        """How it is identified."""
+        return self.kind.excitation
+
+    @property
     def steers_by_way(self) -> bool:
         """Whether it turns the craft with a force that depends on throttle or speed."""
-        return self.needs_speed and not excitation_of(self.dof).by_throttle
+        return self.needs_speed and not self.excitation.by_throttle
 
     def called(self, names: Names) -> Self:
         """Return this axis on a vehicle with those *names*: its ranges are the ones documented for them."""

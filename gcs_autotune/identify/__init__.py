@@ -43,6 +43,8 @@ from gcs_autotune.identify.cleaning import clean, moves, noise_of, quantum
 from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
+from gcs_autotune.identify.fitted import Fitted
+from gcs_autotune.identify.free_numbers import label_of
 from gcs_autotune.identify.free_run import ResidualStatistics, Validation, free_run, join, residual_statistics, validate
 from gcs_autotune.identify.frequency import COHERENT, FrequencyResponse, harmonic_response
 from gcs_autotune.identify.information import (
@@ -57,8 +59,9 @@ from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import CONTRADICTION, check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.identify.kalman.days import Day, RunSays, common_gain, spread_between
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
-from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING, ProcessNoise
+from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING
 from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
+from gcs_autotune.identify.kalman.process_noise import ProcessNoise
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
@@ -90,7 +93,7 @@ from gcs_autotune.identify.open_loop.steps import StepReading, read_steps
 from gcs_autotune.identify.open_loop.zigzag_integrals import rows_of
 from gcs_autotune.identify.plan import Agreement, PlanResult, load_plan, run_plan
 from gcs_autotune.identify.preparation import INPUTS, prepare, prepare_as_recorded, prepare_form, signals_of
-from gcs_autotune.identify.problem import Fitted, Problem, label_of
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import NU, GriddedMotion, motion_of
 from gcs_autotune.identify.relay.iso import decide, from_delay, from_integrators

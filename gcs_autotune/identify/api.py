@@ -191,8 +191,8 @@ def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
     if form.normalised or form.per_inertia or units != {"1"}:
         return form, []
     if not form.coriolis or len(form.dofs) < 2:
-        return form, [] if form.tells_newtons else _masses_beside_shares(form, form)
-    if form.tells_newtons:
+        return form, [] if form.is_in_newtons else _masses_beside_shares(form, form)
+    if form.is_in_newtons:
         return form.scaling_inputs(), []
     inertia = next(f"{DOFS[d].force}_{DOFS[d].velocity}dot" for d in form.dofs)
     own = form.in_shares

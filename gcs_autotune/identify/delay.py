@@ -55,5 +55,5 @@ def weigh_delay(fits: Callable[[float], tuple[Solution | None, Solution | None]]
         margin = LONGER * delay
     correlation, place = lagged.correlation, lagged.free.index("delay")
     evidence = plain.bic(correlation) - lagged.bic(correlation)
-    std = math.sqrt(float(lagged.covariance[place, place]))
+    std = math.sqrt(float(lagged.raised_covariance[place, place]))
     return DelayVerdict(evidence > DELAY_EVIDENCE and delay > SURELY * std, evidence, margin, plain, lagged)

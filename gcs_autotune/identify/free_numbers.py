@@ -1,11 +1,13 @@
 """What any fit is of: segments and a form with limits, and the free numbers of a model in a row.
 
 Both problems (:class:`.Problem`, :class:`.NoisyProblem` with process noise) and their objectives build on these.
+Nothing here simulates or fits: an objective takes the data of a problem, a problem's ``fit`` takes an objective.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +19,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.models import Form
 
-__all__ = ["FreeNumbers", "ModelFit", "ModelProblem"]
+__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem", "label_of"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -77,6 +79,60 @@ class ModelProblem:
         return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
 
 
+@dataclass(frozen=True, slots=True)
+class StampPrior:
+    """Standard deviation of the shift of stamps, and how far it may go, in units of ``Segment.dating``."""
+
+    std: float
+    reach: float
+
+
+WEAK = StampPrior(2.0, 8.0)
+"""Of an identification. Chosen: the shift may well stand at the very end of what the stamps allow, and twice that is
+weak enough not to pull it back by a tenth of its standard error."""
+
+DIAGNOSTIC = StampPrior(1.0, 1.5)
+"""Of a diagnosis, where a delay is among the causes looked for and must not be taken by the shift: to the end of what
+the messages allow, and a little beyond for an autopilot that acts on its next loop only."""
+
+
+class StampedProblem(ModelProblem):
+    """A problem in which the stamps of all inputs may be off by one shift.
+
+    Parameters
+    ----------
+    As of :class:`ModelProblem`, and
+
+    stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a *data_summary*.
+        With a free delay there is no shift: the two are one number.
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        segments: Sequence[Segment],
+        data_summary: DataSummary | None,
+        limits: Limits,
+        free: Sequence[str] | None = None,
+        held: Collection[Held] = (),
+        stamps: StampPrior | None = None,
+    ) -> None:
+        super().__init__(form, segments, data_summary, limits, free, held)
+        self.stamps = stamps or (WEAK if data_summary is None else DIAGNOSTIC)
+        dating = max((s.dating for s in self.segments), default=0.0)
+        self.dating = 0.0 if "delay" in self.free else dating
+
+    @property
+    def known(self) -> tuple[object, ...]:
+        """All that the problem is made of."""
+        return *super().known, self.stamps
+
+    @property
+    def shift_std(self) -> float:
+        """Standard deviation [s] with which the shift of stamps is known to be none; 0 when stamps are exact."""
+        return self.stamps.std * self.dating
+
+
 class FreeNumbers:
     """The numbers a fit shares between segments, in a row: free base parameters, then those of effects.
 
@@ -121,18 +177,24 @@ class FreeNumbers:
         return theta, tuple(e.with_values(v) for e, v in zip(self.effects, values, strict=True))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class ModelFit:
     """A model fitted to a problem: :class:`.Fitted` by least squares, :class:`.NoisyFit` with process noise.
 
-    ``free``: names of the base parameters fitted; ``effects`` with their values; ``free_effects``: (index, name) of
-    their numbers that were fitted, in the order of :class:`FreeNumbers`.
+    ``theta`` (p,) base parameters, ``free`` names of those that were fitted; ``effects`` with their values,
+    ``free_effects``: (index, name) of their numbers that were fitted, in the order of :class:`FreeNumbers`.
     """
 
-    __slots__ = ()
-
-    free: tuple[str, ...]
+    form: Form
+    theta: Array
     effects: tuple[EffectInstance, ...]
+    free: tuple[str, ...]
     free_effects: tuple[tuple[int, str], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names (f,) of the fitted numbers: base parameters, then those of the effects as a fit calls them."""
+        return (*self.free, *(label_of(self.effects[i], n) for i, n in self.free_effects))
 
     def own(self, effect: EffectInstance) -> EffectInstance:
         """Return the effect of the same slug and place with this fit's values."""
@@ -148,3 +210,8 @@ class ModelFit:
         variances = np.diag(covariance)[len(self.free) :]
         found = zip(self.free_effects, variances, strict=False)
         return {name: float(np.sqrt(max(v, 0.0))) for (k, name), v in found if k == i}
+
+
+def label_of(own: EffectInstance, name: str) -> str:
+    """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
+    return f"{own.slug}@{own.place}.{name}"

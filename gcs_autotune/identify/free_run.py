@@ -232,7 +232,7 @@ def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
     )
     if found is None:
         raise NotInformative(f"the model diverges on run '{segment.run}': its drag destabilises it at these speeds")
-    return [_trace(segment.name, r.signal, r.t, r.measured, r.predicted) for r in found.residuals]
+    return [_trace(segment.name, r.signal, r.t, r.measured, r.predicted) for r in found.rests]
 
 
 def _with_effects(model: ExtendedModel, trial: Trial) -> list[Trace]:

@@ -20,10 +20,10 @@ from scipy.optimize import lsq_linear
 
 from gcs_autotune.identify.coupled.limits import physical
 from gcs_autotune.identify.first_look import first_levels
+from gcs_autotune.identify.free_numbers import StampedProblem
 from gcs_autotune.identify.least_squares import Rules, descend
 from gcs_autotune.identify.likelihood import Limits, Objective, first_input
 from gcs_autotune.identify.noise import gaussian_noise
-from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models import (
     COEFFICIENTS,
@@ -318,7 +318,7 @@ class InitialGuess:
         cost; None if even these fail.
         """
         pieces, initial = self.pieces()
-        objective = Objective(Problem(self.form, pieces, None, limits), theta, initial, fixed_states=True)
+        objective = Objective(StampedProblem(self.form, pieces, None, limits), theta, initial, fixed_states=True)
         at = partial(objective.at, noise=gaussian_noise(self.levels, robust=True))
         found = descend(at, objective.pack(), *objective.limits(), trials=trials, rules=Rules(ROUGH))
         return None if found is None else (objective.unpack(found.x)[0], found.cost)

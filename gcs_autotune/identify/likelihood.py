@@ -3,7 +3,7 @@
 The vector is the free base parameters, the free parameters of effects, every segment's free initial states, and last,
 where changes of the inputs are dated midway between two messages (decision 3), one shift of all their stamps. A
 misdating is neither an effect nor inertia; what tells it from a delay is only that it is small, which is known
-beforehand (:class:`StampPrior`).
+beforehand (:class:`.StampPrior`).
 
 Noise comes in one of two ways. :meth:`Objective.at` takes :class:`.noise.NoiseModel` as they are (Gaussian, robust,
 rounded), for fits that find them in turn with the vector (:mod:`.reweighting`). :meth:`Objective.concentrated` has
@@ -15,29 +15,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual
-from gcs_autotune.identify.free_numbers import FreeNumbers
+from gcs_autotune.identify.free_numbers import FreeNumbers, StampedProblem
 from gcs_autotune.identify.least_squares import Local
 from gcs_autotune.identify.limits import Limits
 from gcs_autotune.identify.noise import NoiseModel
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.simulators import SegmentSimulator, free_states, simulator_of, typical_of
 
-if TYPE_CHECKING:
-    from gcs_autotune.identify.problem import Problem
-
 __all__ = [
-    "DIAGNOSTIC",
-    "WEAK",
     "Limits",
     "Objective",
     "Residual",
-    "StampPrior",
     "first_input",
     "information_of",
     "judged_by",
@@ -51,23 +44,6 @@ REMEMBERED = 3
 
 LAGGED = 1.0
 """Standard deviation of a lagged input's first value about the input itself, in units of that input's range."""
-
-
-@dataclass(frozen=True, slots=True)
-class StampPrior:
-    """Standard deviation of the shift of stamps, and how far it may go, in units of ``Segment.dating``."""
-
-    std: float
-    reach: float
-
-
-WEAK = StampPrior(2.0, 8.0)
-"""Of an identification. Chosen: the shift may well stand at the very end of what the stamps allow, and twice that is
-weak enough not to pull it back by a tenth of its standard error."""
-
-DIAGNOSTIC = StampPrior(1.0, 1.5)
-"""Of a diagnosis, where a delay is among the causes looked for and must not be taken by the shift: to the end of what
-the messages allow, and a little beyond for an autopilot that acts on its next loop only."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +86,7 @@ class Objective(FreeNumbers):
 
     def __init__(
         self,
-        problem: Problem,
+        problem: StampedProblem,
         theta: Array,
         initial: Sequence[Array],
         effects: Sequence[EffectInstance] = (),

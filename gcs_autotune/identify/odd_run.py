@@ -180,11 +180,11 @@ def _two_apart(solution: Solution, records: Sequence[Segment], runs: Sequence[st
 
 def _strangeness(solution: Solution, records: Sequence[Segment], runs: Sequence[str]) -> list[float]:
     """Return minus the logarithm of each run's chance, residuals' correlation allowed for."""
-    k, total, parts = len(solution.free), None, []
+    k, total, parts = len(solution.names), None, []
     for run in runs:
         mine = [i for i, r in enumerate(records) if r.run == run]
-        J = np.vstack([J for r, J in zip(solution.residuals, solution.rows, strict=True) if r.segment in mine])
-        e = np.concatenate([s for r, s in zip(solution.residuals, solution.scores, strict=True) if r.segment in mine])
+        J = np.vstack([J for r, J in zip(solution.rests, solution.rows, strict=True) if r.segment in mine])
+        e = np.concatenate([s for r, s in zip(solution.rests, solution.scores, strict=True) if r.segment in mine])
         states = J[:, k:][:, np.any(J[:, k:] != 0.0, axis=0)]
         if states.shape[1]:
             basis, _ = np.linalg.qr(states)

@@ -1,4 +1,4 @@
-"""What is to be fitted, before any numbers: segments and a form, ready for any effects; and what a fit leaves.
+"""What is to be fitted, before any numbers: segments and a form, ready for any effects.
 
 In :meth:`Problem.fit` every noise level is at its best at every step (:meth:`.Objective.concentrated`), so that costs
 of models with different effects can be compared. Initial states are fitted per segment.
@@ -6,23 +6,25 @@ of models with different effects can be compared. Initial states are fitted per 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel, in_order
-from gcs_autotune.identify.free_numbers import ModelFit, ModelProblem
-from gcs_autotune.identify.least_squares import Rules, descend, inverse_of
-from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Objective, Residual, StampPrior, sums_of
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, in_order
+from gcs_autotune.identify.fitted import Fitted
+from gcs_autotune.identify.free_numbers import StampedProblem, StampPrior
+from gcs_autotune.identify.initial_guess import initial_guess_of
+from gcs_autotune.identify.least_squares import Rules, descend
+from gcs_autotune.identify.likelihood import Limits, Objective, sums_of
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import recalled
-from gcs_autotune.models import CoupledModel, Form
+from gcs_autotune.models import Form
 
-__all__ = ["Fitted", "Problem", "label_of"]
+__all__ = ["Problem"]
 
 Array = NDArray[np.float64]
 
@@ -43,16 +45,8 @@ LESSONS = 3
 """Rounds of fitting and learning where a disturbance is learnt from what is left over."""
 
 
-class Problem(ModelProblem):
-    """Segments and a form, ready to fit with any effects.
-
-    Parameters
-    ----------
-    As of :class:`.ModelProblem`, and
-
-    stamps : what is known of the shift of input stamps; by default as for a diagnosis when there is a *data_summary*.
-        With a free delay there is no shift: the two are one number.
-    """
+class Problem(StampedProblem):
+    """Segments and a form, ready to fit with any effects; parameters as of :class:`.StampedProblem`."""
 
     def __init__(
         self,
@@ -64,25 +58,12 @@ class Problem(ModelProblem):
         held: Collection[tuple[str, str, str]] = (),
         stamps: StampPrior | None = None,
     ) -> None:
-        super().__init__(form, segments, data_summary, limits, free, held)
-        self.stamps = stamps or (WEAK if data_summary is None else DIAGNOSTIC)
+        super().__init__(form, segments, data_summary, limits, free, held, stamps)
         self.motion = (
             {} if data_summary is None else {n: min(s, _way(n, data_summary)) for n, s in data_summary.spread.items()}
         )
         """Spread of every signal, up to what counts of it."""
         self.floors = {n: FLOOR * s for n, s in self.motion.items()}
-        dating = max((s.dating for s in self.segments), default=0.0)
-        self.dating = 0.0 if "delay" in self.free else dating
-
-    @property
-    def known(self) -> tuple[object, ...]:
-        """All that the problem is made of."""
-        return *super().known, self.stamps
-
-    @property
-    def shift_std(self) -> float:
-        """Standard deviation [s] with which the shift of stamps is known to be none; 0 when stamps are exact."""
-        return self.stamps.std * self.dating
 
     def on(self, segments: Sequence[Segment], free: Sequence[str] | None = None) -> Problem:
         """Return the same problem on other segments (or with other base parameters free)."""
@@ -171,8 +152,6 @@ class Problem(ModelProblem):
 
     def first_states(self, segments: Sequence[Segment]) -> tuple[Array, ...]:
         """Return initial states of any segments, read off their first samples."""
-        from gcs_autotune.identify.initial_guess import initial_guess_of
-
         return initial_guess_of(self.form, segments).initial
 
     def states(
@@ -199,17 +178,17 @@ def _fitted(problem: Problem, objective: Objective, x: Array, converged: bool) -
         form=problem.form,
         theta=theta,
         effects=effects,
+        free=problem.free,
+        free_effects=objective.free_effects,
         initial=initial,
         cost=float(cost),
         levels=levels,
         rests=tuple(replace(r, jacobian=np.zeros((len(r.t), 0))) for r in residuals),
-        free=problem.free,
-        free_effects=objective.free_effects,
         jacobian=np.vstack([objective.wide(r) / levels[r.signal] for r in residuals]),
         samples=sum(counts.values()),
         converged=converged,
         shift=shift,
-        slack=problem.shift_std,
+        shift_std=problem.shift_std,
         learnt=objective.levels,
     )
 
@@ -228,76 +207,9 @@ def _plain_fit(fitted: Fitted | None) -> dict[str, Any] | None:
     }
 
 
-def label_of(own: EffectInstance, name: str) -> str:
-    """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
-    return f"{own.slug}@{own.place}.{name}"
-
-
 def _way(signal: str, data_summary: DataSummary) -> float:
     """Return up to where the spread of a signal counts."""
     if signal in ANGLES:
         return TURN
     speed = float(np.hypot.reduce([data_summary.spread.get(v, 0.0) for v in WAYS.get(signal, ())]))
     return STRIDE * data_summary.interval * speed if speed > 0.0 else np.inf
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fitted(ModelFit):
-    """A fitted model.
-
-    ``theta`` (p,), ``effects``, ``initial`` (n,) per segment; ``cost`` minus twice the log-likelihood (up to a
-    constant of the data), ``levels`` noise per signal, ``rests`` what is left over, ``parameters`` how many numbers
-    were fitted besides initial states, ``samples`` how many were used; ``jacobian`` (n, q) over the noise levels, row
-    for row the finite ``judged`` of ``rests``; ``converged``. ``shift`` [s]: by which input stamps dated midway turned
-    out too early, the last column of ``jacobian`` when there are such; known beforehand to be 0 +- ``slack``.
-    ``learnt``: noise per signal when disturbances last learnt from what was left over; empty where there are none.
-    """
-
-    form: Form
-    theta: Array
-    effects: tuple[EffectInstance, ...]
-    initial: tuple[Array, ...]
-    cost: float
-    levels: Mapping[str, float]
-    rests: tuple[Residual, ...]
-    free: tuple[str, ...]
-    free_effects: tuple[tuple[int, str], ...]
-    jacobian: Array
-    samples: int
-    converged: bool
-    shift: float = 0.0
-    slack: float = 0.0
-    learnt: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def model(self) -> ExtendedModel:
-        """The model."""
-        values = dict(zip(self.form.parameters, self.theta.tolist(), strict=True))
-        return ExtendedModel(CoupledModel(self.form, values), self.effects)
-
-    @property
-    def shared(self) -> Array:
-        """The fitted numbers (f,): base parameters, then those of the effects."""
-        places = [self.form.parameters.index(n) for n in self.free]
-        return np.concatenate([self.theta[places], [self.effects[i].values[n] for i, n in self.free_effects]])
-
-    @property
-    def parameters(self) -> int:
-        """How many numbers were fitted besides initial states."""
-        return len(self.free) + len(self.free_effects)
-
-    @property
-    def residual(self) -> Array:
-        """All finite judged residuals over their noise levels (n,), in the order of ``jacobian``."""
-        return np.concatenate([r.judged[np.isfinite(r.judged)] / self.levels[r.signal] for r in self.rests])
-
-    def covariance(self, raised: float = 1.0) -> Array:
-        """Return the covariance of the fitted numbers, times *raised* for coloured residuals."""
-        return raised * inverse_of(self.information(raised))
-
-    def information(self, raised: float = 1.0) -> Array:
-        """Return the information matrix (q, q), that of what is known of the shift beforehand taken times *raised*."""
-        information = np.asarray(self.jacobian.T @ self.jacobian)
-        if self.slack:
-            information[-1, -1] += raised / self.slack**2
-        return information

@@ -15,16 +15,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance, in_order
+from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Limits, Objective, Residual, information_of
+from gcs_autotune.identify.likelihood import Limits, Objective, information_of
 from gcs_autotune.identify.noise import NoiseModel, Rounded, gaussian_noise
-from gcs_autotune.identify.problem import Fitted, Problem, label_of
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.identify.reweighting import Effort, alternate, errors_of, likeliest
 from gcs_autotune.identify.segment import Segment
@@ -49,53 +50,40 @@ AT_BOUND = 1e-6
 """Distance from a bound, relative to its size, that counts as standing on it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Solution:
-    """A fitted model.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Solution(Fitted):
+    """A fitted model with its uncertainty.
 
-    ``theta`` (p,) in the form's order; ``free`` names of what was fitted: base parameters, then labels of the effects';
-    ``initial`` (n,) states per segment; ``shift`` [s] by which input stamps dated midway turned out too early,
-    known beforehand to be 0 +- ``shift_std`` (0 when they are exact). ``whole`` (q, q) covariance of the packed vector
-    from the expected information, that of ``free`` first and that of the shift last; ``raised`` (q,) factors by which
-    coloured residuals raise standard errors; ``blind`` names the runs say nothing about; ``rows`` Jacobians (n, q) over
-    the noise, one per residual; ``scores`` the log-likelihood's derivative by the prediction times the noise (for
-    Gaussian noise: error over noise).
+    ``noise_models`` per signal. ``whole`` (q, q) covariance of the packed vector from the expected information, that of
+    ``names`` first and that of the shift last; ``raised`` (q,) factors by which coloured residuals raise standard
+    errors; ``at_bound`` those of ``names`` that stand on a limit, ``blind`` those the runs say nothing about. ``rests``
+    are those with samples that count; ``rows`` their Jacobians (n, q) over the noise; ``scores`` the log-likelihood's
+    derivative by the prediction times the noise (for Gaussian noise: error over noise).
     """
 
-    form: Form
-    theta: Array
-    free: tuple[str, ...]
-    effects: tuple[EffectInstance, ...]
-    initial: tuple[Array, ...]
-    models: Mapping[str, NoiseModel]
-    residuals: tuple[Residual, ...]
+    noise_models: Mapping[str, NoiseModel]
     rows: tuple[Array, ...]
     scores: tuple[Array, ...]
     whole: Array
     raised: Array
     log_likelihood: float
-    cost: float
-    n: int
-    converged: bool
     at_bound: tuple[str, ...]
     blind: tuple[str, ...]
-    shift: float = 0.0
-    shift_std: float = 0.0
 
     @property
-    def parameters(self) -> int:
+    def unknowns(self) -> int:
         """How many numbers were fitted, initial states included, a shift of stamps not counted."""
         return len(self.whole) - (self.shift_std > 0.0)
 
     @property
     def noise(self) -> dict[str, float]:
         """Standard deviation of measured minus true per signal, rounding included."""
-        return {name: model.std for name, model in self.models.items()}
+        return {name: model.std for name, model in self.noise_models.items()}
 
     @property
     def quanta(self) -> dict[str, float]:
         """Steps of the signals whose rounding entered the likelihood."""
-        return {name: model.quantum for name, model in self.models.items() if model.quantum > 0.0}
+        return {name: model.quantum for name, model in self.noise_models.items() if model.quantum > 0.0}
 
     @property
     def white(self) -> bool:
@@ -109,28 +97,29 @@ class Solution:
 
     def bic(self, correlation: float = 1.0) -> float:
         """Bayesian information criterion, tempered by a *correlation* time (see :mod:`.axis.evidence`)."""
-        n = self.n / correlation
-        return -2.0 * self.log_likelihood / correlation + self.parameters * math.log(n)
+        n = self.samples / correlation
+        return -2.0 * self.log_likelihood / correlation + self.unknowns * math.log(n)
 
     def rms(self, name: str) -> float:
         """Return the root mean square of what is left of all signals called *name*."""
-        return float(np.sqrt(np.mean(errors_of(self.residuals, name) ** 2)))
-
-    def value(self, name: str) -> float:
-        """Return a parameter's value."""
-        return float(self.theta[self.form.parameters.index(name)])
+        return float(np.sqrt(np.mean(errors_of(self.rests, name) ** 2)))
 
     @property
     def factors(self) -> Array:
-        """Factors (f,), 1 or more, by which coloured residuals raise the standard errors of ``free``."""
-        return self.raised[: len(self.free)]
+        """Factors (f,), 1 or more, by which coloured residuals raise the standard errors of ``names``."""
+        return self.raised[: len(self.names)]
 
     @property
-    def covariance(self) -> Array:
-        """Covariance (f, f) of the free parameters, raised for coloured residuals."""
-        k = len(self.free)
+    def raised_covariance(self) -> Array:
+        """Covariance (f, f) of ``names``, raised for coloured residuals."""
+        k = len(self.names)
         raised: Array = self.whole[:k, :k] * np.outer(self.factors, self.factors)
         return raised
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """Cramer-Rao bound of each of ``names``."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.whole)).tolist(), strict=False))
 
 
 def solve(
@@ -169,35 +158,25 @@ def solve(
     if residuals is None:  # at the edge of running away, where a finer step decides otherwise
         return None
     columns = [objective.wide(r) for r in residuals]
-    solved_theta, solved_effects, solved_initial, solved_shift = objective.unpack(minimum.x)
-    labels = (label_of(objective.effects[i], n) for i, n in objective.free_effects)
-    return _with_uncertainty(
-        Solution(
-            form=problem.form,
-            theta=solved_theta,
-            free=(*problem.free, *labels),
-            effects=solved_effects,
-            initial=solved_initial,
-            models=noise,
-            residuals=residuals,
-            rows=(),
-            scores=(),
-            whole=np.zeros((0, 0)),
-            raised=np.zeros(0),
-            log_likelihood=math.nan,
-            cost=minimum.cost,
-            n=sum(len(c) for c in columns),
-            converged=minimum.converged,
-            at_bound=(),
-            blind=(),
-            shift=solved_shift,
-            shift_std=problem.shift_std,
-        ),
-        columns,
-        objective.known()[1],
-        minimum.x,
-        (low, high),
+    theta, effects, states, shift = objective.unpack(minimum.x)
+    levels = {n: model.std for n, model in noise.items()}
+    fitted = Fitted(
+        form=problem.form,
+        theta=theta,
+        effects=effects,
+        free=problem.free,
+        free_effects=objective.free_effects,
+        initial=states,
+        cost=minimum.cost,
+        levels=levels,
+        rests=residuals,
+        jacobian=np.vstack([J / levels[r.signal] for r, J in zip(residuals, columns, strict=True)]),
+        samples=sum(len(c) for c in columns),
+        converged=minimum.converged,
+        shift=shift,
+        shift_std=problem.shift_std,
     )
+    return _with_uncertainty(fitted, noise, columns, objective.known()[1], (low, high))
 
 
 def solve_form(
@@ -220,78 +199,54 @@ def solve_form(
 
 def solution_of(problem: Problem, fitted: Fitted) -> Solution:
     """Return *fitted* with the uncertainty of its numbers."""
-    low, high = problem.edges(fitted.effects, fitted.free_effects)
-    residuals, columns, at = [], [], 0
+    columns, at = [], 0
     for rest in fitted.rests:
         count = int(rest.known.sum())
-        J = fitted.jacobian[at : at + count] * fitted.levels[rest.signal]
+        columns.append(fitted.jacobian[at : at + count] * fitted.levels[rest.signal])
         at += count
-        if count:
-            residuals.append(rest)
-            columns.append(J)
-    size = fitted.jacobian.shape[1]
-    weight = np.zeros(size)
-    weight[-1] = fitted.slack**-2 if fitted.slack else 0.0
-    labels = (label_of(fitted.effects[i], n) for i, n in fitted.free_effects)
-    return _with_uncertainty(
-        Solution(
-            form=fitted.form,
-            theta=fitted.theta,
-            free=(*fitted.free, *labels),
-            effects=fitted.effects,
-            initial=fitted.initial,
-            models=gaussian_noise(fitted.levels),
-            residuals=tuple(residuals),
-            rows=(),
-            scores=(),
-            whole=np.zeros((0, 0)),
-            raised=np.zeros(0),
-            log_likelihood=math.nan,
-            cost=fitted.cost,
-            n=fitted.samples,
-            converged=fitted.converged,
-            at_bound=(),
-            blind=(),
-            shift=fitted.shift,
-            shift_std=fitted.slack,
-        ),
-        columns,
-        weight,
-        fitted.shared,
-        (low, high),
-    )
+    weight = np.zeros(fitted.jacobian.shape[1])
+    weight[-1] = fitted.shift_std**-2 if fitted.shift_std else 0.0
+    noise = gaussian_noise(fitted.levels)
+    return _with_uncertainty(fitted, noise, columns, weight, problem.edges(fitted.effects, fitted.free_effects))
 
 
 def _with_uncertainty(
-    found: Solution, columns: Sequence[Array], weight: Array, x: Array, limits: tuple[Array, Array]
+    fitted: Fitted,
+    models: Mapping[str, NoiseModel],
+    columns: Sequence[Array],
+    weight: Array,
+    limits: tuple[Array, Array],
 ) -> Solution:
-    """Return *found* with noise levels raised for the numbers fitted, covariance, and what colour does to it.
+    """Return *fitted* with noise levels raised for the numbers fitted, covariance, and what colour does to it.
 
-    columns : Jacobians (n, q) of the residuals. weight : (q,) information known beforehand. x : vector whose first
-    entries are ``free``; limits : of these. What stands at a bound is taken as known there; what the runs say nothing
-    about is left out.
+    models : of the noise, per signal. columns : Jacobians (n, q) of ``rests``. weight : (q,) information known
+    beforehand. limits : of ``names``. What stands at a bound is taken as known there; what the runs say nothing about
+    is left out.
     """
-    names = [*found.free, *[""] * (len(weight) - len(found.free))]
-    noise = likeliest(found.residuals, found.models, spent=float(len(weight)))
-    at_bound = _standing_at_bound(found.free, x, *limits)
-    information = information_of(found.residuals, columns, noise) + np.diag(weight)
+    seen_in = [(rest, J) for rest, J in zip(fitted.rests, columns, strict=True) if len(J)]
+    rests, columns = tuple(rest for rest, _ in seen_in), [J for _, J in seen_in]
+    names = [*fitted.names, *[""] * (len(weight) - len(fitted.names))]
+    noise = likeliest(rests, models, spent=float(len(weight)))
+    at_bound = _standing_at_bound(fitted.names, fitted.shared, *limits)
+    information = information_of(rests, columns, noise) + np.diag(weight)
     seen = np.diag(information) > 0.0
     loose = seen & np.array([n not in at_bound for n in names], dtype=bool)
     whole = np.zeros_like(information)
     whole[np.ix_(loose, loose)] = inverse_of(information[np.ix_(loose, loose)])
-    own = [noise[r.signal] for r in found.residuals]
-    pairs = list(zip(found.residuals, own, strict=True))
+    own = [noise[r.signal] for r in rests]
+    pairs = list(zip(rests, own, strict=True))
     scores = tuple(model.std * model.terms(r.judged[r.known]).slope for r, model in pairs)
     rows = tuple(J / model.std for J, model in zip(columns, own, strict=True))
-    last = likeliest(found.residuals, found.models)
-    return replace(
-        found,
-        models=noise,
+    last = likeliest(rests, models)
+    return Solution(
+        **{f.name: getattr(fitted, f.name) for f in fields(fitted) if f.name != "rests"},
+        rests=rests,
+        noise_models=noise,
         rows=rows,
         scores=scores,
         whole=whole,
         raised=_raised_by(whole, scores, rows),
-        log_likelihood=sum(model.log_likelihood(errors_of(found.residuals, n)) for n, model in last.items()),
+        log_likelihood=sum(model.log_likelihood(errors_of(rests, n)) for n, model in last.items()),
         at_bound=at_bound,
         blind=tuple(n for n, s in zip(names, seen, strict=True) if n and not s),
     )
@@ -329,7 +284,7 @@ def traces_of(segments: Sequence[Segment], solution: Solution, factor: float | N
     """Return fit against measurement; the band is that of prediction and noise together, *factor* for colour."""
     raised = float(solution.factors.max(initial=1.0)) if factor is None else factor
     traces = []
-    for r, rows in zip(solution.residuals, solution.rows, strict=True):
+    for r, rows in zip(solution.rests, solution.rows, strict=True):
         spread = np.einsum("ij,jk,ik->i", rows, solution.whole, rows, optimize=True) * raised**2
         band = np.full(len(r.t), 1.96 * solution.noise[r.signal])
         band[r.known] *= np.sqrt(1.0 + np.maximum(spread, 0.0))
@@ -341,8 +296,8 @@ def traces_of(segments: Sequence[Segment], solution: Solution, factor: float | N
 def fit_percents(solution: Solution) -> dict[str, float]:
     """Return 100 (1 - rms/std) per signal that moves."""
     shares = {}
-    for name in solution.models:
-        own = [r for r in solution.residuals if r.signal == name]
+    for name in solution.noise_models:
+        own = [r for r in solution.rests if r.signal == name]
         power = sum(float(np.var(r.measured[r.known])) * int(r.known.sum()) for r in own)
         squares = sum(float(r.judged[r.known] @ r.judged[r.known]) for r in own)
         if power > 0.0:

@@ -10,7 +10,9 @@ import numpy as np
 from gcs_autotune import chi_square
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify.doubts import COLOUR, REVERSED_INPUT, poor_fit
-from gcs_autotune.identify.problem import Fitted, Problem, label_of
+from gcs_autotune.identify.fitted import Fitted
+from gcs_autotune.identify.free_numbers import label_of
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt, Parameter
 from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import Solution, fit_percents
@@ -91,12 +93,12 @@ def _not_excited(solution: Solution) -> Doubt | None:
 
 
 def _together(solution: Solution) -> Doubt | None:
-    k = len(solution.free)
+    k = len(solution.names)
     covariance = solution.whole[:k, :k]
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(std > 0.0, std, np.inf)
     rho = np.triu(np.abs(covariance / np.outer(scale, scale)), 1)
-    pairs = [(float(rho[i, j]), solution.free[i], solution.free[j]) for i, j in np.argwhere(rho > TOGETHER)]
+    pairs = [(float(rho[i, j]), solution.names[i], solution.names[j]) for i, j in np.argwhere(rho > TOGETHER)]
     if not pairs:
         return None
     worst = sorted(pairs, reverse=True)[:3]
@@ -147,8 +149,8 @@ def _coloured(solution: Solution) -> Doubt | None:
 def _outliers(solution: Solution) -> Doubt | None:
     """Samples far off the rest, unless they already weigh less; of a rounding sensor, far beyond noise and step."""
     share = 0.0
-    for r in solution.residuals:
-        model, errors = solution.models[r.signal], np.abs(r.judged[r.known])
+    for r in solution.rests:
+        model, errors = solution.noise_models[r.signal], np.abs(r.judged[r.known])
         if model.robust:
             continue
         rough = max(1.4826 * float(np.median(errors)), r.step, 1e-300)

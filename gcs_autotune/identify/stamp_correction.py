@@ -118,10 +118,12 @@ def _moves(segments: Sequence[Segment], solution: Solution, tables: Sequence[Swi
     slack = np.concatenate([s.slack[t.which] for s, t in zip(segments, tables, strict=True)])
     loop = np.concatenate([np.full(len(t.which), s.loop) for s, t in zip(segments, tables, strict=True)])
     columns = []
-    for residual, rows in zip(solution.residuals, solution.rows, strict=True):
+    for residual, rows in zip(solution.rests, solution.rows, strict=True):
         own = np.zeros((len(rows), int(offsets[-1])))
         by = tables[residual.segment].by[residual.signal][residual.known]
-        own[:, offsets[residual.segment] : offsets[residual.segment + 1]] = by / solution.models[residual.signal].std
+        own[:, offsets[residual.segment] : offsets[residual.segment + 1]] = (
+            by / solution.noise_models[residual.signal].std
+        )
         columns.append(own)
     S, J, score = np.vstack(columns), np.vstack(solution.rows), np.concatenate(solution.scores)
     found = np.full(len(slack), np.nan)

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.api import fit_axis
+from gcs_autotune.identify.free_numbers import label_of
 from gcs_autotune.identify.free_run import free_run
-from gcs_autotune.identify.problem import label_of
 from gcs_autotune.identify.result import AxisFit, Doubt, Parameter, Structure
 from gcs_autotune.trial import Trial
 

@@ -1,4 +1,4 @@
-"""Telling the autopilot from everybody else who talks on a link, and hearing from it what it is."""
+"""Distinguish the autopilot from other senders on a link, and read its identity."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
     "cannot_be_commanded",
     "choose",
     "is_autopilot",
-    "nobody_found",
+    "no_vehicle_error",
     "not_believed",
 ]
 
@@ -37,7 +37,7 @@ def is_autopilot(heartbeat: Message) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class VehicleCandidate:
-    """An autopilot heard on the link."""
+    """An autopilot found on the link."""
 
     system: int
     component: int
@@ -57,7 +57,7 @@ class VehicleCandidate:
         )
 
     def identity(self, *, version: str = "", uid: str = "") -> VehicleIdentity:
-        """Return it as an identity."""
+        """Return the identity of this autopilot."""
         return VehicleIdentity(self.system, self.component, self.autopilot, self.vehicle_type, version=version, uid=uid)
 
     def __str__(self) -> str:
@@ -65,14 +65,14 @@ class VehicleCandidate:
 
 
 class Sightings:
-    """The autopilots heard while none has been chosen yet; ``candidates`` by (system, component)."""
+    """The autopilots found before one is chosen; ``candidates`` by (system, component)."""
 
     def __init__(self) -> None:
         self.candidates: dict[tuple[int, int], VehicleCandidate] = {}
         self._signing: set[tuple[int, int]] = set()
 
     def take(self, frame: Frame) -> bool:
-        """Note the sender when *frame* is an autopilot's heartbeat; return whether it is."""
+        """Record the sender if *frame* is an autopilot's heartbeat; return whether it is."""
         if not (frame.name == "HEARTBEAT" and is_autopilot(frame.message)):
             return False
         if is_signed(frame):
@@ -83,11 +83,11 @@ class Sightings:
         return True
 
     def found(self, system_id: int | None) -> VehicleCandidate | None:
-        """Return the first one with *system_id* (None: with any), None when there is none."""
+        """Return the first autopilot with *system_id* (None: any), or None."""
         return next((c for c in self.candidates.values() if system_id in (None, c.system)), None)
 
     def signs(self, candidate: VehicleCandidate) -> bool:
-        """Whether it was heard to sign its messages."""
+        """Return whether it has signed a message."""
         return (candidate.system, candidate.component) in self._signing
 
 
@@ -105,7 +105,7 @@ def choose(candidates: Sequence[VehicleCandidate]) -> VehicleCandidate:
     return candidates[0]
 
 
-def nobody_found(
+def no_vehicle_error(
     description: str,
     timeout: float,
     system_id: int | None,
@@ -113,7 +113,7 @@ def nobody_found(
     heard: Iterable[tuple[int, int]],
     bad_data: int,
 ) -> NoVehicle:
-    """Return the error for a search that found nothing, with what was there instead."""
+    """Return the error for a search without result, with the senders found instead."""
     others = sorted({system for system, _ in heard})
     if candidates:
         return NoVehicle(
@@ -139,7 +139,7 @@ _CURES = {
 
 
 def not_believed(signer: Signer, description: str) -> SigningMismatch:
-    """Return the error for a search in which nobody was heard whom our key lets us believe."""
+    """Return the error for a search in which no message matched our signing key."""
     worst, _ = signer.refused.most_common(1)[0]
     return SigningMismatch(
         f"messages are received on {description}, but none is valid ({refusals(signer)}): {_CURES[worst]}"
@@ -147,7 +147,7 @@ def not_believed(signer: Signer, description: str) -> SigningMismatch:
 
 
 def cannot_be_commanded(candidate: VehicleCandidate, description: str) -> SigningMismatch:
-    """Return the error for a vehicle that signs what it says and does not answer us, who have no key."""
+    """Return the error for a vehicle that signs its messages and does not answer us without a key."""
     return SigningMismatch(
         f"{candidate} on {description} signs its messages and answers none of ours: it accepts only messages signed "
         "with its key. Use --signing-key FILE or --signing-passphrase"

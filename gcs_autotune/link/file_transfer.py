@@ -1,7 +1,7 @@
-"""Reading a file of the vehicle by MAVLink FTP; nothing is written there.
+"""Read a file from the vehicle by MAVLink FTP; nothing is written there.
 
-Pieces are asked for a few at a time and by place, so that one lost is asked for again; the end is a piece that is short
-or refused with "end of file".
+A few pieces are requested at a time, by offset, so that a lost one can be requested again. The file ends with a short
+piece or with the reply "end of file".
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _ACK, _NACK = 128, 129
 _END_OF_FILE = 6
 _PIECE, _PAYLOAD = 239, 251
 _ABREAST = 5
-"""Chosen: pieces asked for at once; a slow radio's buffer holds about as many."""
+"""Pieces requested at once. Chosen: about what the buffer of a slow radio holds."""
 _REPLY = 1.0
-"""Chosen: seconds after which a question is asked again."""
+"""Seconds after which a request is repeated. Chosen."""
 _TRIES = 3
 _LONGEST = 1 << 20
-"""Chosen: bytes of a file that is read at most."""
+"""Largest file that is read [bytes]. Chosen."""
 _ERRORS = {
     1: "it failed",
     4: "the session was lost",
@@ -48,7 +48,7 @@ class _Reply:
 
 
 class _Exchange:
-    """Questions of one session and the answers heard to them."""
+    """The requests of one session and their replies."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -78,11 +78,11 @@ class _Exchange:
             self.replies.append(_Reply(sequence, opcode == _ACK, asked, offset, data))
 
     def has(self, count: int) -> bool | None:
-        """Return True once so many replies are there, else None."""
+        """Return True once that many replies have arrived, else None."""
         return True if len(self.replies) >= count else None
 
     def answer(self, opcode: int, data: bytes = b"") -> _Reply:
-        """Ask until answered.
+        """Repeat the request until it is answered.
 
         Raises
         ------

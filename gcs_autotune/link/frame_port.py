@@ -1,4 +1,4 @@
-"""Frames out and in over one transport: packed, signed and logged; received ones only when they are to be believed."""
+"""MAVLink frames over one transport: packed, signed and logged; received frames are verified."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ __all__ = ["SIMULATED_EPOCH", "FramePort", "time_base"]
 SIMULATED_EPOCH = 1_577_836_800.0
 """2020-01-01 00:00 UTC [s]. Chosen: simulated records count from here, so equal seeds give equal bytes."""
 _STALE_PARTIAL = 0.5
-"""Chosen: seconds after which an unfinished frame is held to be a false start in noise."""
+"""Seconds after which an unfinished frame is discarded as noise. Chosen."""
 _MOST_SENDERS = 16
-"""Chosen: senders whose unfinished frames are kept."""
+"""Senders whose unfinished frames are kept. Chosen."""
 _SECRET = ("SETUP_SIGNING",)
-"""Messages that hold a signing key: never logged, whoever sent them."""
+"""Messages that contain a signing key; never logged, whoever sent them."""
 
 
 class FramePort:
@@ -66,7 +66,7 @@ class FramePort:
 
     @property
     def system(self) -> int:
-        """The system id we send as."""
+        """The system id used for sending."""
         return self.packer.system
 
     @system.setter
@@ -75,32 +75,32 @@ class FramePort:
 
     @property
     def bad_data(self) -> int:
-        """Stretches of received bytes that were no MAVLink frame."""
+        """Number of received stretches that are not MAVLink frames."""
         return sum(framer.bad_data for framer in self._framers.values())
 
     @property
     def bad_bytes(self) -> int:
-        """How many bytes those were."""
+        """Number of bytes in these stretches."""
         return sum(framer.bad_bytes for framer in self._framers.values())
 
     @property
     def refused(self) -> int:
-        """Frames that were not signed with our key, or too long ago; 0 without a key."""
+        """Number of frames rejected because unsigned, wrongly signed or too old; 0 without a key."""
         return self.signer.refused.total() if self.signer else 0
 
     @property
     def refusals(self) -> str:
-        """How many those were and why; empty when there were none."""
+        """The rejected frames and the reasons in words; empty if there are none."""
         return refusals(self.signer)
 
     @property
     def trouble(self) -> str:
-        """What is wrong with the connection and its messages, in brackets; empty when nothing is."""
+        """Problems of the connection and its messages, in brackets; empty if there are none."""
         said = "; ".join(filter(None, (self._transport.trouble, self.refusals)))
         return f" ({said})" if said else ""
 
     def send(self, message: Message, component: int | None = None) -> None:
-        """Send one message, and log it; from another *component* of ours where one is given."""
+        """Send and log one message; *component* replaces our component id."""
         frame = self.packer.pack(message, component)
         if message.get_type() not in _SECRET:
             self._log(frame)
@@ -108,7 +108,7 @@ class FramePort:
         self._transport.write(frame)
 
     def frames(self, data: bytes) -> Iterator[Frame]:
-        """Yield the believable frames that *data* completes, each logged as it is handed over."""
+        """Yield the valid frames completed by *data*; each is logged as it is yielded."""
         for frame in self._framed(data):
             if self.signer is not None and not self.signer.believes(frame):
                 continue
@@ -126,17 +126,17 @@ class FramePort:
         return []
 
     def _framer(self, origin: str) -> Framer:
-        """Return the framer of what comes from *origin*: half a frame of one sender is not continued by another."""
+        """Return the framer of *origin*, so that half frames of different senders are not mixed."""
         if origin not in self._framers and len(self._framers) >= _MOST_SENDERS:
             del self._framers[next(iter(self._framers))]
         return self._framers.setdefault(origin, Framer(origin))
 
     def flush_log(self) -> None:
-        """Bring the log to the disk."""
+        """Write the log to the disk."""
         self._log(b"")
 
     def _log(self, frame: bytes) -> None:
-        """Log *frame*, or flush when it is empty. A full disk ends the log, never the clean-up of a vehicle."""
+        """Log *frame*, or flush if it is empty. A full disk ends the log, never a vehicle's clean-up."""
         if self._tlog is None:
             return
         try:
@@ -159,7 +159,7 @@ class FramePort:
 
 
 def time_base(transport: Transport) -> Callable[[], float]:
-    """Return the clock that a log of *transport* is stamped with [s since 1970]."""
+    """Return the time [s since 1970] that stamps of a log of *transport* count from."""
     if transport.is_simulated:
         return _simulated(transport.clock)
     return time.time

@@ -1,9 +1,9 @@
-"""Whom we hear, and for how long he has been silent, counted in time that was spent listening.
+"""Which sender is the vehicle, and how long it has been silent.
 
-The sender that was found first is held to; another one under the vehicle's ids is told of, not believed. MAVLink ids
-are claims. What tells senders apart is where their bytes come from (an address and port, on UDP) and their running
-sequence numbers. A vehicle that has restarted, or whose radio has reconnected, may come from another port: when the one
-held to has fallen silent, another is asked for its board's id, and held to when that is the vehicle's.
+Silence counts only while we listen. The first sender found is used; another sender with the vehicle's ids is reported
+and ignored, because anybody can use MAVLink ids. Senders differ in their origin (address and port on UDP) and in their
+sequence numbers. After a restart or a radio reconnect the vehicle may use another port. If the sender in use has fallen
+silent, another one is asked for its board id and used if that matches.
 """
 
 from __future__ import annotations
@@ -15,46 +15,46 @@ from gcs_autotune.mavlink import Frame, VehicleIdentity, firmware_version, uniqu
 __all__ = ["GONE", "HeldSender", "Liveness"]
 
 _LONGEST_PUMP = 0.5
-"""Chosen: of a longer time from pump to pump [s] this much counts as listened: then it was we who were away (a machine
-that is busy or was suspended), and what has come meanwhile is still to be read."""
-_WORTH_KEEPING = 0.5
+"""Most of the time between two pumps that counts as listening [s]. Chosen. Beyond it this computer was busy or
+suspended, and messages received meanwhile are still unread."""
+_LEAST_KEPT = 0.5
 _KEPT = 50
 
 
 class Liveness:
-    """The time listened and the last word heard. A clock, too: one that stands while this computer is busy.
+    """Time spent listening, and the last message. Also a clock that stops while this computer is busy.
 
     Attributes
     ----------
     listened : seconds of link time spent pumping.
-    last_heard : what ``listened`` was when the vehicle was last heard.
+    last_received : what ``listened`` was when the vehicle was last heard.
     """
 
     def __init__(self, now: float) -> None:
         self._last_pump = now
         self.listened = 0.0
-        self.last_heard = 0.0
+        self.last_received = 0.0
         self._word = 0.0
         self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
 
     def now(self) -> float:
-        """Return :attr:`listened` [s], for deadlines that must not pass while an answer lies unread."""
+        """Return :attr:`listened` [s], for deadlines that must not pass while an answer is unread."""
         return self.listened
 
     @property
     def silence(self) -> float:
-        """Seconds spent listening since the vehicle was last heard."""
-        return self.listened - self.last_heard
+        """Seconds of listening since the last message; negative while an expected silence is tolerated."""
+        return self.listened - self.last_received
 
     def count(self, now: float) -> float:
-        """Count the time since we listened last, now being link time *now* [s]; return how long [s] that is."""
+        """Count the time since the last call as listening (*now*: link time [s]); return that time [s]."""
         since, self._last_pump = now - self._last_pump, now
         self.listened += min(since, _LONGEST_PUMP)
         return since
 
     @property
-    def unheard(self) -> float:
-        """The same, whatever silence is borne."""
+    def actual_silence(self) -> float:
+        """Seconds of listening since the last message, including a tolerated silence."""
         return self.listened - self._word
 
     def longest(self, span: float) -> float:
@@ -62,26 +62,26 @@ class Liveness:
         return max((silence for end, silence in self._silences if end >= self.listened - span), default=0.0)
 
     def heard(self) -> None:
-        """The vehicle has just said something."""
-        if self.unheard > _WORTH_KEEPING:
-            self._silences.append((self.listened, self.unheard))
-        self.last_heard = self._word = self.listened
+        """Record a message from the vehicle."""
+        if self.actual_silence > _LEAST_KEPT:
+            self._silences.append((self.listened, self.actual_silence))
+        self.last_received = self._word = self.listened
 
     def bear(self, silence: float) -> None:
-        """Count the silence from *silence* [s] ahead: so long the vehicle may still be quiet."""
-        self.last_heard = self.listened + silence
+        """Tolerate a silence: :attr:`silence` starts *silence* [s] from now."""
+        self.last_received = self.listened + silence
 
 
 LOSSY = 0.1
-"""Chosen: share of lost messages that is worth naming as a cause; a good radio loses 1 to 3 %."""
+"""Share of lost messages that is reported as a cause. Chosen; a good radio loses 1 to 3 %."""
 _ENOUGH = 12
-"""Chosen: messages sent before a share of them means something."""
+"""Messages sent before their loss is computed. Chosen."""
 _JUMP = 128
-"""A sequence number that is ahead by more is behind: out of order, or a restart."""
+"""A larger step of the sequence number counts as backwards: out of order, or a restart."""
 
 
 class Loss:
-    """How much of what the vehicle sends does not arrive, by the gaps in its sequence numbers.
+    """Share of the vehicle's messages lost on the way, from gaps in its sequence numbers.
 
     An autopilot counts what it sends, not what its port had no room for: a gap was lost on the way.
     """
@@ -91,7 +91,7 @@ class Loss:
         self.received = self.lost = 0
 
     def hear(self, sequence: int) -> None:
-        """Take the *sequence* number (0 to 255) of the next message."""
+        """Count the *sequence* number (0 to 255) of the next message."""
         gap = (sequence - self._last - 1) % 256 if self._last >= 0 else 0
         self._last = sequence
         self.received += 1
@@ -100,17 +100,17 @@ class Loss:
 
     @property
     def share(self) -> float:
-        """Lost messages, in shares of those sent; 0 where those are too few to tell."""
+        """Lost messages as a share of those sent; 0 if too few were sent."""
         return self.lost / (self.received + self.lost) if self.is_known else 0.0
 
     @property
     def is_known(self) -> bool:
-        """Whether enough was sent to tell."""
+        """Whether enough messages were sent to compute the loss."""
         return self.received + self.lost >= _ENOUGH
 
     @property
     def words(self) -> str:
-        """What is lost and what to do, for an error; empty where little is."""
+        """The loss and its remedy for an error message; empty if little is lost."""
         if self.share < LOSSY:
             return ""
         return (
@@ -120,16 +120,16 @@ class Loss:
 
 
 GONE = 3.0
-"""Chosen [s]: three heartbeats; so long a sender must have been silent before another may take its place."""
+"""Silence of the sender in use after which another may replace it [s]. Chosen: three heartbeats."""
 _VOICES = 16
-"""Sequences followed at once: every loss begins one."""
+"""Sequences followed at once. Every loss begins one."""
 _TURNS = 5
-"""Chosen: a sequence that has gone on so often after another one spoke is not alone."""
+"""Alternations between two sequences that prove two senders. Chosen."""
 _MOST_STRANGERS = 20
 
 
 class _Voice:
-    """A run of sequence numbers; ``turns`` is how often it has begun to speak."""
+    """A run of sequence numbers; ``turns`` counts how often it resumed after another one."""
 
     def __init__(self) -> None:
         self.turns = 0
@@ -149,7 +149,7 @@ class HeldSender:
         self.origin = ""
         self._notes = notes
         self._suspects: dict[str, str] = {}
-        self._strangers: dict[str, None] = {}
+        self._other_senders: dict[str, None] = {}
         self.loss = Loss()
         self._voices: dict[int, _Voice] = {}
         self._last: _Voice | None = None
@@ -162,7 +162,7 @@ class HeldSender:
     def hear(self, frame: Frame) -> None:
         """Follow the sequence numbers of the sender held to; tell, once, of two that interleave, and of strangers."""
         if self._suspects:
-            self._tell_of_strangers()
+            self._report_others()
         sequence = frame.raw[4] if frame.raw[0] == 0xFD else frame.raw[2]
         self.loss.hear(sequence)
         voice = self._voices.pop(sequence, None) or _Voice()
@@ -179,25 +179,24 @@ class HeldSender:
                 "Use a signed link if the other one is unknown"
             )
 
-    def note_stranger(self, frame: Frame) -> None:
+    def note_other_sender(self, frame: Frame) -> None:
         """Note somebody else who says that he is the vehicle; he is told of, once, when that is heard after him."""
-        if frame.origin not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
+        if frame.origin not in self._other_senders and len(self._other_senders) < _MOST_STRANGERS:
             self._suspects[frame.origin] = f"system {frame.system}, component {frame.component}"
 
-    def _tell_of_strangers(self) -> None:
+    def _report_others(self) -> None:
         for origin, ids in self._suspects.items():
-            self._strangers[origin] = None
+            self._other_senders[origin] = None
             self._notes.append(
                 f"another sender at {origin} uses the vehicle's ids ({ids}); the vehicle is at {self.origin}. The "
-                f"other is "
-                "ignored. Give one of the two another system id, or use a signed link"
+                "other is ignored. Give one of the two another system id, or use a signed link"
             )
         self._suspects.clear()
 
     @property
     def others(self) -> tuple[str, ...]:
         """Where others spoke from under the vehicle's ids."""
-        return tuple(dict.fromkeys((*self._suspects, *self._strangers)))
+        return tuple(dict.fromkeys((*self._suspects, *self._other_senders)))
 
     def may_be(self, frame: Frame, known: VehicleIdentity) -> bool:
         """Whether *frame* is a stranger's AUTOPILOT_VERSION that shows him to be the *known* vehicle come back."""

@@ -1,4 +1,4 @@
-"""The vehicle's own logs, fetched over the link by LOG_REQUEST_LIST and _DATA; ArduPilot sends them disarmed only."""
+"""Download the vehicle's logs with LOG_REQUEST_LIST and LOG_REQUEST_DATA; ArduPilot sends them only disarmed."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ __all__ = ["OnboardLog", "fetch_log", "list_logs"]
 _PIECE = 90
 """Bytes in one LOG_DATA."""
 _STRETCH = 128 * _PIECE
-"""Chosen: bytes asked for at once: some seconds on a slow radio."""
+"""Bytes requested at once. Chosen: some seconds on a slow radio."""
 _QUIET = 1.0
-"""Chosen: seconds without anything new after which what is missing is asked for again."""
+"""Seconds without new data after which missing data is requested again. Chosen."""
 _TRIES = 5
 _LARGEST = 1 << 30
-"""Chosen: bytes of a log that is fetched at most."""
+"""Largest log that is downloaded [bytes]. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class OnboardLog:
-    """A log on board: its number, size [bytes], and when it began [s since 1970, 0: not known]."""
+    """An onboard log: number, size [bytes], start time [s since 1970; 0: unknown]."""
 
     number: int
     size: int
@@ -32,7 +32,7 @@ class OnboardLog:
 
 
 def list_logs(session: Session) -> tuple[OnboardLog, ...]:
-    """Return the logs on board, the oldest first; none when there is none.
+    """Return the onboard logs, oldest first.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which ports this machine has, and who talks on them: listening only, nothing is sent."""
+"""Find the serial ports of this machine and who sends on them; nothing is sent."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from gcs_autotune.mavlink import Framer
 __all__ = ["BAUDS", "Overheard", "PortSeen", "overhear", "serial_ports"]
 
 BAUDS = (57600, 115200)
-"""Speeds listened at, as ArduPilot's SERIALn_BAUD has them where nobody changed it: radios, USB and companions."""
+"""Baud rates tried: ArduPilot's defaults of SERIALn_BAUD for radios, USB and companion computers."""
 _LONGEST_READ = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class PortSeen:
-    """A serial port: its device, what it calls itself, and USB vendor and product (None: not on USB)."""
+    """A serial port: device, description, USB vendor and product (None: not USB)."""
 
     device: str
     description: str
@@ -56,7 +56,7 @@ class Overheard:
 
     @property
     def told(self) -> str:
-        """One sentence for a person."""
+        """One sentence for the user."""
         if self.trouble:
             return self.trouble
         if self.autopilots:
@@ -69,7 +69,7 @@ class Overheard:
 
 
 def serial_ports() -> tuple[PortSeen, ...]:
-    """Return the serial ports of this machine that hardware is behind, by device."""
+    """Return the serial ports of this machine with hardware behind them, by device."""
     from serial.tools import list_ports  # slow to import where there are many drivers
 
     found: Sequence[Any] = sorted(list_ports.comports(), key=lambda port: str(port.device))

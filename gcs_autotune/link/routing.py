@@ -1,4 +1,4 @@
-"""Which received frame concerns whom: the vehicle's messages go to their listeners, everybody else's are hearsay."""
+"""Route received frames: the vehicle's messages to their listeners, all others to the monitors."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ class Routing:
         self.traffic: Counter[str] = Counter()
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
-        """Call *listener* with every message called *name* from the vehicle; return what ends that."""
+        """Call *listener* with every message *name* of the vehicle; return a function that ends this."""
         self._listeners[name].append(listener)
         return lambda: self._listeners[name].remove(listener)
 
     def overhear(self, listener: Callable[[Frame], None]) -> None:
-        """Call *listener* with every frame from anybody but the vehicle."""
+        """Call *listener* with every frame of other senders."""
         self._overhearing.append(listener)
 
     def tell(self, frame: Frame) -> None:
-        """Hand a frame of the vehicle's to those who listen for it."""
+        """Pass a frame of the vehicle to its listeners."""
         for listener in tuple(self._listeners.get(frame.name, ())):
             listener(frame.message)
 
-    def note_foreign(self, frame: Frame, our_system: int) -> None:
-        """Take a frame of somebody else's; a station with our own system id is told of, once."""
+    def note_other_station(self, frame: Frame, our_system: int) -> None:
+        """Count a frame of another sender; report once a station with our own system id."""
         self.foreign[frame.system, frame.component] += 1
         for hear in self._overhearing:
             hear(frame)

@@ -1,8 +1,8 @@
-"""One conversation with one vehicle: heartbeat, discovery, routing, liveness, the operator's stop, the log.
+"""One connection to one vehicle: heartbeat, discovery, routing, liveness, operator stop and log.
 
-Everything happens inside :meth:`Session.pump`, on the caller's thread: read what has come, hand each message
-to those who listen for it, send what is due. Whoever waits, waits by pumping, with a deadline on the link's
-clock; nothing sleeps and nothing runs beside it.
+Everything happens inside :meth:`Session.pump`, on the caller's thread: read what has arrived, pass each message to its
+listeners, send what is due. All waiting is pumping with a deadline on the link's clock; nothing sleeps, and there are
+no other threads.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from gcs_autotune.link.discovery import (
     VehicleCandidate,
     cannot_be_commanded,
     choose,
-    nobody_found,
+    no_vehicle_error,
     not_believed,
 )
 from gcs_autotune.link.frame_port import FramePort
@@ -47,39 +47,39 @@ __all__ = ["Listener", "OperatorStop", "PeriodicTask", "PeriodicTasks", "Session
 T = TypeVar("T")
 
 _SLICE = 0.1
-"""Chosen: longest single wait [s of link time], so that heartbeat and operator are never kept waiting."""
+"""Longest single wait [s of link time], so that heartbeat and operator are served in time. Chosen."""
 _HEED = 0.02
-"""Chosen [s]: the same where time is the machine's own, for a STOP is to be on the wire within 50 ms."""
+"""The same in real time [s]: STOP must be sent within 50 ms. Chosen."""
 _AWAY = 0.2
-"""Chosen [s of link time]: a longer time from pump to pump was spent elsewhere, or the machine was busy."""
+"""A longer time between two pumps was spent elsewhere, or the machine was busy [s of link time]. Chosen."""
 _MOST_READS = 64
-"""Chosen: reads to catch up with; a sender without end must not keep us from our own tasks."""
+"""Most reads to catch up with; a continuous sender must not block our own tasks. Chosen."""
 _HEARTBEAT_PERIOD = 1.0
 _FIRST_BEACON = int(mavlink.MAV_COMP_ID_USER1)
 _BEACONS = int(mavlink.MAV_COMP_ID_USER75) - _FIRST_BEACON + 1
 _THREE_HEARTBEATS = 3.5
 _ASKINGS = 3
-"""Chosen: times that contradicting heartbeats are listened to; one contradiction may be a change on its way."""
+"""Rounds of contradicting heartbeats before an error; one contradiction may be a change under way. Chosen."""
 _SILENT = 1.2
-"""Chosen [s]: a vehicle that is heard sends a heartbeat a second, at least."""
+"""A vehicle sends at least one heartbeat in this time [s]. Chosen."""
 _ASKED_AGAIN = 0.5
-"""Seconds after which a heartbeat that did not come is asked for again."""
+"""Seconds after which a missing heartbeat is requested again."""
 _ROUNDING = 1e-6
-"""Seconds: what sums of decimal fractions may be off."""
-_HEARD_OUT = 2.0
-"""Seconds that the link is listened to for a second autopilot: two heartbeats."""
+"""Rounding error of sums of decimal fractions [s]."""
+_LISTEN_FOR_SECOND = 2.0
+"""Seconds spent listening for a second autopilot: two heartbeats."""
 _VERSION_TRIES = 3
 
 
 _SEEN = 3
-"""Chosen: messages without a gap between them, after which a link does not lose half of all."""
-_TO_TELL = 20.0
-"""Chosen [s]: a vehicle that streams nothing sends twenty heartbeats in so long."""
+"""Messages without a gap that exclude a loss of half of all. Chosen."""
+_TIME_TO_KNOW = 20.0
+"""Time in which a vehicle without streams sends twenty heartbeats [s]. Chosen."""
 
 
 @dataclass(slots=True, eq=False)
 class PeriodicTask:
-    """Something done every ``period`` [s of link time] while pumping."""
+    """A task done every ``period`` [s of link time] while pumping."""
 
     clock: Clock
     period: float
@@ -87,29 +87,29 @@ class PeriodicTask:
     due: float
 
     def postpone(self) -> None:
-        """It has just been done: next time a whole period from now."""
+        """Restart the period: the task has just been done."""
         self.due = self.clock.now() + self.period
 
 
 class PeriodicTasks:
-    """All of them, in the order they were taken on."""
+    """The periodic tasks, in order of registration."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._tasks: list[PeriodicTask] = []
 
     def add(self, period: float, action: Callable[[], None]) -> PeriodicTask:
-        """Take on *action* every *period* [s], first at once."""
+        """Register *action* every *period* [s], due at once."""
         task = PeriodicTask(self._clock, period, action, self._clock.now())
         self._tasks.append(task)
         return task
 
     def next_due(self) -> float:
-        """Return the link time [s] at which the next one is due; there must be one."""
+        """Return the link time [s] of the next task; there must be one."""
         return min(task.due for task in self._tasks)
 
     def do(self, now: float) -> None:
-        """Do everything that is due at link time *now* [s]."""
+        """Do all tasks due at link time *now* [s]."""
         for task in self._tasks:
             if task.due <= now + _ROUNDING:
                 task.postpone()
@@ -117,7 +117,7 @@ class PeriodicTasks:
 
 
 class OperatorStop:
-    """``asked`` tells whether the operator has wanted to stop; *interrupt* asks him."""
+    """The operator's stop; ``asked``: whether it was requested. *interrupt* is polled."""
 
     def __init__(self, interrupt: Callable[[], bool]) -> None:
         self._interrupt = interrupt
@@ -125,7 +125,7 @@ class OperatorStop:
         self.asked = False
 
     def check(self) -> None:
-        """Raise ``OperatorStopped`` when the operator wants to stop and no shield is up."""
+        """Raise ``OperatorStopped`` if a stop is requested and not shielded."""
         if self._interrupt():
             self.asked = True
         if self.asked and not self._shields:
@@ -133,7 +133,7 @@ class OperatorStop:
 
     @contextmanager
     def shielded(self, *, raise_after: bool = False) -> Iterator[None]:
-        """Keep the stop from interrupting what is inside; with *raise_after* it is raised on leaving."""
+        """Postpone the stop inside this context; with *raise_after* it is raised on exit."""
         self._shields += 1
         try:
             yield
@@ -144,7 +144,7 @@ class OperatorStop:
 
 
 class Session:
-    """The conversation: its verbs are here, its parts are attributes.
+    """A connection to a vehicle. Its methods are here, its parts are attributes.
 
     Parameters
     ----------
@@ -212,12 +212,12 @@ class Session:
         self.port.send(message)
 
     def request_message(self, number: int) -> None:
-        """Ask the vehicle to send the message of that number once; do not wait for it."""
+        """Request one message by number; do not wait."""
         assert self.vehicle is not None
         self.send(message_request(self.vehicle.system, self.vehicle.component, number))
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
-        """Call *listener* with every message called *name* from the vehicle; return what ends that.
+        """Call *listener* with every message *name* of the vehicle; return a function that ends this.
 
         A listener must not pump; it may send.
         """
@@ -228,8 +228,7 @@ class Session:
         return self._periodic_tasks.add(period, action)
 
     def pump(self, timeout: float = _SLICE) -> None:
-        """Do everything that is due, then wait at most *timeout* for bytes (never above 0.1 s, 20 ms where time is the
-        machine's own) and route them.
+        """Do everything due, then wait at most *timeout* for bytes (at most 0.1 s, 20 ms in real time) and route them.
 
         Raises
         ------
@@ -248,10 +247,10 @@ class Session:
             self._route(frame)
         if was_away and data:
             self._catch_up()
-        self.check_heard(self._timeout)
+        self.check_contact(self._timeout)
 
     def _catch_up(self) -> None:
-        """Read on what came while this computer was busy: the oldest comes first, and what counts is the newest."""
+        """Read what arrived while this computer was busy: the oldest comes first, and the newest counts."""
         for _ in range(_MOST_READS):
             data = self.transport.read(0.0)
             if not data:
@@ -265,19 +264,19 @@ class Session:
             if not self._sightings.take(frame):
                 self.routing.foreign[frame.system, frame.component] += 1
         elif (frame.system, frame.component) != (self.vehicle.system, self.vehicle.component):
-            self.routing.note_foreign(frame, self.port.system)
+            self.routing.note_other_station(frame, self.port.system)
         elif self._held_sender.is_held(frame):
             self._held_sender.hear(frame)
             self.liveness.heard()
             self._held_at = self.liveness.listened
             self.routing.tell(frame)
         else:
-            self._hear_stranger(frame, self.vehicle)
+            self._receive_from_other(frame, self.vehicle)
 
-    def _hear_stranger(self, frame: Frame, vehicle: VehicleIdentity) -> None:
-        """Somebody at another address says that he is the vehicle. When that has fallen silent, he may be."""
+    def _receive_from_other(self, frame: Frame, vehicle: VehicleIdentity) -> None:
+        """Handle the vehicle's ids from another address: after a silence the vehicle may have moved there."""
         if self.liveness.listened - self._held_at <= GONE:
-            self._held_sender.note_stranger(frame)
+            self._held_sender.note_other_sender(frame)
         elif self._held_sender.may_be(frame, vehicle):
             self._hold(frame.origin, vehicle)
         elif frame.name == "HEARTBEAT":
@@ -285,7 +284,7 @@ class Session:
 
     @property
     def contested(self) -> str:
-        """Who speaks, in words, where several addresses claim to be the vehicle; empty where one does."""
+        """The senders in words, if several addresses use the vehicle's ids; else empty."""
         others = self._held_sender.others
         if not others:
             return ""
@@ -297,25 +296,25 @@ class Session:
 
     @property
     def loss(self) -> Loss:
-        """How much of what the vehicle sends does not arrive."""
+        """Share of the vehicle's messages lost on the way."""
         return self._held_sender.loss
 
     def lossy(self) -> str:
-        """Return in words that the link loses much, once enough was heard to tell; empty where it does not.
+        """Return a sentence if the link loses much, else an empty text; waits until enough messages have arrived.
 
-        For what is about to be blamed on something else: it waits where too little has come.
+        To be called before another cause is reported.
         """
         if self.loss.received >= _SEEN and not self.loss.lost:
             return ""
-        self.wait_for(lambda: self.loss.is_known or None, _TO_TELL)
+        self.wait_for(lambda: self.loss.is_known or None, _TIME_TO_KNOW)
         return self.loss.words
 
     def _hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
         self._held_sender.hold(origin, known)
         self.transport.hold(origin)
 
-    def check_heard(self, patience: float) -> None:
-        """Raise ``LinkLost`` when the vehicle, once found, has been silent for more than *patience* [s]."""
+    def check_contact(self, patience: float) -> None:
+        """Raise ``LinkLost`` if the vehicle, once found, has been silent for more than *patience* [s]."""
         if self.vehicle is not None and self.liveness.silence > max(patience, self.patience):
             raise LinkLost(
                 f"Lost contact with {self.vehicle} on {self.transport.description} ({self.liveness.silence:.1f} s). "
@@ -323,37 +322,38 @@ class Session:
             )
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
-        """Pump until *condition* returns something other than None, and return that; None after *timeout* [s].
+        """Pump until *condition* returns something other than None, and return it; None after *timeout* [s].
 
-        What counts is time spent listening: an answer that came while this computer was busy is read before the
-        silence is judged. A silence that is borne (:attr:`patience`) does not count: its end is waited for.
+        Only time spent listening counts: an answer that arrived while this computer was busy is read before the
+        deadline is checked. A tolerated silence (:attr:`patience`) does not count.
         """
         deadline = Deadline.after(self.liveness, timeout)
         while (found := condition()) is None:
-            if deadline.expired and not self.bears_silence:
+            if deadline.expired and not self.tolerates_silence:
                 return None
             self.pump(_HEED if deadline.expired else deadline.remaining)
         return found
 
     @property
-    def bears_silence(self) -> bool:
-        """Whether the vehicle is silent now, and that is waited out."""
+    def tolerates_silence(self) -> bool:
+        """Whether the vehicle is silent now and :attr:`patience` allows it."""
         return self.vehicle is not None and _SILENT < self.liveness.silence <= self.patience
 
     def pause(self, seconds: float) -> None:
-        """Go on pumping for *seconds* of link time."""
+        """Keep pumping for *seconds* of link time."""
         self.wait_for(lambda: None, seconds)
 
     def await_return(self, timeout: float) -> bool:
-        """After ``LinkLost``: wait until the vehicle is heard again; return whether it was."""
+        """Wait after ``LinkLost`` until the vehicle sends again; return whether it did."""
         self.liveness.bear(timeout)
         before = self.heartbeats
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
 
     def ask_state(self, timeout: float) -> bool:
-        """Ask for a HEARTBEAT, so that :attr:`armed` and :attr:`custom_mode` are of now; whether one came in *timeout*.
+        """Request a HEARTBEAT, so that :attr:`armed` and :attr:`custom_mode` are current; return whether one came in
+        *timeout*.
 
-        Asked again every half second: the question, or the answer, may be lost.
+        Repeated every half second, since the request or the answer may be lost.
         """
         before, deadline = self.heartbeats, Deadline.after(self.clock, timeout)
         while self.heartbeats == before and not deadline.expired:
@@ -362,10 +362,9 @@ class Session:
         return self.heartbeats > before
 
     def await_heartbeat(self) -> None:
-        """Ask for HEARTBEAT until :attr:`armed` and :attr:`custom_mode` are of now, and nobody contradicts them.
+        """Request HEARTBEAT until :attr:`armed` and :attr:`custom_mode` are current and uncontradicted.
 
-        For two heartbeats and a second all that are heard must say the same: what somebody else sends under the
-        vehicle's id comes beside its own, not instead of them.
+        All heartbeats of two periods and a second must agree: a forged one arrives in addition to the vehicle's own.
 
         Raises
         ------
@@ -386,7 +385,7 @@ class Session:
         )
 
     def _asked_state(self) -> set[tuple[bool, int]]:
-        """Ask for HEARTBEAT, listen for a while, and return every (armed, custom mode) that was heard."""
+        """Request HEARTBEAT, listen for a while, and return every (armed, custom mode) received."""
         told: list[tuple[bool, int]] = []
         stop = self.listen("HEARTBEAT", lambda m: told.append((_is_armed(m), int(m.custom_mode))))
         try:
@@ -403,23 +402,23 @@ class Session:
         return set(told)
 
     def outlast(self, patience: float) -> bool:
-        """After ``LinkLost`` in a clean-up: wait up to *patience* [s] for the vehicle, once per silence.
+        """Wait after ``LinkLost`` in a clean-up, up to *patience* [s] and once per silence, for the vehicle to return.
 
-        Returns whether it is heard again.
+        Returns whether it has returned.
         """
         if self.heartbeats == self._given_up_at:
             return False
-        last_heard = self.liveness.last_heard
+        last_received = self.liveness.last_received
         with self.operator.shielded(), suppress(LinkLost):
             if self.await_return(patience):
                 return True
-        self._given_up_at, self.liveness.last_heard = self.heartbeats, last_heard
+        self._given_up_at, self.liveness.last_received = self.heartbeats, last_received
         return False
 
     def discover(self, timeout: float = 10.0, system_id: int | None = None) -> VehicleIdentity:
-        """Wait for an autopilot's HEARTBEAT; from then on only that system and component is listened to.
+        """Wait for an autopilot's HEARTBEAT; from then on only that system and component count.
 
-        Hears out two seconds more, so that a second autopilot on the link is noticed and not fallen over.
+        Listens two seconds more, so that a second autopilot on the link is noticed.
 
         Raises
         ------
@@ -440,7 +439,7 @@ class Session:
         return self.vehicle
 
     def _find(self, timeout: float, system_id: int | None) -> VehicleCandidate:
-        """Return the only autopilot heard, or that with *system_id*; errors as those of :meth:`discover`."""
+        """Return the only autopilot found, or that with *system_id*; errors as those of :meth:`discover`."""
         port, sightings = self.port, self._sightings
         wanted = self.wait_for(lambda: sightings.found(system_id), timeout)
         if wanted is None:
@@ -448,14 +447,16 @@ class Session:
             if port.signer and port.signer.refused:
                 raise not_believed(port.signer, where)
             where += port.trouble
-            raise nobody_found(where, timeout, system_id, sightings.candidates, self.routing.foreign, port.bad_bytes)
+            raise no_vehicle_error(
+                where, timeout, system_id, sightings.candidates, self.routing.foreign, port.bad_bytes
+            )
         if system_id is not None:
             return wanted
-        self.pause(_HEARD_OUT)
+        self.pause(_LISTEN_FOR_SECOND)
         return choose(list(sightings.candidates.values()))
 
     def _introduce(self, wanted: VehicleCandidate) -> VehicleIdentity:
-        """Return who *wanted* says it is; SigningMismatch: it signs, we have no key, and it does not answer."""
+        """Return the identity of *wanted*; ``SigningMismatch``: it signs, we have no key, and it does not answer."""
         version, uid = self._ask_version()
         if self.port.signer is None and self._sightings.signs(wanted):
             if not version:
@@ -464,7 +465,7 @@ class Session:
         return wanted.identity(version=version, uid=uid)
 
     def _ask_version(self) -> tuple[str, str]:
-        """Return (firmware version, unique id), each empty when it is not told."""
+        """Return (firmware version, unique id), each empty if not reported."""
         answers: list[Message] = []
         stop = self.listen("AUTOPILOT_VERSION", answers.append)
         try:

@@ -19,7 +19,7 @@ from gcs_autotune.logs.files import TRIALS_FOLDER, load_runs, record
 from gcs_autotune.logs.formats import FORMATS, format_of
 from gcs_autotune.logs.renaming import parse_columns, renamed
 from gcs_autotune.logs.sample_store import Census, Recording
-from gcs_autotune.logs.segmentation import Cut, LeftOut, cut_runs, runs_of
+from gcs_autotune.logs.segmentation import Cut, SkippedPart, cut_runs, runs_of
 from gcs_autotune.logs.survey import fresh_folder, survey, write_runs
 
 __all__ = [
@@ -27,8 +27,8 @@ __all__ = [
     "TRIALS_FOLDER",
     "Census",
     "Cut",
-    "LeftOut",
     "Recording",
+    "SkippedPart",
     "cut_runs",
     "format_of",
     "fresh_folder",

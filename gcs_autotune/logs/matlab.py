@@ -42,7 +42,7 @@ def read_mat(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     import scipy.io
 
     try:
-        _see_it_is_whole(path.read_bytes())
+        _verify_complete(path.read_bytes())
         tree = scipy.io.loadmat(path, squeeze_me=True, simplify_cells=True)
     except Exception as error:  # noqa: BLE001 - what reads a damaged file may raise anything
         raise BadFile(f"{path} is a MATLAB file that cannot be read ({_first_line(error)}): {EXPORT}") from None
@@ -84,7 +84,7 @@ LARGEST = 1 << 31
 """Chosen: bytes of a compressed element when unpacked."""
 
 
-def _see_it_is_whole(data: bytes) -> None:
+def _verify_complete(data: bytes) -> None:
     """Raise ``ValueError`` unless the elements of a level-5 file nest as they should.
 
     SciPy 1.17 ends the whole process by a segmentation fault where a type code of an element is none of these.
@@ -94,10 +94,10 @@ def _see_it_is_whole(data: bytes) -> None:
     order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
     if order is None or len(data) <= HEADER:
         raise ValueError("it has no data after its header")
-    _see_elements(data[HEADER:], order, 0)
+    _verify_elements(data[HEADER:], order, 0)
 
 
-def _see_elements(data: bytes, order: str, depth: int) -> list[int]:
+def _verify_elements(data: bytes, order: str, depth: int) -> list[int]:
     """Return the types of the elements in *data*; raises ``ValueError`` where one is none."""
     at, found = 0, []
     while at + 8 <= len(data):
@@ -111,24 +111,24 @@ def _see_elements(data: bytes, order: str, depth: int) -> list[int]:
         if kind not in TYPES or end > len(data) or depth > 2 * DEEPEST or (kind == COMPRESSED and depth):
             raise ValueError("a damaged element")
         if kind == COMPRESSED:
-            _see_elements(zlib.decompressobj().decompress(data[start:end], LARGEST), order, depth + 1)
+            _verify_elements(zlib.decompressobj().decompress(data[start:end], LARGEST), order, depth + 1)
             at = end
             continue
         if kind == ARRAY and size:
-            _see_array(data[start:end], order, depth)
+            _verify_array(data[start:end], order, depth)
         found.append(kind)
         at = max(at + 8, end + -end % 8)
     return found
 
 
-def _see_array(data: bytes, order: str, depth: int) -> None:
+def _verify_array(data: bytes, order: str, depth: int) -> None:
     """Raise ``ValueError`` unless an array has the elements of its class, without which SciPy reads on past its end."""
     head = data[:12]
     if len(head) < 12 or struct.unpack_from(f"{order}I", head)[0] != FLAGS:
         raise ValueError("a damaged array")
     word = struct.unpack_from(f"{order}I", head, 8)[0]
     kind, is_complex = word & 0xFF, bool(word & IS_COMPLEX)
-    parts = _see_elements(data, order, depth + 1)
+    parts = _verify_elements(data, order, depth + 1)
     needed = PARTS.get(kind, 0)
     if kind not in CLASSES or (needed and (len(parts) < needed + is_complex or ARRAY in parts)):
         raise ValueError("a damaged array")

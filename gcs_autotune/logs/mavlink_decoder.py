@@ -132,7 +132,7 @@ NO_AUTOPILOT = 8
 """MAV_AUTOPILOT_INVALID: a heartbeat of something that steers nothing (ground station, camera, companion)."""
 REBOOT = 5.0
 """Chosen [s]: a boot clock that falls back by more belongs to a new boot; by less, to a late message."""
-SAID_ARMING = {"throttle armed": True, "throttle disarmed": False, "arming motors": True, "disarming motors": False}
+ARMING_TEXTS = {"throttle armed": True, "throttle disarmed": False, "arming motors": True, "disarming motors": False}
 """STATUSTEXTs of ArduRover and ArduSub -> armed."""
 WRAP_US = 2**32 * 1e-6
 WRAP_MS = 2**32 * 1e-3
@@ -182,7 +182,7 @@ def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> D
             elif h.name == "MANUAL_CONTROL":
                 for other in scribes.values():
                     if other is not decoder and h.message.target in (0, other.vehicle[0]):
-                        other.hear_sticks(h)
+                        other.read_sticks(h)
         except (AttributeError, TypeError, ValueError, OverflowError):
             misfits += 1  # a damaged line of a CSV file; a frame with a checksum has its fields
     if not messages:
@@ -255,7 +255,7 @@ class _Decoder:
         if math.isfinite(t) or h.name in ("HEARTBEAT", "STATUSTEXT"):
             self._write(self._stores[-1], t, h)
 
-    def hear_sticks(self, h: Heard) -> None:
+    def read_sticks(self, h: Heard) -> None:
         """Take in what a ground station sent to steer this vehicle."""
         if math.isfinite(self._boot):
             self._stores[-1].take(self._mapped(h.time), sticks(h.message))
@@ -327,7 +327,7 @@ def _beat(store: SampleStore, t: float, m: Any, system: int) -> None:
 def _said(store: SampleStore, t: float, text: str) -> None:
     """Process a STATUSTEXT; it reports arming up to a second before the next HEARTBEAT."""
     store.texts.append((t, text))
-    armed = SAID_ARMING.get(text.lower())
+    armed = ARMING_TEXTS.get(text.lower())
     if armed is not None and math.isfinite(t) and store.arming and store.arming[-1][1] != armed:
         store.arming.append((t, armed))
 

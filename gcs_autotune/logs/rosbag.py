@@ -89,8 +89,9 @@ KINDS: Mapping[str, Callable[[Message], Samples]] = {
     "mavros_msgs/msg/RCOut": lambda m: {f"servo{i}": float(v) for i, v in enumerate(m.channels, start=1)},
 }
 """Kind of message -> channels; of two topics that bring one channel the kind further up counts, then the first one."""
-NUMBERS = frozenset(f"std_msgs/msg/{kind}" for kind in ("Float64", "Float32", "Int64", "Int32", "Int16", "UInt16"))
-ARRAYS = frozenset(f"std_msgs/msg/{kind}MultiArray" for kind in ("Float64", "Float32"))
+_PLAIN = ("Float64", "Float32", "Int64", "Int32", "Int16", "UInt16")
+NUMBERS = frozenset(f"std_msgs/msg/{kind}" for kind in _PLAIN)
+ARRAYS = frozenset(f"std_msgs/msg/{kind}MultiArray" for kind in _PLAIN)
 
 
 def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:

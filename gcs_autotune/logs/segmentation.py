@@ -19,7 +19,7 @@ from gcs_autotune.logs.sample_store import Note, Recording, SampleStore
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Mark, Trial
 
-__all__ = ["Cut", "DofExcitation", "LeftOut", "cut_runs", "excitation_of", "little_told", "runs_of"]
+__all__ = ["Cut", "DofExcitation", "SkippedPart", "cut_runs", "excitation_of", "little_excitation", "runs_of"]
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def excitation_of(run: Trial) -> list[DofExcitation]:
     return [e for e in found if e is not None]
 
 
-def little_told(looks: list[DofExcitation]) -> Note | None:
+def little_excitation(looks: list[DofExcitation]) -> Note | None:
     """Return the doubt about a run without a usable axis; None if one is usable, or there is none."""
     if not looks or any(e.verdict == GOOD for e in looks):
         return None
@@ -149,7 +149,7 @@ class _LogSegment:
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
+class SkippedPart:
     """A stretch from which nothing can be identified, and why."""
 
     run: Trial
@@ -164,7 +164,7 @@ class Cut:
     """What became of a log: the ``runs``, and the stretches left out."""
 
     runs: list[Trial]
-    left_out: list[LeftOut]
+    left_out: list[SkippedPart]
 
 
 def runs_of(log: Recording) -> list[Trial]:
@@ -184,7 +184,7 @@ def runs_of(log: Recording) -> list[Trial]:
 def cut_runs(log: Recording) -> Cut:
     """Cut a log at boots, silences, and every change of mode or arming."""
     runs: list[Trial] = []
-    dropped: list[LeftOut] = []
+    dropped: list[SkippedPart] = []
     number = 0
     for store in log.stores:
         motion, sources = motion_channels(store)
@@ -219,7 +219,7 @@ def cut_runs(log: Recording) -> Cut:
             )
             why = _useless(run, stretch, [*log.notes, *doubts])
             if why:
-                dropped.append(LeftOut(run, why))
+                dropped.append(SkippedPart(run, why))
             else:
                 runs.append(_looked_at(run))
     words = [str(left) for left in dropped]
@@ -235,7 +235,7 @@ def _between(channel: Channel, start: float, end: float) -> Channel:
 def _looked_at(run: Trial) -> Trial:
     """Return a run with its quick assessment, and a doubt if it contains little information."""
     looks = excitation_of(run)
-    doubt = little_told(looks)
+    doubt = little_excitation(looks)
     notes = [*run.meta["notes"], *([doubt] if doubt else [])]
     return replace(run, meta={**run.meta, "excitation": [e.to_dict() for e in looks], "notes": notes})
 
@@ -303,7 +303,7 @@ def _varies(channel: Channel) -> bool:
     return len(channel) > 1 and bool(np.ptp(channel.values) > 0.0)
 
 
-def _nothing(log: Recording, dropped: list[LeftOut]) -> str:
+def _nothing(log: Recording, dropped: list[SkippedPart]) -> str:
     stores = log.stores
     name = str(log.meta.get("source") or (stores[0].name if stores else "the log"))
     if not stores or all(t.span == (0.0, 0.0) for t in stores):

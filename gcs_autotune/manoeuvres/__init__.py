@@ -17,14 +17,14 @@ from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, NominalPlant, PlantState, Preview, fly_on, preview
 from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
-from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Flown, Sequencer, restore_on_exit
+from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
@@ -40,7 +40,7 @@ __all__ = [
     "DOF_OF",
     "FAR_OUT",
     "GUARDS",
-    "HELD_MEANWHILE",
+    "HELD_DURING",
     "LEAST_REVERSALS",
     "LEVELS",
     "MANOEUVRES",
@@ -55,7 +55,6 @@ __all__ = [
     "DiveSettings",
     "Ending",
     "Envelope",
-    "Flown",
     "Guard",
     "Manoeuvre",
     "ManoeuvreKind",

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HeadingHold, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HeadingHold, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre
 
 __all__ = ["Approach", "Part", "Steadiness", "Steering", "UnderWay"]
@@ -163,7 +163,7 @@ class UnderWay(Manoeuvre):
         self._steering = steering
         self._approach = Approach(signal, needs_way=steering.throttle != 0.0)
         self._heading_hold = HeadingHold()
-        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["psi"]] if steering.keep_still else []
+        self._holds = [HoldController(gains) for gains in HELD_DURING["psi"]] if steering.keep_still else []
         self._fastest, self._course = 0.0, math.nan
         self._rates: list[tuple[float, float]] = []
 

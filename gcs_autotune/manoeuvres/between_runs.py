@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gcs_autotune.craft import Actuate, Observation
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.trial import Purpose
 
@@ -119,7 +119,7 @@ class ComeToRest(Manoeuvre):
 
     def __init__(self, signal: str = "psi", force: str = "N") -> None:
         super().__init__(signal=signal, force=force)
-        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["x"]]
+        self._holds = [HoldController(gains) for gains in HELD_DURING["x"]]
 
     @property
     def asked(self) -> Mapping[str, Any]:

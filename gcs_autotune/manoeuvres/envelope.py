@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import GuardTripped, UsageError
 from gcs_autotune.manoeuvres.area import Area, how_far
-from gcs_autotune.watch import Room
+from gcs_autotune.observer import Room
 
 __all__ = ["FAR_OUT", "GUARDS", "NEARLY", "Envelope", "Guard", "Watch", "far_out"]
 
@@ -173,7 +173,7 @@ class Watch:
 
     @property
     def room(self) -> Room:
-        """The limits in space, for the watcher."""
+        """The limits in space, for the observer."""
         e, a = self.envelope, self.anchor
         zones = () if e.area is None else tuple((z.corners, z.radius, z.inside) for z in e.area.zones)
         bounds = {

@@ -14,7 +14,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 
-__all__ = ["KIND", "HandReleased"]
+__all__ = ["KIND", "FreeDecay"]
 
 REST = 3.0
 """Chosen [s]: the angle at rest is the mean over so long."""
@@ -22,11 +22,11 @@ PUSHED = math.radians(5.0)
 """Chosen [rad]: further from rest than waves and handling make it."""
 PATIENCE = 120.0
 """Longest wait for the push [s]. Chosen."""
-DIED_AWAY, QUIET = 0.1, 3.0
+DECAYED, QUIET = 0.1, 3.0
 """Fraction of the largest angle that counts as zero, and how long it must last [s]. Chosen."""
 
 
-class HandReleased(Manoeuvre):
+class FreeDecay(Manoeuvre):
     """Waits at rest, with every output neutral, for a push on ``force`` (``K`` or ``M``), then records its decay.
 
     It lasts ``duration`` [s] after the push at most. Marks ``push`` where the angle leaves its rest.
@@ -64,7 +64,7 @@ class HandReleased(Manoeuvre):
         while now.t - start < self._duration and now.t - last < QUIET:
             angle = abs(now.value(self.signal) - self._rest)
             largest = max(largest, angle)
-            last = now.t if angle > DIED_AWAY * largest else last
+            last = now.t if angle > DECAYED * largest else last
             now = yield Actuate()
         self._end("completed", f"decay from {math.degrees(largest):.0f} deg recorded for {now.t - start:.0f} s")
         yield Actuate()
@@ -79,7 +79,7 @@ def _of(force: str) -> ManoeuvreKind:
         help="decay of roll (--force K) or pitch (--force M) after a push by hand, with neutral outputs",
         excites=frozenset({"roll" if force == "K" else "pitch"}),
         drives=frozenset(),
-        make=lambda options: HandReleased(force, options["duration"]),
+        make=lambda options: FreeDecay(force, options["duration"]),
         options=("duration",),
         identifies=False,
         turns=True,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from gcs_autotune.craft import Actuate, Observation
 
-__all__ = ["HELD_BEFORE", "HELD_MEANWHILE", "HeadingHold", "HoldController", "HoldGains", "hold"]
+__all__ = ["HELD_BEFORE", "HELD_DURING", "HeadingHold", "HoldController", "HoldGains", "hold"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class HoldGains:
 _DEPTH = HoldGains("z", "w", "Z")
 _HEADING = HoldGains("psi", "r", "N")
 
-HELD_MEANWHILE: Mapping[str, tuple[HoldGains, ...]] = {
+HELD_DURING: Mapping[str, tuple[HoldGains, ...]] = {
     "psi": (_DEPTH,),
     "z": (_HEADING,),
     "x": (_HEADING, _DEPTH),

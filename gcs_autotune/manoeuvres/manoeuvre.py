@@ -15,9 +15,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from gcs_autotune.craft import Command, Observation
+from gcs_autotune.observer import Progress
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Mark, Purpose, Trial
-from gcs_autotune.watch import Progress
 
 __all__ = ["Commands", "Ending", "Manoeuvre", "Outcome", "limited_orders"]
 

@@ -25,7 +25,7 @@ from gcs_autotune.manoeuvres.excitation import (
     sine,
     staircase,
 )
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HeadingHold, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HeadingHold, HoldController, hold
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.sname import DOFS
@@ -64,7 +64,7 @@ class OpenLoopProgramme(Manoeuvre):
         self._programme, self._duration = programme, duration
         self._jump = JUMP if jump is None else jump
         held = {"N": "psi", "Z": "z", "X": "x"}.get(force, "x")
-        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE[held]] if keep_still else []
+        self._holds = [HoldController(gains) for gains in HELD_DURING[held]] if keep_still else []
         self._heading_hold = HeadingHold() if on_course else None
 
     @property

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import relay_messages as messages
 from gcs_autotune.manoeuvres.approach import Approach
-from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
+from gcs_autotune.observer import Progress
 from gcs_autotune.sname import DOFS
-from gcs_autotune.watch import Progress
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
@@ -29,7 +29,7 @@ __all__ = ["LEAST_REVERSALS", "Relay", "StopCriterion", "WallRelay"]
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
 """Signal -> the speed it is the integral of."""
 
-ENOUGH_TO_TELL = 2
+LEAST_PERIODS = 2
 """Chosen: proper periods after which it is clear how quick an oscillation is."""
 
 LEAST_REVERSALS = 3
@@ -96,7 +96,7 @@ class Relay(Manoeuvre):
         self._widenings = self._slowings = 0
         self._astray = self._reversals = 0
         self._first_half = self._extreme = math.nan
-        self._holds = [HoldController(g) for g in HELD_MEANWHILE[settings.signal]] if settings.keep_still else []
+        self._holds = [HoldController(g) for g in HELD_DURING[settings.signal]] if settings.keep_still else []
         before = HELD_BEFORE.get(settings.signal) if settings.keep_still else None
         self._before = None if before is None else HoldController(before)
         self._integral = 0.0
@@ -212,7 +212,7 @@ class Relay(Manoeuvre):
         s = self._settings
         state = self._monitor.update(t, x, self._high)
         if (
-            state.periods >= ENOUGH_TO_TELL
+            state.periods >= LEAST_PERIODS
             and state.cycle is not None
             and state.cycle.T_H + state.cycle.T_L < s.least_period
         ):
@@ -225,7 +225,7 @@ class Relay(Manoeuvre):
         if state.switchings >= self._judged + 2:
             self._judged = state.switchings
             self._improper_periods = 0 if state.proper else self._improper_periods + 1
-        if self._went_astray(t, x):
+        if self._diverged(t, x):
             self._grow(t, (messages.overwhelmed if self._switched_once else messages.wrong_way)(s, self._output))
         elif t - self._last_switch > s.patience:
             self._grow(t, messages.no_oscillation(s, self._output))
@@ -306,7 +306,7 @@ class Relay(Manoeuvre):
         s = self._settings
         return LimitCycleMonitor(self._output, self._hysteresis, periods=s.periods, scatter=s.tolerance)
 
-    def _went_astray(self, t: float, x: float) -> bool:
+    def _diverged(self, t: float, x: float) -> bool:
         """Whether the craft moves away from where the relay pushes it, for longer than momentum explains."""
         if not self._switched_once:
             astray = x < -(2.0 + self._astray) * self._hysteresis

@@ -10,25 +10,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from gcs_autotune.craft import Craft, Intervention, Observation
 from gcs_autotune.errors import AutotuneError, GuardTripped, LinkError, LinkLost, NotAsFound, PreconditionFailed
 from gcs_autotune.frames import to_body
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
+from gcs_autotune.observer import LeftAs, Observer, Progress
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import LeftAs, Progress, Watcher
 
-__all__ = ["DISARMED_ITSELF", "Flown", "Sequencer", "restore_on_exit"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Flown:
-    """A manoeuvre that was flown to an end of its own: its record and how it ended."""
-
-    trial: Trial
-    outcome: Outcome
+__all__ = ["DISARMED_ITSELF", "Sequencer", "restore_on_exit"]
 
 
 _RATES: Mapping[str, str] = {"psi": "r", "z": "w", "x": "u"}
@@ -47,16 +39,16 @@ class Sequencer:
     record must be on disk whatever happens next.
     """
 
-    def __init__(self, craft: Craft, envelope: Envelope, watcher: Watcher, keep: Callable[[Trial], None]) -> None:
+    def __init__(self, craft: Craft, envelope: Envelope, observer: Observer, keep: Callable[[Trial], None]) -> None:
         self._craft = craft
         self._envelope = envelope
-        self._watcher = watcher
+        self._observer = observer
         self._keep = keep
         self._broken = ""
         self._home: Observation | None = None
 
-    def fly(self, manoeuvre: Manoeuvre, stage: str = "", envelope: Envelope | None = None) -> Flown:
-        """Fly *manoeuvre* to its end.
+    def fly(self, manoeuvre: Manoeuvre, stage: str = "", envelope: Envelope | None = None) -> Trial:
+        """Fly *manoeuvre* to its end and return its record, which states how it ended.
 
         Raises
         ------
@@ -77,7 +69,7 @@ class Sequencer:
             self._broken = outcome.reason
             self._end(manoeuvre, outcome, error)
             raise
-        return Flown(self._end(manoeuvre, outcome, None).proper, outcome)
+        return self._end(manoeuvre, outcome, None).proper
 
     def away(self, now: Observation) -> float:
         """Return the distance [m] from the start of the first manoeuvre; NaN if unknown."""
@@ -103,7 +95,7 @@ class Sequencer:
         if firmware.floats:
             envelope = replace(envelope, depth_excursion=math.inf)
         watch = Watch(envelope, observation, self._home)
-        self._watcher.note(watch.room)
+        self._observer.note(watch.room)
         commands = manoeuvre.commands(observation)
         nearest, share = watch.check(observation)
         command = next(commands)
@@ -113,7 +105,7 @@ class Sequencer:
                 craft.mark(mark)
             progress = manoeuvre.progress(observation)
             progress = replace(progress, stage=stage, guard=nearest, guard_share=share)
-            self._watcher.update(_placed(progress, observation))
+            self._observer.update(_placed(progress, observation))
             observation = craft.observe()
             if manoeuvre.outcome is not None:
                 return manoeuvre.outcome
@@ -128,7 +120,7 @@ class Sequencer:
         failure: AutotuneError | None = None
         with self._craft.shielded():
             if isinstance(error, LinkLost):
-                self._watcher.say("Lost contact. Waiting up to 30 s for the vehicle to restore its state.")
+                self._observer.say("Lost contact. Waiting up to 30 s for the vehicle to restore its state.")
             try:
                 self._craft.neutral()
             except AutotuneError as trouble:
@@ -137,13 +129,13 @@ class Sequencer:
             trial = replace(recorded, reason=outcome.reason, meta={**recorded.meta, **manoeuvre.settings})
             self._keep(trial)
         if failure is not None:
-            self._say_not_neutral(failure)
+            self._report_not_neutral(failure)
             if error is None:
                 raise failure
         return trial
 
-    def _say_not_neutral(self, failure: AutotuneError) -> None:
-        self._watcher.say(
+    def _report_not_neutral(self, failure: AutotuneError) -> None:
+        self._observer.say(
             f"Neutral outputs could not be confirmed ({failure}). The vehicle's own override time-out makes them "
             f"neutral."
         )
@@ -161,7 +153,7 @@ DISARMED_ITSELF = (
 
 @contextmanager
 def restore_on_exit(
-    craft: Craft, watcher: Watcher, settled: Callable[[], None] = lambda: None
+    craft: Craft, observer: Observer, settled: Callable[[], None] = lambda: None
 ) -> Iterator[Observation]:
     """Restore actuators, armed state and mode on every exit, except for orders of another operator.
 
@@ -174,7 +166,7 @@ def restore_on_exit(
     """
     craft.take_over()
     found = craft.observe()
-    watcher.say(f"State before the run: mode {found.mode}, {_armed(found.armed)}")
+    observer.say(f"State before the run: mode {found.mode}, {_armed(found.armed)}")
     trouble: BaseException | None = None
     try:
         yield found
@@ -185,19 +177,19 @@ def restore_on_exit(
         with craft.shielded():
             differences, change = _put_back(craft, found)
             craft.give_back()
-        watcher.note(LeftAs(craft.mode, craft.armed, differences))
+        observer.note(LeftAs(craft.mode, craft.armed, differences))
         order = change if change is not None and change.stands else None
         if change is not None and order is None and trouble is not None and change.what not in str(trouble):
-            watcher.say(change.what)
+            observer.say(change.what)
         if order is not None:
-            watcher.say(f"left in mode {craft.mode} and {_armed(craft.armed)}: {order.what}. This order is respected")
+            observer.say(f"left in mode {craft.mode} and {_armed(craft.armed)}: {order.what}. This order is respected")
         if differences:
             raise _not_as_found(differences, trouble) from trouble
         settled()
         if order is None and found.armed and not craft.armed:
-            watcher.say(f"left in mode {found.mode} and disarmed: {DISARMED_ITSELF}")
+            observer.say(f"left in mode {found.mode} and disarmed: {DISARMED_ITSELF}")
         elif order is None:
-            watcher.say(f"mode and armed state restored: {found.mode}, {_armed(found.armed)}")
+            observer.say(f"mode and armed state restored: {found.mode}, {_armed(found.armed)}")
 
 
 def _armed(armed: bool) -> str:

@@ -12,12 +12,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.axes import AXES, AxisKind
-from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation
+from gcs_autotune.craft import Command, Observation, set_point
 from gcs_autotune.errors import UsageError
 from gcs_autotune.manoeuvres.approach import LONGEST_TIME, Approach, Part
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
-from gcs_autotune.sname import DOFS
+from gcs_autotune.sname import SIGNALS
 
 if TYPE_CHECKING:
     from gcs_autotune.identify import LimitCycleMonitor
@@ -57,7 +57,7 @@ class SetPointRelay(Manoeuvre):
         name: str = "",
         axis: AxisKind = AXES["heading"],
     ) -> None:
-        super().__init__(name, signal=axis.stepped, force=DOFS[axis.dof].force)
+        super().__init__(name, signal=axis.stepped, force=axis.names.force)
         self._relays, self._speed, self._axis = relays, speed, axis
         self._approach = Approach(self.signal, needs_way=speed > 0.0)
         self._course, self._base = math.nan, math.nan
@@ -73,7 +73,7 @@ class SetPointRelay(Manoeuvre):
                 )
         most = max(C for C, _ in relays)
         self._middle = speed - most  # faster than its cruise an autopilot need not let itself be commanded
-        if self.signal == "u" and 0.0 < speed <= 2.0 * most:
+        if axis.controls_velocity and 0.0 < speed <= 2.0 * most:
             raise UsageError(
                 f"a relay of {self._told(most)} about {self._middle:g} m/s leaves no speed ahead. "
                 "Use a smaller --set-point, or more --speed"
@@ -94,7 +94,7 @@ class SetPointRelay(Manoeuvre):
     def commands(self, now: Observation) -> Commands:
         """Yield the course, then the relays about it."""
         self.phase, self._course = "approach", now.psi
-        self._base = self._middle if self.signal == "u" else now.value(self.signal)
+        self._base = self._middle if self._axis.controls_velocity else now.value(self.signal)
         self._approach.start(now)
         while not self._approach.done:
             self._approach.update(now.t, now.value(self.signal), now.speed)
@@ -124,19 +124,15 @@ class SetPointRelay(Manoeuvre):
 
     @property
     def _about(self) -> str:
-        return "course" if self.signal == "psi" else self._axis.name
+        return "course" if SIGNALS[self.signal].wraps else self._axis.name
 
     def _told(self, size: float) -> str:
-        return f"{math.degrees(size):g} deg" if self._axis.angular else f"{size:g} {_UNITS[self.signal]}"
+        return f"{math.degrees(size):g} deg" if self._axis.angular else f"{size:g} {SIGNALS[self.signal].unit}"
 
     def _wanted(self, change: float) -> Command:
         """Return the command of what it swings about, and *change* to it."""
         self.target = self._base + change
-        if self.signal == "z":
-            return DepthTarget(self.target)
-        if self.signal == "u":
-            return HeadingTarget(self._course, self.target)
-        return HeadingTarget(self.target, self._speed)
+        return set_point(self.signal, self.target, course=self._course, speed=self._speed)
 
     def _held(self, now: Observation) -> Part:
         """Hold what it swings about for some periods; end if it swings on."""
@@ -195,7 +191,6 @@ def _monitor(C: float, x_a: float) -> LimitCycleMonitor:
     return LimitCycleMonitor(C, x_a, periods=PERIODS)
 
 
-_UNITS: Mapping[str, str] = {"z": "m", "u": "m/s"}
 _ROOM: Mapping[str, str] = {"depth": "that much depth to either side", "speed": "straight ahead at cruise speed"}
 
 
@@ -207,10 +202,10 @@ def _make(axis: AxisKind, options: Mapping[str, float]) -> SetPointRelay:
 
 def _of_force(force: str) -> ManoeuvreKind:
     """Return the row for the loop that drives *force*: heading (N), depth (Z), a boat's speed (X)."""
-    name = next((n for n in ("heading", "depth", "speed") if DOFS[AXES[n].dof].force == force), None)
-    if name is None:
+    axis = next((a for a in AXES.values() if a.names.force == force), None)
+    if axis is None:
         raise UsageError(f"there is no loop for {force}. Use N (heading), Z (depth) or X (speed)")
-    return _row(AXES[name])
+    return _row(axis)
 
 
 def _row(axis: AxisKind) -> ManoeuvreKind:

@@ -14,7 +14,7 @@ from typing import Any
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import sign_messages as messages
 from gcs_autotune.manoeuvres.approach import Approach
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.manoeuvres.pulse_response import PulseResponse, Tick, pulse_response
 from gcs_autotune.manoeuvres.sign_messages import Outlet
@@ -90,7 +90,7 @@ class SignCheck(Manoeuvre):
         self.answer: PulseResponse | None = None
         self._settings = settings
         self._approach = Approach(settings.signal, needs_way=settings.throttle != 0.0)
-        self._holds = [HoldController(g) for g in HELD_MEANWHILE[settings.signal]] if settings.keep_still else []
+        self._holds = [HoldController(g) for g in HELD_DURING[settings.signal]] if settings.keep_still else []
         self._size = 0
         self._share, self._eased_at = 1.0, -math.inf
         self._reversals = 0

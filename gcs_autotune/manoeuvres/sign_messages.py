@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse
+from gcs_autotune.sname import SIGNALS
 
 __all__ = [
     "Outlet",
@@ -52,7 +53,7 @@ def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
 
 def moved(stretch: Pulse, signal: str, force: str) -> str:
     """Return the motion caused by one pulse."""
-    angular = signal == "psi"
+    angular = SIGNALS[signal].angular
     size = f"{abs(math.degrees(stretch.moved)):.1f} deg" if angular else f"{abs(stretch.moved):.2f} m"
     way = ("to starboard", "to port") if angular else ("down", "up")
     return (
@@ -80,9 +81,8 @@ def unclear(seen: PulseResponse, signal: str, force: str, outlets: Sequence[Outl
             f"{both}, although {_pulses(seen, outlets)}. The actuator is dead or too weak for a relay. Check linkage, "
             "propellers, their power supply and the trim. A rudder may need more --throttle"
         )
-    cure = (
-        "ballast the craft to neutral buoyancy" if signal == "z" else "trim the craft, or wait for less wind or current"
-    )
+    down = SIGNALS[signal].down
+    cure = "ballast the craft to neutral buoyancy" if down else "trim the craft, or wait for less wind or current"
     return (
         f"{both}. The actuator acts in one direction only, or a disturbance is stronger. Check that it works in both "
         f"directions, {cure}"
@@ -93,7 +93,7 @@ def _drifting(seen: PulseResponse, signal: str) -> str:
     """Return the drift without command, if it is as large as the required response."""
     if not abs(seen.drift) * seen.forward.seconds >= seen.threshold:
         return ""
-    if signal == "psi":
+    if SIGNALS[signal].angular:
         return f"; without command it turns at {math.degrees(seen.drift):+.1f} deg/s"
     return f"; without command it {'sinks' if seen.drift > 0.0 else 'rises'} at {abs(seen.drift):.2f} m/s"
 

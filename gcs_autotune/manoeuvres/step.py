@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.axes import SIGNAL_FORCES
-from gcs_autotune.craft import Command, DepthTarget, HeadingTarget, Observation, TurnRateTarget
+from gcs_autotune.craft import Command, Observation, set_point
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.settling import LOOK, TRIFLE, is_at_rest
 from gcs_autotune.sname import DOFS
@@ -35,10 +35,10 @@ SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
 noise. Chosen."""
 ONE_QUANTUM = 1.01
 """Tolerance in quanta of the sensor."""
-SWINGS, SWUNG = 4, 8.0
+LEAST_CROSSINGS, LEAST_OSCILLATING = 4, 8.0
 """Mean crossings in the last two thirds of a hold of at least this duration [s] that count as oscillation, by waves or
 by the loop. A longer hold adds no information. Chosen."""
-MOST_SWING = 0.5
+MAX_OSCILLATION = 0.5
 """Largest oscillation about the target, relative to the step, that counts as settled; a larger one is recorded for the
 full requested time. Chosen."""
 LEAST_HALF = 4.0
@@ -119,7 +119,7 @@ def _swing_in(x: Array) -> float:
     off = x - x.mean()
     std = float(off.std())
     plain = np.sign(off[np.abs(off) > 0.5 * std])  # noise about the mean is no passing of it
-    return std if np.count_nonzero(np.diff(plain)) >= SWINGS else 0.0
+    return std if np.count_nonzero(np.diff(plain)) >= LEAST_CROSSINGS else 0.0
 
 
 class Step(Manoeuvre):
@@ -232,22 +232,22 @@ class Step(Manoeuvre):
             self._steady_since = observation.t
         steady = observation.t - self._steady_since >= s.steady_time
         over = self._is_over(elapsed, s.hold, s.least_hold if steady else math.inf)
-        if over and (steady or elapsed >= s.settle or self._only_swings(elapsed)):
+        if over and (steady or elapsed >= s.settle or self._only_oscillates(elapsed)):
             self._band = self._band_about(np.array(self._held))
             self._next(observation.t)
 
-    def _only_swings(self, elapsed: float) -> bool:
+    def _only_oscillates(self, elapsed: float) -> bool:
         """Return whether the held signal oscillates persistently about its target."""
         s, late = self._settings, _later(np.array(self._held))
-        if elapsed < SWUNG or not math.isfinite(s.enough) or abs(late.mean()) > s.steady_band * abs(s.size):
+        if elapsed < LEAST_OSCILLATING or not math.isfinite(s.enough) or abs(late.mean()) > s.steady_band * abs(s.size):
             return False
-        return 0.0 < SETTLED_NOISES * _swing_in(late) <= MOST_SWING * abs(s.size)
+        return 0.0 < SETTLED_NOISES * _swing_in(late) <= MAX_OSCILLATION * abs(s.size)
 
     def _band_about(self, held: Array) -> float:
         """Return how near [SI] is there, by the noise of what was *held* (n,) before the step."""
         noise, size = SETTLED_NOISES * _noise_in(held), abs(self._settings.size)
         swing = SETTLED_NOISES * _swing_in(_later(held))
-        swing = swing if swing <= MOST_SWING * size else 0.0
+        swing = swing if swing <= MAX_OSCILLATION * size else 0.0
         return max(SETTLED_BAND * size, noise, swing, ONE_QUANTUM * self._quantum(held))
 
     def _next(self, t: float) -> None:
@@ -268,13 +268,7 @@ class Step(Manoeuvre):
 
     def _command(self) -> Command:
         s = self._settings
-        if s.signal == "z":
-            return DepthTarget(self.target)
-        if s.signal == "u":
-            return HeadingTarget(self._course, self.target)
-        if s.signal == "r":
-            return TurnRateTarget(self.target, s.speed)
-        return HeadingTarget(self.target, s.speed)
+        return set_point(s.signal, self.target, course=self._course, speed=s.speed)
 
 
 def windows_of(trial: Trial) -> tuple[float, ...]:

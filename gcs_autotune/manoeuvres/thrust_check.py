@@ -16,7 +16,7 @@ from typing import Any
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.manoeuvres import sign_messages as messages
-from gcs_autotune.manoeuvres.hold_controller import HELD_MEANWHILE, HoldController, hold
+from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 from gcs_autotune.manoeuvres.pulse_response import FOLLOWS, Pulse
 from gcs_autotune.manoeuvres.sign_check import NOISES, STANDING
@@ -74,7 +74,7 @@ class ThrustCheck(Manoeuvre):
         super().__init__(signal="u", force="X")
         self.answer: Pulse | None = None
         self._settings = settings
-        self._holds = [HoldController(gains) for gains in HELD_MEANWHILE["psi"]] if settings.keep_still else []
+        self._holds = [HoldController(gains) for gains in HELD_DURING["psi"]] if settings.keep_still else []
         self._size = 0
         self._command = 0.0
         self._began = math.nan

@@ -249,6 +249,5 @@ class StampStore:
     def _note(self, error: Exception) -> None:
         self.trouble = self.trouble or (
             f"the signing time of earlier runs ({self._path}) cannot be stored: {error}. If this computer's clock is "
-            f"set "
-            "back, the vehicle will ignore our messages"
+            "set back, the vehicle will ignore our messages"
         )

@@ -16,13 +16,14 @@ summaries  the reports of the commands without a page
 
 from __future__ import annotations
 
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
 from gcs_autotune.report.flight.document import (
     FlightModel,
     FlightStory,
-    TrialTold,
+    TrialSummary,
     flight_document,
     preview_document,
 )
@@ -39,7 +40,7 @@ from gcs_autotune.report.summaries import (
 )
 from gcs_autotune.report.toolkit.data import to_json
 from gcs_autotune.report.toolkit.document import Document
-from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
+from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
 from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor
@@ -47,7 +48,6 @@ from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.run_directory import write_story
 from gcs_autotune.report.tune.story import TuneStory
 from gcs_autotune.report.tune.wording import proof_command
-from gcs_autotune.watch import SilentWatcher
 
 __all__ = [
     "MODEL_FILE",
@@ -58,11 +58,11 @@ __all__ = [
     "LoopNumbers",
     "MethodOutcome",
     "RunRow",
-    "SilentWatcher",
+    "SilentObserver",
     "StageBar",
     "Study",
-    "TerminalWatcher",
-    "TrialTold",
+    "TerminalObserver",
+    "TrialSummary",
     "TuneStory",
     "beside_telemetry",
     "correlation_plot",

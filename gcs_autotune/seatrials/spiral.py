@@ -93,8 +93,7 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     if min(len(up), len(down)) < 3:
         raise NotInformative(
             f"run '{log.name}' contains no spiral: {len(up)} steady rudder angles on the way up and {len(down)} on the "
-            f"way "
-            "down; at least three each are needed"
+            "way down; at least three each are needed"
         )
     sense = float(np.sign(np.polyfit([p.helm.value for p in points], [p.rate.value for p in points], 1)[0])) or 1.0
     residual, at_up, at_down = _loop(up, down, sense)

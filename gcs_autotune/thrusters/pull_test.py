@@ -65,8 +65,7 @@ class PullTest:
         if different < MIN_PULLS:
             raise NotInformative(
                 f"pull test '{self.name}' has {different} different commands. Measure at {MIN_PULLS} or more, "
-                f"including "
-                "small ones"
+                "including small ones"
             )
         if np.ptp(self.force) == 0.0:
             raise NotInformative(f"pull test '{self.name}': the force never changes. Check the dynamometer")
@@ -159,8 +158,7 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
     if len(t) < MIN_PULLS or t[-1] - t[0] < ends[-1] - starts[0] - slack or np.ptp(F) == 0.0:
         raise NotInformative(
             f"{log} does not match {table}: the load cell's log must cover {ends[-1] - starts[0]:.0f} s of levels with "
-            f"a "
-            "changing force"
+            "a changing force"
         )
     _, _, command = _column(table, levels, None, COMMANDS, "command")
     shapes = np.column_stack([np.ones_like(command), command, command * np.abs(command)])

@@ -126,12 +126,12 @@ class Live:
             self._let_go(guest)
         self._viewers[queue] = owner
         try:
-            yield self._anew(queue)
+            yield self._again(queue)
             while True:
                 told = await queue.get()
                 if told == _OVER:
                     return
-                yield self._anew(queue) if told is None else told
+                yield self._again(queue) if told is None else told
         finally:
             self._viewers.pop(queue, None)
 
@@ -147,7 +147,7 @@ class Live:
             queue.get_nowait()
         queue.put_nowait(_OVER)
 
-    def _anew(self, queue: asyncio.Queue[str | None]) -> str:
+    def _again(self, queue: asyncio.Queue[str | None]) -> str:
         """Return the whole document for a viewer, and drop its pending changes."""
         self.tell()
         while not queue.empty():

@@ -24,7 +24,7 @@ ROV_ROOM, BELOW = 2.0, 1.5
 
 
 def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole: Excursion) -> str:
-    """Return how much free water it takes, for a boat under way at *speed* [m/s] or a craft about where it is."""
+    """Return the free water required, for a boat under way at *speed* [m/s] or a craft that stays near its start."""
     if speed:
         envelope = replace(settings.envelope, cruise=speed)
         metres, usual = whole.metres(envelope), (whole.usual or whole).needs
@@ -44,7 +44,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
 
 
 def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
-    """Return the depth [m] that an ROV may come to; 0 where its depth is not stepped."""
+    """Return the greatest depth [m] of an ROV; 0 if its depth is not stepped."""
     if not excitation_of(dof).below_surface:
         return 0.0
     step = abs(settings.step) if settings.step is not None else position_axis(dof).step
@@ -52,7 +52,7 @@ def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
 
 
 def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
-    """Return how much water and time a whole visit takes, with its stages; *source*: of the numbers, in words."""
+    """Return the space and time of a whole visit, with its stages; *source*: of the numbers, in words."""
     metres, usual, moves = excursion.metres(envelope), excursion.usual, excursion.distance >= 1.0
     deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
     ends = " (the run ends there: --max-distance)" if excursion.needs > metres else ""
@@ -87,7 +87,7 @@ def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
 
 
 def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
-    """Return what is known of the battery, and what the time takes of one, with the assumption that is made."""
+    """Return what is known of the battery, the charge needed for the time, and the assumption."""
     share = math.ceil(20.0 * seconds / 3600.0) * 5
     draws = (
         f"about {share} % of a battery that lasts an hour at this power (assumed; the vehicle does not report its draw)"
@@ -104,7 +104,7 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
 
 
 def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[str, ...]:
-    """Return what is done after a silence of the vehicle; nothing where the first silence ends the run.
+    """Return what happens after a silence of the vehicle; empty if the first silence ends the run.
 
     armed : whether the vehicle is armed already; then it is not armed again.
     """

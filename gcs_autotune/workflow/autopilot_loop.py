@@ -10,15 +10,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.axes import axis_kind
-from gcs_autotune.design import Proposal, StepMetrics, Verdict, is_better, scatter_of, told_over
+from gcs_autotune.design import Proposal, StepMetrics, Verdict, is_better, over_windows, scatter_of
 from gcs_autotune.errors import ParameterMissing
 from gcs_autotune.firmware import Axis, Firmware, read_named
 from gcs_autotune.link import Journal, MavlinkCraft, ParameterTransaction
 from gcs_autotune.manoeuvres import common_windows
 from gcs_autotune.report import format_factor
 from gcs_autotune.trial import Trial
-from gcs_autotune.workflow.beside import StepBeside
+from gcs_autotune.workflow.accompanying_step import AccompanyingStep
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.designing import StepCriteria, design_from_file, design_from_fit, question_of
 from gcs_autotune.workflow.experiments import STEP_AHEAD, measure, noise_in, resolution, steering_throttle
@@ -74,7 +73,7 @@ class _AutopilotLoop:
     def __init__(self, context: TuneContext) -> None:
         self.context = context
         self._known: Known | None = None
-        self._beside: StepBeside | None = None
+        self._beside: AccompanyingStep | None = None
         self._before: Trial
         self._criteria: StepCriteria
 
@@ -93,15 +92,15 @@ class _AutopilotLoop:
 
     def fly_baseline(self) -> None:
         """Fly the turn-rate step that accompanies a heading step, where the craft is known well enough to size it."""
-        self._beside = StepBeside.flown(self.context, self._known)
+        self._beside = AccompanyingStep.flown(self.context, self._known)
 
     def prove(self) -> ProofResult:
         """Fly the step; both are compared over what both recorded, for each ends once the craft is at its target."""
         context, log, before, criteria = self.context, self.context.log, self._before, self._criteria
         context.turn_around("step-after", STEP_AHEAD, last=self._beside is None)
         if not context.law.controls_velocity:
-            context.runner.come_to_rest(PROVING, axis_kind(context.axis.name))
-        after = context.fly(criteria.proof.step("step-after"), PROVING).trial
+            context.runner.come_to_rest(PROVING, context.axis.kind)
+        after = context.fly(criteria.proof.step("step-after"), PROVING)
         alike = common_windows(before, after)
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
             there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
@@ -126,7 +125,7 @@ class _AutopilotLoop:
         """Return the step with the present gains; a boat turns around first where it would leave its space."""
         if not self.context.law.controls_velocity and self.context.settings.ends_early:
             self.context.turn_around("step-before", STEP_AHEAD, last=True)
-        return self.context.fly(proof.step("step-before"), "step with present gains").trial
+        return self.context.fly(proof.step("step-before"), "step with present gains")
 
 
 class _DesignedGains(_AutopilotLoop):
@@ -252,7 +251,7 @@ def _compared(
 ) -> tuple[StepMetrics, StepMetrics, Mapping[str, float], Proposal | None]:
     """Return what both steps read over their *windows* [s] come to, their scatter, and the proposal's prediction read
     so."""
-    told = None if proposal is None else told_over(proposal, windows)
+    told = None if proposal is None else over_windows(proposal, windows)
     scatter = scatter_of(criteria.halves(before, windows), criteria.halves(after, windows))
     return criteria.read(before, windows), criteria.read(after, windows), scatter, told
 

@@ -1,4 +1,4 @@
-"""Computing and asking while a vehicle is armed in the water: the link must not fall silent.
+"""Compute and ask while an armed vehicle is in the water: the link must not fall silent.
 
 ArduSub disarms three seconds after the last pilot input, ArduRover changes to HOLD after two. So neutral overrides are
 sent while the worker computes in its own process, or while the operator thinks.
@@ -16,17 +16,17 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import AutotuneError, LinkError
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.watch import Watcher
-from gcs_autotune.workflow.operator import Operator, can_be_asked
+from gcs_autotune.observer import Observer
+from gcs_autotune.workflow.operator import Operator, answers_questions
 from gcs_autotune.workflow.worker import Worker
 
-__all__ = ["agreed", "ask", "asked_now", "await_worker", "beside", "finish", "hold_neutral", "run_in_background"]
+__all__ = ["agreed", "ask", "ask_now", "await_worker", "beside", "finish", "hold_neutral", "run_in_background"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
 
 _GLANCE = 0.01
-"""Chosen: seconds between two looks whether the work is done."""
+"""Seconds between two checks whether the work is done. Chosen."""
 
 
 def run_in_background(
@@ -37,7 +37,7 @@ def run_in_background(
     *args: P.args,
     **named: P.kwargs,
 ) -> T:
-    """Return the result of *work*, done by the *worker* while the link is served; what it raises is raised here.
+    """Return the result of *work*, done by the *worker* while the link is served; its exceptions are raised here.
 
     *bear* returns whether trouble with the craft is over; then the work continues. On a lock-stepped link time stands
     still, so there the work is done at once.
@@ -51,7 +51,7 @@ def run_in_background(
 
 
 def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneError], bool]) -> Any:
-    """Return what was begun at the *worker*, likewise."""
+    """Return the result begun at the *worker*, in the same way."""
     while True:
         try:
             _watch(craft, worker)
@@ -68,7 +68,7 @@ def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneEr
 
 
 def finish(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = lambda: None) -> Any:
-    """Monitor the craft until the *worker* is done, and return the result; likewise."""
+    """Monitor the craft until the *worker* is done, and return the result, in the same way."""
     try:
         _watch(craft, worker, meanwhile)
     except BaseException:
@@ -110,27 +110,27 @@ def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
     return operator.ask(question, craft.observe)
 
 
-def agreed(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
+def agreed(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
     """Return whether the operator agrees; a simulated vehicle needs no answer, which is reported."""
     if craft.session.transport.is_simulated:
-        watcher.say(f"{question} Simulated vehicle: yes.")
+        observer.say(f"{question} Simulated vehicle: yes.")
         return True
     return ask(craft, operator, question)
 
 
-def asked_now(craft: MavlinkCraft, operator: Operator, watcher: Watcher, question: str) -> bool:
+def ask_now(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
     """Return the operator's answer to a question that ``--yes`` does not answer; False without an operator.
 
     The mode is left as it is, and the sticks neutral.
     """
-    if not can_be_asked(operator):
-        watcher.say(f"{question} No operator to ask (--yes): no.")
+    if not answers_questions(operator):
+        observer.say(f"{question} No operator to ask (--yes): no.")
         return False
     return operator.ask(question, craft.session.pump)
 
 
 def hold_neutral(craft: MavlinkCraft) -> None:
-    """Hold, unless it does already; sticks neutral."""
+    """Change to the hold mode, unless already in it; sticks neutral."""
     if craft.mode == craft.firmware.hold_mode:
         craft.send(Actuate())
     else:

@@ -1,4 +1,4 @@
-"""Open the link, find the vehicle, learn what it is, ask for telemetry; and leave again."""
+"""Open the link, find the vehicle, read its configuration, request telemetry; and leave again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.link import TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
 from gcs_autotune.mavlink import Message
-from gcs_autotune.watch import Vitals, Watcher, Words
+from gcs_autotune.observer import Observer, Vitals, Words
 from gcs_autotune.workflow.open_runs import refuse_open_runs
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
@@ -22,7 +22,7 @@ __all__ = ["arming", "axis_of", "connect", "connect_craft", "say_link_times", "t
 SERVO_RATE = 40.0
 """Requested rate [Hz] of SERVO_OUTPUT_RAW, which shows when a relay switched: the fastest of a 50 Hz ArduRover."""
 SPARE: Mapping[str, float] = {"SERVO_OUTPUT_RAW": 100.0}
-"""Hz of a vehicle whose loop is quicker, on a link with room: a Falcon's damping is six times as certain by it."""
+"""Rate [Hz] for a vehicle with a faster loop on a link with room. It makes a Falcon's damping six times as certain."""
 
 
 CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
@@ -46,7 +46,7 @@ def telemetry_rates(control_rate: float) -> dict[str, float]:
 
 @contextmanager
 def connect(
-    connection: Connection, operator: Operator, watcher: Watcher, record: RunDirectory | None = None
+    connection: Connection, operator: Operator, observer: Observer, record: RunDirectory | None = None
 ) -> Iterator[Session]:
     """Open the link, make the *record* and find the vehicle; the link is closed on every way out.
 
@@ -55,9 +55,9 @@ def connect(
     with _without_record_of_the_wrong_vehicle(record), connection.open() as transport:
         if record is not None:
             record.make()
-        watcher.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
+        observer.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
         if connection.signing is not None:
-            watcher.say(f"signing with the {connection.signing.origin}; unsigned messages are rejected")
+            observer.say(f"signing with the {connection.signing.origin}; unsigned messages are rejected")
         with Session(
             transport,
             source_system=connection.source_system or 255,
@@ -65,20 +65,20 @@ def connect(
             interrupt=operator.stop_requested,
             signing=connection.signing,
         ) as session:
-            _pass_words_on(session, watcher)
+            _pass_words_on(session, observer)
             session.discover(system_id=connection.system_id)
-            watcher.say(f"vehicle: {session.vehicle}")
-            with _reporting_refusals(session, watcher):
+            observer.say(f"vehicle: {session.vehicle}")
+            with _reporting_refusals(session, observer):
                 yield session
 
 
 @contextmanager
-def _reporting_refusals(session: Session, watcher: Watcher) -> Iterator[None]:
+def _reporting_refusals(session: Session, observer: Observer) -> Iterator[None]:
     try:
         yield
     finally:
         if session.port.refusals:
-            watcher.say(session.port.refusals)
+            observer.say(session.port.refusals)
 
 
 @contextmanager
@@ -93,13 +93,13 @@ def _without_record_of_the_wrong_vehicle(record: RunDirectory | None) -> Iterato
 
 @contextmanager
 def connect_craft(
-    common: CommonSettings, operator: Operator, watcher: Watcher, record: RunDirectory, axis: str
+    common: CommonSettings, operator: Operator, observer: Observer, record: RunDirectory, axis: str
 ) -> Iterator[MavlinkCraft]:
     """Connect and yield a craft that can be monitored and commanded, with telemetry at the requested rates.
 
     Where the link is too slow for these, what shows *axis* comes first.
     """
-    with connect(common.connection, operator, watcher, record) as session:
+    with connect(common.connection, operator, observer, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
         control_rate = common.control_rate or usual
         session.patience = common.patience
@@ -110,10 +110,10 @@ def connect_craft(
             spare_rates=SPARE,
         )
         told = len(session.notes)
-        session.listen("HEARTBEAT", lambda heartbeat: watcher.note(_vitals(craft)))
+        session.listen("HEARTBEAT", lambda heartbeat: observer.note(_vitals(craft)))
         try:
             for note in session.notes[:told]:
-                watcher.say(note)
+                observer.say(note)
             refuse_open_runs(craft)
             yield craft
         except BaseException:
@@ -125,17 +125,17 @@ def connect_craft(
                 _leave(craft)
         finally:
             for note in session.notes[told:]:
-                watcher.say(note)
+                observer.say(note)
 
 
-def _pass_words_on(session: Session, watcher: Watcher) -> None:
-    """Pass the vehicle's STATUSTEXT messages on to *watcher* from now on."""
+def _pass_words_on(session: Session, observer: Observer) -> None:
+    """Forward the vehicle's STATUSTEXT messages to *observer* from now on."""
     told = session.texts.count
 
     def hear(message: Message) -> None:
         nonlocal told  # the session has taken it in already, and put texts in pieces together
         for text in session.texts.since(told):
-            watcher.note(Words(text.severity, text.text))
+            observer.note(Words(text.severity, text.text))
         told = session.texts.count
 
     session.listen("STATUSTEXT", hear)
@@ -148,13 +148,13 @@ def _vitals(craft: MavlinkCraft) -> Vitals:
     return Vitals(craft.mode, craft.armed, *battery, craft.latency.round_trip, rate)
 
 
-def say_link_times(craft: MavlinkCraft, watcher: Watcher) -> None:
+def say_link_times(craft: MavlinkCraft, observer: Observer) -> None:
     """Report the delays on the link of a craft just armed, and the shortest oscillation that they allow."""
-    watcher.say(f"link: {craft.link_times}; the shortest oscillation that can be flown is {craft.least_period:.1f} s")
+    observer.say(f"link: {craft.link_times}; the shortest oscillation that can be flown is {craft.least_period:.1f} s")
 
 
 def _leave(craft: MavlinkCraft) -> None:
-    """Release the overrides, which a broken visit may have left, and restore the message rates."""
+    """Release overrides that a broken visit may have left, and restore the message rates."""
     try:
         craft.release()
     finally:

@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ParamSpec, TypeVar
 
-from gcs_autotune.axes import excitation_of
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.design import LAWS, Law
 from gcs_autotune.firmware import Axis
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.manoeuvres import Flown, Manoeuvre, Outcome, SignCheck
+from gcs_autotune.manoeuvres import Manoeuvre, SignCheck
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.background import await_worker, hold_neutral, run_in_background
@@ -74,21 +73,21 @@ class TuneContext:
         """The autopilot's control law of the axis (``UnknownName`` for an axis that is only identified)."""
         return lookup(LAWS, self.axis.law, "control law")
 
-    def fly(self, manoeuvre: Manoeuvre, stage: str) -> Flown:
+    def fly(self, manoeuvre: Manoeuvre, stage: str) -> Trial:
         """Report which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it fails."""
         flown = self.earlier.take(manoeuvre.name)
         if flown is not None:
             self.visit.keep(flown)
             self.log.flown(flown)
             self.log.say(f"{stage}: not flown; using {flown.name} of the earlier run")
-            return Flown(flown, Outcome("completed", flown.reason))
+            return flown
         self.come_down()
         self.log.say(stage)
         return self.runner.fly(manoeuvre, stage)
 
     def come_down(self) -> None:
-        """Dive where the next manoeuvre needs depth and the craft is near the surface, where a buoyant one rises to."""
-        if self.craft.firmware.floats or not excitation_of(self.axis.dof).below_surface:
+        """Dive if the next manoeuvre needs depth and a buoyant craft has risen near the surface."""
+        if self.craft.firmware.floats or not self.axis.excitation.below_surface:
             return
         dive = dive_for(self.axis.dof, self.craft.firmware, self.craft.observe())
         if dive is not None:
@@ -106,7 +105,7 @@ class TuneContext:
         return self.runner.turn_around(self.throttle, ahead, last=last)
 
     def compute_while_turning(self, before: str, work: Callable[[], T]) -> T:
-        """Return ``work()``, done by the worker while a boat is brought back before the trial *before*."""
+        """Return ``work()``, done by the worker while a boat returns before the trial *before*."""
         if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
             self.turn_around(before, math.inf)
             return work()

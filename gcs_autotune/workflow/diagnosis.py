@@ -1,4 +1,4 @@
-"""A diagnosis from end to end: runs in, a verdict out, and its files written."""
+"""A diagnosis from end to end: runs in, verdict and files out."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gcs_autotune.trial import Trial
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
 
 KEPT_FILE = "search.jsonl"
-"""What a search that was stopped found so far, in the folder of its page."""
+"""File in the page's folder with the results of a stopped search."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,7 @@ UDP = "udpin:0.0.0.0:14550"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at: fine, to be known ("note"), or in the way of a tune ("wrong"), with what to do."""
+    """One check: fine, noteworthy ("note"), or an obstacle to a tune ("wrong"), with the remedy."""
 
     what: str
     state: Literal["fine", "note", "wrong"]
@@ -111,7 +111,8 @@ def _packages() -> Iterator[Finding]:
 
 
 def _date() -> Finding:
-    """A machine without a battery clock (a Raspberry Pi) may think it is years ago: run directories sort wrongly."""
+    """Check the date: a machine without a battery clock (a Raspberry Pi) may be years off, and run directories sort
+    wrongly."""
     now, ours = time.time(), Path(gcs_autotune.__file__).stat().st_mtime
     told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
     if now < ours:
@@ -123,7 +124,7 @@ def _date() -> Finding:
 
 
 def _synchronised() -> bool | None:
-    """Whether the system says its clock is set by the network; None where it does not tell."""
+    """Return whether the system reports a clock set by the network; None if unknown."""
     if shutil.which("timedatectl") is None:
         return None
     asked = ["timedatectl", "show", "--property=NTPSynchronized", "--value"]
@@ -135,7 +136,7 @@ def _synchronised() -> bool | None:
 
 
 def _ticks() -> Finding:
-    """How late this machine wakes up: a control tick cannot be better."""
+    """Measure how late this machine wakes up, which limits the control tick."""
     late = 0.0
     for _ in range(WAITS):
         begun = time.monotonic()
@@ -172,7 +173,7 @@ def _disk(folder: Path) -> Finding:
 
 
 def _cache() -> Finding:
-    """Compiled kernels are kept beside the source, or where NUMBA_CACHE_DIR says; without, each run compiles anew."""
+    """Check the cache of compiled kernels (NUMBA_CACHE_DIR); without it each run compiles again."""
     package = Path(gcs_autotune.__file__).parent
     named = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(named) if named else package

@@ -10,8 +10,8 @@ from gcs_autotune.errors import WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.identify import AxisFit, save_model
 from gcs_autotune.link import Journal
+from gcs_autotune.observer import Observer
 from gcs_autotune.report import study_document, to_html
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext, tune_runner
 from gcs_autotune.workflow.experiments import dive_for, speed_for
@@ -30,7 +30,7 @@ from gcs_autotune.workflow.tune_preview import excursion_of
 __all__ = ["experiment"]
 
 
-def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str = "") -> AxisFit:
+def experiment(settings: TuneSettings, operator: Operator, observer: Observer, when: str = "") -> AxisFit:
     """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog``, ``fit.json``, ``report.html``.
 
     No parameter is written. The vehicle is left as before on every ending.
@@ -42,7 +42,7 @@ def experiment(settings: TuneSettings, operator: Operator, watcher: Watcher, whe
     OperatorStopped, GuardTripped, NotAchieved, LinkError, NotInformative
         What ended it early; the record is on disk.
     """
-    record, log = RunDirectory(settings.directory), TuneLog(settings, when, watcher)
+    record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer)
     found: list[Identified] = []
     visit = visiting(settings, operator, log, record, settings.axis, dofs=(axis_kind(settings.axis).dof,))
     with record.summarised(f"experiment {settings.axis}", when):
@@ -62,7 +62,7 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
     context, craft = _learn(settings, visit), visit.craft
     now, firmware, axis = craft.observe(), craft.firmware, context.axis
     dive = dive_for(axis.dof, firmware, now)
-    pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
+    pace = pace_of(craft.steered_by)
     legs = legs_of_experiment(axis.dof, pace, dives=dive is not None)
     itinerary = Itinerary(legs, pace.turn)
     whole = excursion_of(context, now, (itinerary,))
@@ -85,7 +85,7 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
 
 def _movements(context: TuneContext, depth: float) -> str:
     """Return in words what moves, after a dive to *depth* [m]; 0: there is none."""
-    kind, firmware = axis_kind(context.axis.name), context.craft.firmware
+    kind, firmware = context.axis.kind, context.craft.firmware
     down = f"dive to {depth:g} m, then " if depth else ""
     by_throttle = kind.excitation.by_throttle and firmware.needs_way
     flown = "throttle-step" if by_throttle else "self-oscillation"
@@ -112,4 +112,4 @@ def _axis(name: str, firmware: Firmware) -> Axis:
     kind = axis_kind(name)
     if kind.excitation.below_surface and firmware.floats:
         raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) has no depth. Use heading or speed")
-    return Axis(name, kind.dof, "", (), (), needs_speed=firmware.needs_way)
+    return Axis(name, "", (), (), needs_speed=firmware.needs_way)

@@ -128,7 +128,7 @@ class Relays:
         periods agree.
         """
         d, throttle = excitation_of(self.dof), self.throttle
-        along = d.signal == "x"
+        along = d.by_throttle
         return Relay(
             RelaySettings(
                 signal=d.signal,

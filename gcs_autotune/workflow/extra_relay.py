@@ -1,4 +1,4 @@
-"""A third size of self-oscillation, when two do not separate a dead zone from a thrust curve.
+"""A third relay size, for cases where two do not distinguish a dead zone from a thrust curve.
 
 A square wave of one size shows one point of the actuator's characteristic. A dead zone and a thrust curve both fit two
 points, whatever the noise; a third separates them. It is flown only if the first two need either, at the size at which
@@ -25,33 +25,33 @@ from gcs_autotune.identify import (
     pays,
     unexplained,
 )
+from gcs_autotune.observer import Observer
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import Relays
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 
-__all__ = ["ThirdRelay", "extra_relay", "fly_extra"]
+__all__ = ["ExtraRelay", "extra_relay", "fly_extra"]
 
 Array = NDArray[np.float64]
 
 _ALIKE = 0.9
-"""Chosen: two models whose residuals have at least this ratio are not separated."""
+"""Ratio of residuals from which two models are not distinguished. Chosen."""
 _WEAKEST = 0.5
-"""Chosen: a smaller relay must have this share of the force of the smallest flown; else it takes too long, and a
-constant force outweighs it."""
+"""Least force of a smaller relay, relative to the smallest flown. Chosen: below it the relay takes too long, and a
+constant force dominates."""
 _APART = 1.25
-"""Chosen: a third size differs at least so much (ratio) from those flown."""
+"""Least ratio of a third size to those flown. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
-class ThirdRelay:
+class ExtraRelay:
     """What to fly: relay ``output`` [fraction of full], and ``why`` in words."""
 
     output: float
     why: str
 
 
-def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ThirdRelay | None:
+def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ExtraRelay | None:
     """Return the relay that separates a dead zone from a thrust curve; None if the *runs* need neither, or suffice.
 
     plain : the model of the *runs* without either. room : largest relay output there is.
@@ -66,7 +66,7 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     if output is None:
         return None
     below, square = effect_number(dead, DEAD_ZONE).value, effect_number(bent, QUADRATIC).value
-    return ThirdRelay(
+    return ExtraRelay(
         output,
         f"the oscillations so far fit a dead zone below {below:.0%} of full as well as a thrust "
         f"curve ({square:.0%} of its force with the square of the command). A third, of "
@@ -74,13 +74,13 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Thi
     )
 
 
-def fly_extra(third: ThirdRelay, relays: Relays, runner: ManoeuvreRunner, watcher: Watcher) -> list[Trial]:
+def fly_extra(third: ExtraRelay, relays: Relays, runner: ManoeuvreRunner, observer: Observer) -> list[Trial]:
     """Report why, and fly the third size; return nothing when the craft would not oscillate: two are enough."""
-    watcher.say(third.why)
+    observer.say(third.why)
     try:
-        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation").trial]
+        return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation")]
     except NotAchieved as error:
-        watcher.say(f"{error}; continuing with the two flown")
+        observer.say(f"{error}; continuing with the two flown")
         return []
 
 
@@ -90,7 +90,7 @@ def _force_of(found: Fit) -> ExtendedModel:
 
 
 def _force(model: ExtendedModel, u: Array) -> Array:
-    """Return what commands *u* (n,) come to, each of its own effect and inertia: an acceleration."""
+    """Return the accelerations caused by commands *u* (n,), by each model's effect and inertia."""
     own = model.effects[0]
     inertia = abs(float(model.base.inertia[0, 0]))
     actuator = EFFECTS[own.slug]
@@ -100,7 +100,7 @@ def _force(model: ExtendedModel, u: Array) -> Array:
 
 
 def _telling(dead: ExtendedModel, bent: ExtendedModel, flown: Sequence[float], room: float) -> float | None:
-    """Return the relay output that separates the two accelerations most per second of its oscillation."""
+    """Return the relay output that best separates the two accelerations per second of its oscillation."""
     u = np.arange(0.05, room + 1e-9, 0.01)
     one, other = _force(dead, u), _force(bent, u)
     mean = 0.5 * (one + other)

@@ -7,7 +7,7 @@ import math
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.link import FENCE_PARAMETERS, MavlinkCraft, read_fence
 from gcs_autotune.manoeuvres import Area, Zone, how_far
-from gcs_autotune.watch import Watcher
+from gcs_autotune.observer import Observer
 
 __all__ = ["area_of_flight"]
 
@@ -15,7 +15,7 @@ _FAR = 10e3
 """Chosen [m]: a vehicle so far from the area suggests swapped coordinates."""
 
 
-def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) -> Area | None:
+def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) -> Area | None:
     """Return where *craft* may be, in metres around it: in the user's area *given* and its own fence; None: anywhere.
 
     Raises
@@ -26,7 +26,7 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) ->
     values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
     items = read_fence(craft.session, values)
     if items is None:
-        watcher.say("the vehicle has a fence (FENCE_ENABLE is on) but does not report it, so it is not monitored here")
+        observer.say("the vehicle has a fence (FENCE_ENABLE is on) but does not report it, so it is not monitored here")
     if not items and given is None:
         return None
     now, fix = craft.observe(), craft.telemetry.fix
@@ -35,7 +35,7 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) ->
             raise PreconditionFailed(
                 f"the vehicle reports no position, so it cannot be kept in {given.source}. Nothing was armed"
             )
-        watcher.say("the vehicle reports no position, so its fence cannot be monitored")
+        observer.say("the vehicle reports no position, so its fence cannot be monitored")
         return None
     fence = Area(tuple(Zone(i.corners, i.radius, i.inside) for i in items), "its own fence") if items else None
     both = (given.and_(fence) if given is not None else fence) if fence is not None else given
@@ -48,5 +48,5 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, watcher: Watcher) ->
         raise PreconditionFailed(
             f"the vehicle, at {where}, is {how_far(beyond)} outside {area.source}. Nothing was armed{swapped}"
         )
-    watcher.say(f"stays in {area.source}: {how_far(-max(z.beyond(now.x, now.y) for z in area.zones))} to its edge")
+    observer.say(f"stays in {area.source}: {how_far(-max(z.beyond(now.x, now.y) for z in area.zones))} to its edge")
     return area

@@ -15,8 +15,7 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import DEEP, DOF_OF, Area, Envelope, Manoeuvre, NominalPlant, PlantState, Preview, preview
-from gcs_autotune.sname import DOFS
-from gcs_autotune.watch import Watcher
+from gcs_autotune.observer import Observer
 from gcs_autotune.workflow.excursion import NO_LIMITS, Ahead, Excursion, VisitPreview, worst_of
 from gcs_autotune.workflow.experiments import WORKING_DEPTH, dive_for
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlightRun, FlySettings
@@ -84,7 +83,7 @@ class FlightPreviewer:
     held: Mapping[str, float]
     area: Area | None
     least_depth: float | None
-    watcher: Watcher
+    observer: Observer
     checks: Sequence[str] = ()
     several: bool = False
 
@@ -110,7 +109,7 @@ class FlightPreviewer:
             fits = self.run_of(smaller)
             if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
                 large = troubled.refusal or limited or f"it needs {run.excursion.needs:g} m"
-                self.watcher.say(
+                self.observer.say(
                     f"{run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
                 )
                 return fits
@@ -122,7 +121,7 @@ class FlightPreviewer:
     def _limited(self, seen: Preview, settings: FlySettings) -> str:
         """Return in words that an actuator is at its limit too often for a test of the autopilot's own loop."""
         axis = settings.kind.axis
-        force = DOFS[axis_kind(axis).dof].force if axis else ""
+        force = axis_kind(axis).names.force if axis else ""
         if not axis or force not in seen.trial or settings.kind.drives:
             return ""
         share = float(np.mean(np.abs(seen.trial[force].values) >= SATURATED))
@@ -135,7 +134,7 @@ class FlightPreviewer:
         throttle, speed = settings.cruise(firmware, self.held)
         plants = [seen.craft]
         if seen.craft.assumed:
-            kinds = assumed_crafts(under_way=firmware.needs_way, skid=self.craft.skid)
+            kinds = assumed_crafts(self.craft.steered_by)
             plants = [nominal_plant(settings, firmware, self.held, throttle, speed, like) for like in kinds]
         make = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
         visits = [self._visit(plant, make(), settings, now) for plant in plants]
@@ -152,7 +151,7 @@ class FlightPreviewer:
         z = math.nan if firmware.floats else self._depth_before(settings, now)
         visit = VisitPreview(plant, NO_LIMITS, PlantState(z=z), under_way=firmware.needs_way and not tied)
         for dof in () if tied else self.checks:
-            check = sign_check_for(dof, self.craft, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, self.craft, throttle)
             visit.fly(check, STAGE)
         visit.fly(manoeuvre, manoeuvre.name)
         if self.several and not tied:
@@ -167,7 +166,7 @@ class FlightPreviewer:
         manoeuvre = partial(settings.make, throttle, speed=speed, keep_still=not firmware.needs_way)
         depth = _BOTTOMLESS if envelope is NO_LIMITS else self._depth_before(settings, now)
         seen = []
-        usual = assumed_crafts(under_way=firmware.needs_way, skid=self.craft.skid)[0]
+        usual = assumed_crafts(self.craft.steered_by)[0]
         for sinks in (True, False) if "Z" in settings.kind.drives else (True,):
             plant = nominal_plant(settings, firmware, self.held, throttle, speed, replace(usual, sinks=sinks))
             seen.append(preview(manoeuvre(), plant, envelope, floats=firmware.needs_way, way=way, depth=depth))

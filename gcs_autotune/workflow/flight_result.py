@@ -14,7 +14,7 @@ from gcs_autotune.report import (
     Document,
     FlightModel,
     FlightStory,
-    TrialTold,
+    TrialSummary,
     flight_document,
     preview_document,
     to_html,
@@ -128,10 +128,10 @@ def read_flight(
     return FlightResult(runs, page, document, sheets, models, remarks, steps)
 
 
-def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialTold]:
+def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialSummary]:
     """Return the steps of a trial that planned itself as the page shows them."""
     return [
-        TrialTold(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.predicted, s.ended)
+        TrialSummary(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.predicted, s.ended)
         for s in steps
     ]
 

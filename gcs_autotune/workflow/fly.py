@@ -17,7 +17,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Dive, DiveSettings
-from gcs_autotune.watch import PredictedTrack, Watcher
+from gcs_autotune.observer import Observer, PredictedTrack
 from gcs_autotune.workflow.announcement import battery, exactly, whole_of
 from gcs_autotune.workflow.background import run_in_background
 from gcs_autotune.workflow.excursion import LATE, Excursion, worst_of
@@ -62,17 +62,17 @@ _POINTS = 400
 
 
 def fly(
-    settings: FlySettings, operator: Operator, watcher: Watcher, when: str, *, only_preview: bool = False
+    settings: FlySettings, operator: Operator, observer: Observer, when: str, *, only_preview: bool = False
 ) -> FlightResult:
     """Fly one manoeuvre; see :func:`fly_plan`."""
-    return fly_plan(FlightPlan.of(settings), settings.common, operator, watcher, when, only_preview=only_preview)
+    return fly_plan(FlightPlan.of(settings), settings.common, operator, observer, when, only_preview=only_preview)
 
 
 def fly_plan(
     plan: FlightPlan,
     common: CommonSettings,
     operator: Operator,
-    watcher: Watcher,
+    observer: Observer,
     when: str,
     *,
     only_preview: bool = False,
@@ -91,7 +91,7 @@ def fly_plan(
     OperatorStopped, GuardTripped, NotAchieved, LinkError
         What ended it early; the records are on disk.
     """
-    record, log = RunDirectory(common.directory), MissionLog(watcher)
+    record, log = RunDirectory(common.directory), MissionLog(observer)
     earlier = Earlier(common, plan.names if plan.until is None else (), alike=plan.until is None)
     warm = plan.until.dofs if plan.until is not None else ()
     what = plan.title if plan.until is None else f"until {plan.until.title}"
@@ -144,7 +144,7 @@ class _Flight:
         dives = any(dive_for(dof, firmware, now) is not None for dof in (*checked, *looped))
         whole = self._whole(DIVE * dives)
         first = [Leg(name, seconds) for name, seconds in whole.stages if name == STAGE] + [Leg("diving", DIVE)] * dives
-        pace = pace_of(under_way=firmware.needs_way, skid=craft.skid)
+        pace = pace_of(craft.steered_by)
         idle = not self._left and self._plan.until is None
         in_manual = {run.settings.make(run.throttle).in_manual for run in self._left}
         modes = [firmware.hold_mode] * (False in in_manual or dives or self._plan.min_depth is not None)
@@ -195,7 +195,7 @@ class _Flight:
         """
         seen, log, assumed = run.preview, self._visit.log, run.preview.craft.assumed
         log.say(f"{of} (the manoeuvre alone): {seen.told()}")
-        self._tell_track(run)
+        self._report_track(run)
         if seen.trouble and not assumed and not only_preview:
             raise PreconditionFailed(f"not flown, since the {of} ends early: {seen.trouble}. Nothing was armed")
         if run.why_not and not only_preview:
@@ -206,8 +206,8 @@ class _Flight:
             by = ", with assumed parameters" if assumed else ""
             log.say(f"the {of} ends early{by}: {seen.trouble}")
 
-    def _tell_track(self, run: FlightRun) -> None:
-        """Tell the watcher where the run is expected to go from where the vehicle is now."""
+    def _report_track(self, run: FlightRun) -> None:
+        """Tell the observer where the run is expected to go from where the vehicle is now."""
         seen, now = run.preview, self._visit.craft.observe()
         ahead, abeam = (seen.trial[name].values for name in ("x", "y"))
         some = np.unique(np.linspace(0, len(ahead) - 1, _POINTS).astype(int))
@@ -339,11 +339,11 @@ class _Flight:
         throttle = max(run.throttle for run in left)
         looped = self._looped
         for dof in checked:
-            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, craft, throttle)
             check_signs(check, partial(runner.attempt, envelope=left[0].envelope))
             _dive(runner, dive_for(dof, firmware, home))
         for dof in self._steered(checked):
-            check = sign_check_for(dof, craft, throttle, needs_speed=firmware.needs_way)
+            check = sign_check_for(dof, craft, throttle)
             runner.check_steering(check, left[0].envelope)
         for dof in looped:
             _dive(runner, dive_for(dof, firmware, craft.observe()))
@@ -353,7 +353,7 @@ class _Flight:
             self._make_conditions(runner)
             manoeuvre = run.settings.make(run.throttle, speed=run.speed, keep_still=not firmware.needs_way)
             fly = runner.fly if k < len(left) else runner.attempt  # what it chose itself tells something anyhow
-            flown = replace(run, trial=fly(manoeuvre, run.name, run.envelope).trial)
+            flown = replace(run, trial=fly(manoeuvre, run.name, run.envelope))
             self.runs[self.runs.index(run)] = flown
 
     def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightRun]:
@@ -362,7 +362,7 @@ class _Flight:
         next_run = self._next_planned if self._planner is not None else self._next_again
         while (run := next_run(think)) is not None:
             self.runs.append(run)
-            self._tell_track(run)
+            self._report_track(run)
             yield run
 
     def _next_planned(self, think: Callable[..., Any]) -> FlightRun | None:
@@ -392,7 +392,7 @@ class _Flight:
             return
         free = replace(run.envelope, heading_excursion=math.inf)
         flown = runner.attempt(ComeBack(home.x, home.y, run.throttle), COMING_BACK, free)
-        self._visit.log.say(f"{COMING_BACK}: {flown.outcome.reason}")
+        self._visit.log.say(f"{COMING_BACK}: {flown.reason}")
 
     def _make_conditions(self, runner: ManoeuvreRunner) -> None:
         """Dive and look for calm water where the plan requires it."""

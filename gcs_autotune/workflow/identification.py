@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
-from gcs_autotune.axes import excitation_of
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import (
     AxisFit,
@@ -49,7 +48,7 @@ class Identified:
 
     @property
     def unexplained(self) -> float:
-        """What is left unexplained [percent]."""
+        """Unexplained part of the motion [percent]."""
         return unexplained(self.fit if self.curved is None else self.curved)
 
 
@@ -68,7 +67,7 @@ def identify(
     turns_first : turn a boat around before the first of them, too.
     early : omit a boat's throttle steps on the way back where they add no information.
     """
-    if excitation_of(context.axis.dof).by_throttle and context.craft.firmware.needs_way:
+    if context.axis.excitation.by_throttle and context.craft.firmware.needs_way:
         return _by_throttle_steps(context, turns_first=turns_first, early=early)
     if rule is None or step is None:
         return _by_relays(context, step, turns_first=turns_first)
@@ -89,11 +88,11 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
     relay = relays.relay("relay-1", s.relay_output)
     if turns_first:
         context.turn_around("relay-1", SWING_AHEAD)
-    first = context.fly(relay, "first self-oscillation").trial
-    room = 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9
+    first = context.fly(relay, "first self-oscillation")
+    room = 0.9 - abs(throttle) if context.axis.excitation.by_throttle else 0.9
     relay = relays.relay("relay-2", second_output(first, room))
     context.turn_around("relay-2", SWING_AHEAD)
-    trials = [first, context.fly(relay, "second self-oscillation").trial]
+    trials = [first, context.fly(relay, "second self-oscillation")]
     log.say("identifying")
     plain = _plain(context, trials)
     if step is None and s.structure is None and s.most_relays > len(trials):
@@ -108,19 +107,19 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
 
 
 def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Identified:
-    """Fly one relay until the gains are known from it and *step*, and another size only where that cannot be.
+    """Fly one relay until the gains are known from it and *step*; fly another size only if that is impossible.
 
-    What needs two sizes (an actuator that is dead or weak for small commands) is fitted as ever, with *step*. What is
-    not explained then is flown again in full.
+    An actuator that is dead or weak for small commands needs two sizes, fitted together with *step*. If that leaves too
+    much unexplained, the experiments are flown again in full.
     """
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
-    throttle, relays = context.throttle, Relays.of(s, dof, craft, context.throttle)
-    noise = noise_in(step, excitation_of(dof).signal) if relays.keep_still else None
+    throttle, relays, excitation = context.throttle, Relays.of(s, dof, craft, context.throttle), context.axis.excitation
+    noise = noise_in(step, excitation.signal) if relays.keep_still else None
     rule.start()
     context.turn_around("relay-1", SWING_AHEAD)
     relay = relays.relay("relay-1", s.relay_output, noise_std=noise, criterion=rule)
     again = context.earlier.has("relay-1")
-    first = context.fly(relay, "first self-oscillation").trial
+    first = context.fly(relay, "first self-oscillation")
     if again:
         rule.weigh(context.run_in_background(assess, rule.question, first))
     else:
@@ -130,11 +129,11 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
         fit = log.fit = _plain(context, [step, first])
         return Identified(fit, [step, first])
     short = rule.another_size
-    output = second_output(first, 0.9 - abs(throttle) if excitation_of(dof).by_throttle else 0.9)
+    output = second_output(first, 0.9 - abs(throttle) if excitation.by_throttle else 0.9)
     turned = context.turn_around("relay-2", SWING_AHEAD)
     noise = None if turned else float(first.meta["noise_std"])
     relay = relays.relay("relay-2", output, noise_std=noise, criterion=rule if short else None)
-    second = context.fly(relay, "second self-oscillation").trial
+    second = context.fly(relay, "second self-oscillation")
     trials = [first, rule.conclude(second, context.await_worker) if short else second]
     log.say("identifying")
     plain = log.fit = _plain(context, trials)
@@ -146,7 +145,8 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
 
 
 BENT_UNEXPLAINED = 10.0
-"""Chosen [percent]: what a model with a bent or dead actuator may leave; a whole record of a BlueROV2 leaves 7."""
+"""Most of the motion that a model with a bent or dead actuator may leave unexplained [percent]. Chosen; a whole record
+of a BlueROV2 leaves 7."""
 
 
 def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Identified:
@@ -156,9 +156,9 @@ def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Ide
     boat's steering is left out: it depends on the throttle, which the autopilot changes. For its surge the step is the
     way back.
     """
-    if found.short and excitation_of(context.axis.dof).by_throttle:
+    if found.short and context.axis.excitation.by_throttle:
         return _with_step_back(context, found, step)
-    if excitation_of(context.axis.dof).by_throttle or context.axis.needs_speed:
+    if context.axis.excitation.by_throttle or context.axis.needs_speed:
         return found
     context.log.say("identifying, with the step")
     return _with_curve(context, found.fit, found.runs, step, with_band=True)
@@ -191,7 +191,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     if turns_first:
         context.turn_around("throttle-1", SWING_AHEAD)
     out = throttle_steps_for(context.throttle, 0, "throttle-1", short=early)
-    first = context.fly(out, "first throttle steps").trial
+    first = context.fly(out, "first throttle steps")
     if early and not context.earlier.has("throttle-2"):
         log.say("identifying")
         alone = context.compute_while_turning("step-before", partial(_or_none, fitted, [first]))
@@ -200,7 +200,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
             return Identified(alone, [first], short=True)
     else:
         context.turn_around("throttle-2", math.inf)
-    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
+    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps")]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials)
     return Identified(fit, trials)
@@ -223,14 +223,14 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
             log.fit = both
             return Identified(both, [first, step], short=True)
     context.turn_around("throttle-2", SWING_AHEAD)
-    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps").trial]
+    trials = [first, context.fly(throttle_steps_for(context.throttle, 1, "throttle-2"), "second throttle steps")]
     log.say("identifying")
     fit = log.fit = context.run_in_background(fitted, trials, along=along)
     return Identified(fit, trials)
 
 
 def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Trial]) -> AxisFit | None:
-    """Return the fit of *trials*; None if they do not suffice: then more is flown."""
+    """Return the fit of *trials*, or None if they do not suffice and more must be flown."""
     try:
         return fitted(trials)
     except AutotuneError:
@@ -238,4 +238,4 @@ def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Tria
 
 
 UNKNOWN_YET = ("thrust-curve-unknown", "second-drag-undecided")
-"""What must not be left open of a boat that flies no throttle steps back."""
+"""Doubts that require throttle steps back from a boat that flew only the way out."""

@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gcs_autotune.axes import axis_kind, excitation_of
+from gcs_autotune.craft import SteeredBy
 from gcs_autotune.manoeuvres import LEVELS
-from gcs_autotune.watch import Fact, Intentions, Progress, Watcher
+from gcs_autotune.observer import Fact, Intentions, Observer, Progress
 from gcs_autotune.workflow.preflight import STAGE
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -51,7 +52,7 @@ class Pace:
     under_way: bool = True
 
 
-_PACES: Mapping[str, Pace] = {
+_PACES: Mapping[SteeredBy, Pace] = {
     "rudder": Pace(40.0, 32.0, 110.0, 12.0, 30.0, 7.0, 12.0, 24.0, 16.0),
     "thrusters": Pace(9.0, 11.0, 35.0, 10.0, 9.0, 5.0, 5.0, 10.0, 5.0),
     "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0, under_way=False),
@@ -64,12 +65,12 @@ _RESTLESS = 110.0
 """Chosen [s]: a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone."""
 
 
-def pace_of(*, under_way: bool, skid: bool, restless: bool = False) -> Pace:
-    """Return the pace of a boat (*under_way*) that steers by two thrusters (*skid*) or a rudder, or of an ROV.
+def pace_of(steered_by: SteeredBy, *, restless: bool = False) -> Pace:
+    """Return the pace of a craft by what turns it.
 
     restless : where it comes to no rest.
     """
-    pace = _PACES["rov" if not under_way else "thrusters" if skid else "rudder"]
+    pace = _PACES[steered_by]
     return replace(pace, relay=max(pace.relay, _RESTLESS)) if restless else pace
 
 
@@ -109,7 +110,7 @@ def legs_of_tune(
     """
     turn = pace.turn
     step = _step_seconds(settings, pace, moving=moving)
-    legs = _first(pace, dives=dives, steers=dof != "yaw")
+    legs = _first(pace, dives=dives, steers=not excitation_of(dof).turns)
     before = Leg("step with present gains", step, kind="step")
     thorough = moving or not settings.ends_early
     turn = turn if not settings.ends_early else 0.0
@@ -132,7 +133,7 @@ def legs_of_experiment(dof: str, pace: Pace, *, dives: bool) -> tuple[Leg, ...]:
     """Return the stages of an experiment."""
     first, second = _swings(dof, pace)
     return (
-        *_first(pace, dives=dives, steers=dof != "yaw"),
+        *_first(pace, dives=dives, steers=not excitation_of(dof).turns),
         first,
         replace(second, before=pace.turn),
     )
@@ -235,7 +236,7 @@ class Itinerary:
         self._flown = True
 
     def _enter(self, index: int) -> None:
-        """Begin a leg; what the last one took is what others of its kind are now thought to take."""
+        """Begin a leg; the duration of the last one updates the estimate for others of its kind."""
         if 0 <= self._now < index:
             past = self.legs[self._now]
             took = self._t - self._leg_began - past.before
@@ -246,29 +247,29 @@ class Itinerary:
 
 
 class MissionLog:
-    """A watcher that passes everything on, each tick with where in the stages it is once there is an ``itinerary``."""
+    """Forwards everything to an observer; with an ``itinerary``, each tick also states its stage."""
 
-    def __init__(self, watcher: Watcher) -> None:
-        self._watcher = watcher
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
         self.itinerary: Itinerary | None = None
 
     def update(self, progress: Progress) -> None:
-        """Pass the tick on."""
-        self._watcher.update(progress if self.itinerary is None else self.itinerary.at(progress))
+        """Forward the tick."""
+        self._observer.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
-        """Pass it on."""
-        self._watcher.say(text)
+        """Forward the sentence."""
+        self._observer.say(text)
 
     def note(self, fact: Fact) -> None:
-        """Pass it on."""
-        self._watcher.note(fact)
+        """Forward the fact."""
+        self._observer.note(fact)
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """State, before anything moves, what will be done."""
+        """Announce, before anything moves, what will be done."""
         self.note(Intentions(intentions))
         for text in intentions:
             self.say(f"will {text}")
 
     def abort(self, error: BaseException) -> None:
-        """Take note of what ended the mission early."""
+        """Record what ended the mission early."""

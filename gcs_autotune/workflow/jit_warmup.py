@@ -1,4 +1,4 @@
-"""What a tune will compute is compiled, in the process that will compute it, before anything is armed.
+"""Compile what a tune will compute, in the process that will compute it, before arming.
 
 The compiled parts are kept on disk; only the first run after an installation needs up to a minute for them.
 """
@@ -18,9 +18,9 @@ from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import DEAD_ZONE, fit, fit_axis, fit_with_actuator
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.models import SingleDof
+from gcs_autotune.observer import Observer
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.background import finish
 from gcs_autotune.workflow.worker import Worker
 
@@ -46,7 +46,7 @@ def jit_warmup(connection: str, dofs: Iterable[str], laws: Iterable[str]) -> Ite
         yield worker
 
 
-def await_warmup(craft: MavlinkCraft, worker: Worker, watcher: Watcher) -> None:
+def await_warmup(craft: MavlinkCraft, worker: Worker, observer: Observer) -> None:
     """Wait until the *worker* is ready, and report why if that takes long; the craft is only monitored."""
     if not worker.apart or isinstance(craft.clock, ManualClock):
         return  # in simulated time nobody waits: what is computed is computed at once
@@ -55,7 +55,7 @@ def await_warmup(craft: MavlinkCraft, worker: Worker, watcher: Watcher) -> None:
     def tell() -> None:
         nonlocal told
         if told is not None and told.expired:
-            watcher.say("preparing; the first time after installation this takes up to a minute")
+            observer.say("preparing; the first time after installation this takes up to a minute")
             told = None
 
     finish(craft, worker, tell)

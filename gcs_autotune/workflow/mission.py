@@ -17,7 +17,7 @@ from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
 from gcs_autotune.manoeuvres import Envelope, restore_on_exit
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import after_a_silence
-from gcs_autotune.workflow.background import agreed, asked_now, beside
+from gcs_autotune.workflow.background import agreed, ask_now, beside
 from gcs_autotune.workflow.connection import arming, connect_craft, say_link_times
 from gcs_autotune.workflow.itinerary import Itinerary, MissionLog
 from gcs_autotune.workflow.jit_warmup import await_warmup, jit_warmup
@@ -53,7 +53,7 @@ class Visit(Generic[Log]):
 
     def runner(self, envelope: Envelope, keep: Callable[[Trial], None], *, gains: bool = False) -> ManoeuvreRunner:
         """Return what flies manoeuvres here; arguments as those of :class:`.ManoeuvreRunner`."""
-        ask = partial(asked_now, self.craft, self.operator, self.log)
+        ask = partial(ask_now, self.craft, self.operator, self.log)
         return ManoeuvreRunner(self.craft, envelope, self.log, keep, self.common.patience, ask, gains=gains)
 
     def agrees(self, question: str) -> bool:

@@ -1,4 +1,4 @@
-"""What a signal does when nothing is asked of the craft: the noise a step is measured through."""
+"""The noise with which a step is measured, from the signal of an undisturbed craft."""
 
 from __future__ import annotations
 

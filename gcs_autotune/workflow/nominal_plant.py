@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gcs_autotune.craft import SteeredBy
 from gcs_autotune.design import in_fractions, reduce
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import Firmware
@@ -175,11 +176,10 @@ def assumed_plant(
     return NominalPlant(yaw, speed, words, assumed=True, others=others, speed_gain=present.get("ATC_SPEED_P", 0.0))
 
 
-def assumed_crafts(*, under_way: bool, skid: bool) -> tuple[AssumedCraft, ...]:
+def assumed_crafts(steered_by: SteeredBy) -> tuple[AssumedCraft, ...]:
     """Return the craft to assume for one without figures, the usual one first."""
-    kind = "rov" if not under_way else "thrusters" if skid else "rudder"
-    known = (USUAL[kind], *_KIN[kind])
-    return known if under_way else (*known, *(replace(like, sinks=False) for like in known))
+    known = (USUAL[steered_by], *_KIN[steered_by])
+    return known if steered_by != "rov" else (*known, *(replace(like, sinks=False) for like in known))
 
 
 def _by_the_square(dof: str, full_speed: float) -> SingleDof:

@@ -20,8 +20,8 @@ from gcs_autotune.errors import (
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import MavlinkCraft, OnboardLog, fetch_log, list_logs
 from gcs_autotune.logs import load_runs
+from gcs_autotune.observer import Observer
 from gcs_autotune.report import beside_telemetry, study_document, to_html
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
@@ -36,7 +36,7 @@ _BY_HAND = "use `gcs-autotune logs fetch` to fetch it later"
 
 
 def fetch_onboard_log(
-    connection: Connection, number: int | None, operator: Operator, watcher: Watcher
+    connection: Connection, number: int | None, operator: Operator, observer: Observer
 ) -> tuple[tuple[OnboardLog, ...], OnboardLog | None, bytes]:
     """Return the logs there are, the one fetched and its bytes: *number*, the newest when None, none when 0.
 
@@ -45,7 +45,7 @@ def fetch_onboard_log(
     UsageError
         There is no such log. NoReply: the vehicle does not send it. OperatorStopped: the operator did.
     """
-    with connect(connection, operator, watcher) as session:
+    with connect(connection, operator, observer) as session:
         logs = list_logs(session)
         if number == 0:
             return logs, None, b""
@@ -53,17 +53,17 @@ def fetch_onboard_log(
         if chosen is None:
             have = ", ".join(str(log.number) for log in logs) or "none"
             raise UsageError(f"there is no such onboard log. Available: {have}")
-        watcher.say(f"fetching log {chosen.number}, {chosen.size} bytes")
-        return logs, chosen, fetch_log(session, chosen, _teller(session.clock, watcher))
+        observer.say(f"fetching log {chosen.number}, {chosen.size} bytes")
+        return logs, chosen, fetch_log(session, chosen, _teller(session.clock, observer))
 
 
-def _teller(clock: Clock, watcher: Watcher) -> Callable[[int, int], None]:
+def _teller(clock: Clock, observer: Observer) -> Callable[[int, int], None]:
     told = Deadline.after(clock, _EVERY)
 
     def tell(done: int, whole: int) -> None:
         nonlocal told
         if told.expired:
-            watcher.say(f"{done} of {whole} bytes")
+            observer.say(f"{done} of {whole} bytes")
             told = Deadline.after(clock, _EVERY)
 
     return tell
@@ -74,7 +74,7 @@ class RunLog:
     """The onboard log of one run; ``path`` once it is fetched."""
 
     record: RunDirectory
-    watcher: Watcher
+    observer: Observer
     path: Path | None = None
 
     def identify(self, fits: Sequence[AxisFit], when: str) -> None:
@@ -91,18 +91,18 @@ class RunLog:
                 runs = load_runs(self.path)
                 found = fit_axis(runs, dof=fit.dof, structure=fit.structure)
             except (DataError, UsageError) as error:
-                self.watcher.say(f"{fit.dof} cannot be identified from {self.path.name}: {error}")
+                self.observer.say(f"{fit.dof} cannot be identified from {self.path.name}: {error}")
                 continue
             self.record.save_json(f"fit-onboard{stem}.json", found.to_dict())
             document = study_document(study_of(found, runs, f"{fit.dof} from the onboard log", when))
             (self.record.path / f"onboard{stem}.html").write_text(to_html(document), encoding="utf-8")
             for line in beside_telemetry(fit, found):
-                self.watcher.say(line)
+                self.observer.say(line)
 
 
 @contextmanager
 def log_of_run(
-    wanted: bool, craft: MavlinkCraft, record: RunDirectory, operator: Operator, watcher: Watcher
+    wanted: bool, craft: MavlinkCraft, record: RunDirectory, operator: Operator, observer: Observer
 ) -> Iterator[RunLog]:
     """Fetch the log that the vehicle wrote of the run within, once everything is restored, if it is *wanted*.
 
@@ -114,13 +114,13 @@ def log_of_run(
     PreconditionFailed
         The vehicle lists no logs; raised before the run begins.
     """
-    kept = RunLog(record, watcher)
+    kept = RunLog(record, observer)
     before = _logs_before(craft) if wanted else ()
     try:
         yield kept
     except AutotuneError as error:
         if wanted and isinstance(error, (OperatorStopped, LinkError)):
-            watcher.say(f"the onboard log was not fetched; {_BY_HAND}")
+            observer.say(f"the onboard log was not fetched; {_BY_HAND}")
         elif wanted:
             _fetch(kept, craft, operator, before)
         raise
@@ -146,9 +146,9 @@ def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
 
 def _fetch(kept: RunLog, craft: MavlinkCraft, operator: Operator, before: Sequence[OnboardLog]) -> None:
     """Fetch the log that is new, or has grown; a failure is only reported, since the run is complete."""
-    session, say = craft.session, kept.watcher.say
+    session, say = craft.session, kept.observer.say
     sizes = {log.number: log.size for log in before}
-    tell = _teller(session.clock, kept.watcher)
+    tell = _teller(session.clock, kept.observer)
 
     def go_on(done: int, whole: int) -> None:
         if operator.stop_requested():

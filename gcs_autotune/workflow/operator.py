@@ -1,11 +1,11 @@
-"""The person at the keyboard: may stop everything, and is asked before writes."""
+"""The operator: may stop everything, and is asked before writes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["Operator", "Unattended", "can_be_asked"]
+__all__ = ["Operator", "Unattended", "answers_questions"]
 
 
 class Operator(Protocol):
@@ -37,6 +37,6 @@ class Unattended:
         return self.answer
 
 
-def can_be_asked(operator: Operator) -> bool:
+def answers_questions(operator: Operator) -> bool:
     """Whether *operator* answers a question now; with ``--yes`` there is no operator."""
     return not getattr(operator, "answered_beforehand", False)

@@ -16,9 +16,8 @@ from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import Firmware, Output, ServoMap, read_named
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
-    HELD_MEANWHILE,
+    HELD_DURING,
     MANOEUVRES,
-    Flown,
     Manoeuvre,
     ManoeuvreKind,
     Outlet,
@@ -28,8 +27,10 @@ from gcs_autotune.manoeuvres import (
     ThrustCheckSettings,
 )
 from gcs_autotune.mavlink import message_number
+from gcs_autotune.observer import Observer
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
 from gcs_autotune.untrusted_text import quoted
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.flight_plan import FlySettings
 
 __all__ = [
@@ -56,9 +57,10 @@ STAGE = "sign check"
 LEAST_SPEED = 0.25
 """Chosen [m/s]: about the error of a GPS speed; below it the autopilot's scaling by speed is a lottery."""
 PULSES = (0.15, 0.3, 0.6)
-"""Chosen: fractions of full output; the first is beyond a transmitter's dead zone (0.06), the last is half a relay."""
+"""Sizes of the check, fractions of full output. Chosen: the first is beyond a transmitter's dead zone (0.06), the last
+is half a relay."""
 LEAST = 0.15
-"""Chosen: the least motion that counts, as a share of the least hysteresis of a relay on the signal."""
+"""Least motion that counts, relative to the least hysteresis of a relay on the signal. Chosen."""
 TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
 """Chosen: a boat whose rudder is off centre turns less than the first while thrust is tried; one of several thrusters
 that is dead turns a craft by more than the second."""
@@ -81,22 +83,24 @@ def sign_check_for(
     dof: str,
     craft: MavlinkCraft,
     throttle: float,
-    needs_speed: bool,
+    needs_speed: bool | None = None,
     output: float | None = None,
     *,
     wanted_speed: float = math.nan,
     most_speed: float = math.inf,
 ) -> SignCheck | ThrustCheck:
-    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``); *output*: that of the relay, if given.
+    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``).
+
+    needs_speed : whether the actuator needs speed; None: as every one of such craft. output : of the relay, if given.
 
     A boat that goes faster than *most_speed* [m/s] gets less throttle, until the one for *wanted_speed* is known.
     A craft that steers at rest is checked at rest, whatever *throttle* it is flown at: many ROVs are unstable on their
     course, so that they turn under way without steering.
     """
-    firmware, servos = craft.firmware, craft.servos
-    if excitation_of(dof).by_throttle:
+    firmware, servos, d = craft.firmware, craft.servos, excitation_of(dof)
+    needs_speed = firmware.needs_way if needs_speed is None else needs_speed
+    if d.by_throttle:
         return _thrust_check(firmware, servos, throttle, output)
-    d = excitation_of(dof)
     force = d.names.force
     driving, ahead = servos.driving(force), servos.driving("X")
     return SignCheck(
@@ -153,7 +157,7 @@ def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
 
 
 def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to look at on a craft that thrust alone turns."""
+    """Return what to check on a craft that turns under thrust alone."""
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
@@ -180,7 +184,7 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
 
-def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Flown]) -> None:
+def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Trial]) -> None:
     """Fly the check.
 
     Raises
@@ -189,16 +193,17 @@ def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], 
         The actuator is dead, reversed, saturated or too weak, or the boat has no headway; the message has the cure.
     """
     flown = fly(check, STAGE)
-    if flown.outcome.ending == "aborted":
-        raise PreconditionFailed(f"{STAGE}: {flown.outcome.reason}")
+    if flown.ending == "aborted":
+        raise PreconditionFailed(f"{STAGE}: {flown.reason}")
 
 
 def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
     """Whether a craft is steered, or its heading held, while *dof* is tried: then its steering is checked as well."""
-    if dof == "yaw" or not servos.driving("N"):
+    excitation = excitation_of(dof)
+    if excitation.turns or not servos.driving("N"):
         return False
-    held = HELD_MEANWHILE.get(excitation_of(dof).signal, ())
-    return firmware.needs_way or any(gains.signal == "psi" for gains in held)
+    held = HELD_DURING.get(excitation.signal, ())
+    return firmware.needs_way or any(SIGNALS[gains.signal].wraps for gains in held)
 
 
 def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
@@ -264,7 +269,7 @@ def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
 
 
 def remarks_on(craft: MavlinkCraft) -> list[str]:
-    """Return what is odd about the vehicle's settings and matters here: arming checks off, steering scaled by hand."""
+    """Return unusual settings of the vehicle that matter here: arming checks off, manual steering scaling."""
     wanted = ["ARMING_CHECK", *(["MANUAL_OPTIONS"] if craft.firmware.needs_way else [])]
     names, own = read_named(craft.parameters, wanted)
     values, found = names.to_canonical(own), []
@@ -313,7 +318,7 @@ class _Estimator:
         self._stop()
 
 
-def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
+def make_ready(craft: MavlinkCraft, observer: Observer) -> None:
     """Wait, sending neutral overrides, until a disarmed vehicle passes its checks and a boat has a position.
 
     After half a minute the checks are left to arming, which reports why they fail.
@@ -324,27 +329,27 @@ def make_ready(craft: MavlinkCraft, watcher: Watcher) -> None:
         A boat without a position estimate after a minute and a half.
     """
     craft.send(Actuate())
-    _await_checks(craft, watcher)
+    _await_checks(craft, observer)
     if craft.firmware.needs_position:
-        _await_position(craft, watcher)
+        _await_position(craft, observer)
 
 
-def _await_checks(craft: MavlinkCraft, watcher: Watcher) -> None:
+def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
     deadline, said = Deadline.after(craft.clock, _CHECKS_PATIENCE), False
     while not craft.armed and craft.telemetry.latest.get("prearm_ok", math.nan) == 0.0 and not deadline.expired:
         if not said:
-            watcher.say(f"waiting for the vehicle's own checks{_reasons(craft)}")
+            observer.say(f"waiting for the vehicle's own checks{_reasons(craft)}")
             said = True
         craft.observe()
 
 
-def _await_position(craft: MavlinkCraft, watcher: Watcher) -> None:
+def _await_position(craft: MavlinkCraft, observer: Observer) -> None:
     estimator, said = _Estimator(craft), False
     deadline = Deadline.after(craft.clock, _POSITION_PATIENCE)
     try:
         while not estimator.has_position:
             if estimator.flags is not None and not said:
-                watcher.say(f"waiting for the vehicle's position estimate, which {craft.firmware.hold_mode} needs")
+                observer.say(f"waiting for the vehicle's position estimate, which {craft.firmware.hold_mode} needs")
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
@@ -387,7 +392,7 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
         raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering, a normalised output")
 
 
-_TOLD_BY: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
+_MESSAGE_OF: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
 """Signal that not every vehicle reports -> its message, and the requested rate [Hz]."""
 _WAITING = 5.0
 """Chosen [s]: for the first of them."""
@@ -405,7 +410,7 @@ def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
         craft.rates.request(axis_kind(kind.axis).rates)
     if not kind.needs:
         return
-    message, rate = _TOLD_BY[kind.needs]
+    message, rate = _MESSAGE_OF[kind.needs]
     craft.rates.request({message: rate})
     now = craft.observe()
     until = now.t + _WAITING

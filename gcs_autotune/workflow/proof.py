@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.axes import axis_kind, excitation_of
+from gcs_autotune.axes import excitation_of
 from gcs_autotune.design import (
     SHORTER,
     Actuator,
@@ -137,7 +137,7 @@ class Proof:
 
 def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
     """Return the heading or depth step, at *speed* [m/s]."""
-    d = axis_kind(axis.name)
+    d = axis.kind
     step = StepSettings(
         signal=d.excitation.signal,
         size=settings.step if settings.step is not None else d.step,

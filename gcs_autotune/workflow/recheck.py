@@ -13,11 +13,11 @@ from typing import Any
 from gcs_autotune.axes import AxisKind
 from gcs_autotune.errors import AutotuneError, NotInformative
 from gcs_autotune.link import MavlinkCraft, difference, same_float32
+from gcs_autotune.observer import Observer
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import LoopCheck, LoopNumbers, recheck_document, to_html, to_json
 from gcs_autotune.seatrials import LARGE_OVERSHOOT, POORLY_DAMPED, WELL_DAMPED, Sheet, ship_figures
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings
 from gcs_autotune.workflow.fly import fly_plan
 from gcs_autotune.workflow.operator import Operator
@@ -28,13 +28,13 @@ from gcs_autotune_files import read
 __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 
 AFTER = "parameters_after.json"
-"""What a vehicle held at the end of a tune."""
+"""The vehicle's parameters at the end of a tune."""
 SMALLER, LARGER = 0.5, 2.0
-"""The sizes of the second flight, as a share of those of the first: larger where a dead band or noise hid the loop."""
+"""Sizes of the second flight, relative to the first: larger if a dead band or noise hid the loop."""
 MORE = 0.1
-"""Chosen: overshoot of a step by so much more than at the tune counts as worse."""
+"""Increase of the overshoot since the tune that counts as worse. Chosen."""
 SLOWER = 1.5
-"""Chosen: a step that rises and settles in so many times the time of the tune is slower."""
+"""Factor on rise and settling time since the tune that counts as slower. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class LastTune:
     gains: Mapping[str, float]
 
     def changed(self, present: Mapping[str, float]) -> tuple[str, ...]:
-        """Return the gains that are others *present* now."""
+        """Return the gains that have another value at *present*."""
         return tuple(n for n, v in self.gains.items() if n in present and not same_float32(v, present[n]))
 
 
@@ -85,8 +85,8 @@ class Recheck:
 
     words = "fly once more at half or twice these sizes, if they do not determine the damping of the loop"
 
-    def __init__(self, axis: AxisKind, runs: Path, watcher: Watcher) -> None:
-        self._axis, self._runs, self._watcher = axis, runs, watcher
+    def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
+        self._axis, self._runs, self._observer = axis, runs, observer
         self.tune: LastTune | None = None
         self.changed: tuple[str, ...] = ()
         self.sheet: Sheet | None = None
@@ -95,7 +95,7 @@ class Recheck:
         self.shown: Trial | None = None
 
     def meet(self, craft: MavlinkCraft) -> None:
-        """Look for the last tune of this vehicle, and whether it still has the gains of that."""
+        """Find the last tune of this vehicle, and whether its gains are still in place."""
         here = craft.session.vehicle
         assert here is not None
 
@@ -104,20 +104,19 @@ class Recheck:
 
         self.tune = last_tune(self._runs, self._axis.name, is_same)
         if self.tune is None:
-            self._watcher.say(f"no earlier {self._axis.name} tune of this vehicle in {self._runs}/ to compare with")
+            self._observer.say(f"no earlier {self._axis.name} tune of this vehicle in {self._runs}/ to compare with")
             return
         present = craft.parameters.read_existing(list(self.tune.gains))
         self.changed = self.tune.changed(present)
         others = f"; since then {', '.join(self.changed)} changed" if self.changed else "; its gains are unchanged"
-        self._watcher.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
+        self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
-        """Return the run that is flown next, None when the last one was enough; *think* computes while the link is
-        served."""
+        """Return the next run, or None if the last one was sufficient; *think* computes while the link is served."""
         sheet, why = think(partial(read_loop, trial))
-        if not self.factor or (sheet is not None and _is_telling(sheet)):  # else the first one says more
+        if not self.factor or (sheet is not None and _is_informative(sheet)):  # else the first one says more
             self.sheet, self.why, self.shown = sheet, why, trial
-        if self.factor or (sheet is not None and _is_telling(sheet)):
+        if self.factor or (sheet is not None and _is_informative(sheet)):
             return None
         small = sheet is not None and any("larger" in doubt.cure for doubt in sheet.doubts)
         factor = LARGER if small else SMALLER
@@ -131,12 +130,12 @@ class Recheck:
             return None
         self.factor = factor
         half = "half of" if factor < 1.0 else "twice"
-        self._watcher.say(f"these sizes do not determine the damping of the loop: flying again at {half} them")
+        self._observer.say(f"these sizes do not determine the damping of the loop: flying again at {half} them")
         return other
 
 
 def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
-    """Return the sheet of a flight, or why there is none."""
+    """Return the figures of a flight, or why there are none."""
     try:
         (sheet,) = ship_figures(trial)
     except NotInformative as error:
@@ -144,8 +143,8 @@ def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
     return sheet, ""
 
 
-def _is_telling(sheet: Sheet) -> bool:
-    """Whether a verdict on the loop can be read off it: its damping is known."""
+def _is_informative(sheet: Sheet) -> bool:
+    """Return whether a verdict on the loop is possible: its damping is known."""
     numbers = {f.slug: f.reading for f in sheet.figures}
     if "oscillation" in numbers:
         return True
@@ -158,7 +157,7 @@ def _is_telling(sheet: Sheet) -> bool:
 
 
 def _why_not(check: Recheck) -> str:
-    """Return in words why nothing can be said of a loop."""
+    """Return in words why no verdict on a loop is possible."""
     if check.sheet is None:
         return check.why
     for doubt in check.sheet.doubts:
@@ -192,7 +191,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         note = (*note, f"Gains changed since the tune: {', '.join(check.changed)}.")
     if sheet is not None and "oscillation" in told:
         return verdict("oscillates", f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}.", "bad", note)
-    if sheet is None or not _is_telling(sheet):
+    if sheet is None or not _is_informative(sheet):
         why = check.why or next(
             (d.cause for d in (sheet.doubts if sheet is not None else ())), "its damping is unclear"
         )
@@ -222,7 +221,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
 
 
 def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
-    """Return in words what is worse than at the tune; empty for nothing."""
+    """Return in words what is worse than at the tune; empty if nothing is."""
     if then is None:
         return ""
     if now.overshoot - std > max(then.overshoot, 0.0) + MORE:
@@ -232,14 +231,16 @@ def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
     return ""
 
 
-def recheck(plan: FlightPlan, axis: AxisKind, operator: Operator, watcher: Watcher, when: str, runs: Path) -> LoopCheck:
+def recheck(
+    plan: FlightPlan, axis: AxisKind, operator: Operator, observer: Observer, when: str, runs: Path
+) -> LoopCheck:
     """Fly the one run of *plan* and judge the loop of *axis*; ``report.html`` and ``recheck.json`` are written.
 
     *runs*: where earlier tunes lie. Errors are those of :func:`gcs_autotune.workflow.fly.fly_plan`.
     """
-    common, check = plan.runs[0].common, Recheck(axis, runs, watcher)
+    common, check = plan.runs[0].common, Recheck(axis, runs, observer)
     plan = replace(plan, title=f"recheck {axis.name}", again=check)
-    result = fly_plan(plan, common, operator, watcher, when)
+    result = fly_plan(plan, common, operator, observer, when)
     shown = check.shown if check.shown is not None else next(run.trial for run in result.runs if run.trial is not None)
     found = verdict_of(axis.name, check)
     directory = common.directory

@@ -1,4 +1,4 @@
-"""Putting a vehicle back as a run that was cut off had found it, from the run's journal.
+"""Restore a vehicle to its state before an interrupted run, from the run's journal.
 
 A mode, armed state or value that the journal does not explain, nor a failsafe or restart of the vehicle, belongs to
 another operator. It is left as it is unless a person decides otherwise.
@@ -30,10 +30,10 @@ from gcs_autotune.link import (
 )
 from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.mavlink import Message, load_params, message_number, save_params
-from gcs_autotune.watch import Watcher
+from gcs_autotune.observer import Observer
 from gcs_autotune.workflow.connection import connect
 from gcs_autotune.workflow.open_runs import forget_run
-from gcs_autotune.workflow.operator import Operator, can_be_asked
+from gcs_autotune.workflow.operator import Operator, answers_questions
 from gcs_autotune.workflow.record import JOURNAL
 from gcs_autotune.workflow.settings import Connection
 
@@ -41,20 +41,20 @@ __all__ = ["is_settled", "link_of", "restore_parameters", "restore_run", "save_p
 
 
 _PATIENCE = 30.0
-"""Chosen: seconds that restoring waits for a vehicle that has fallen silent."""
+"""Seconds to wait for a silent vehicle. Chosen."""
 _FRESH = 3.5
 """Chosen [s]: three heartbeats."""
 _ANY_WAY = 2.0
-"""Chosen [s]: what the way of two stamps may differ by."""
+"""Difference of the delays of two stamps [s]. Chosen."""
 _BOOT_SLACK = 30.0
-"""Chosen [s]: two clocks, and a disk that was slow, may differ by so much; no autopilot is power-cycled faster."""
+"""Difference of two clocks including a slow disk [s]; no autopilot is power-cycled faster. Chosen."""
 _ARMED = "armed state"
 _NEUTRAL = 0.03
-"""Chosen: fraction of full output that still counts as neutral."""
+"""Fraction of full output that still counts as neutral. Chosen."""
 
 
 def link_of(run: Path | None) -> str:
-    """Return the connection string that the journal of *run* (directory, a file in one, None: newest) was made on.
+    """Return the connection string in the journal of *run* (directory, a file in one, None: newest).
 
     Raises
     ------
@@ -70,7 +70,7 @@ def link_of(run: Path | None) -> str:
 
 
 def is_settled(run: Path | None) -> bool:
-    """Return whether *run* (directory or journal; None: the newest unfinished) left its vehicle as found.
+    """Return whether *run* (directory or journal; None: the newest unfinished) restored its vehicle.
 
     Raises
     ------
@@ -86,13 +86,13 @@ def _is_finished(path: Path) -> bool:
 
 
 def restore_run(
-    connection: Connection, run: Path | None, operator: Operator, watcher: Watcher
+    connection: Connection, run: Path | None, operator: Operator, observer: Observer
 ) -> Mapping[str, tuple[float, float]]:
-    """Finish the clean-up that *run* (directory or journal; None: the newest unfinished) left open.
+    """Finish the clean-up of *run* (directory or journal; None: the newest unfinished).
 
-    Disarms what was found disarmed, writes each borrowed parameter's old value and reads it back, restores the mode,
-    looks whether the outputs are neutral, and settles the journal. Returns name -> (found now, old) of what was
-    restored. Of what another operator has changed since, a person is asked; ``--yes`` is no answer to that.
+    Disarms a vehicle that was disarmed, restores and verifies each changed parameter, restores the mode, checks that
+    the outputs are neutral, and settles the journal. Returns name -> (present, old) of what was restored. The operator
+    is asked about changes that another operator has made since; ``--yes`` does not answer that.
 
     Raises
     ------
@@ -114,9 +114,9 @@ def restore_run(
     journal = Journal.resume(path)
     try:
         state = Journal.read(path)
-        watcher.say(f"journal {path}: {_owed(state)} still to be restored on {state.vehicle.get('firmware', '?')}")
-        with connect(connection, operator, watcher) as session:
-            changes = _Restoring(session, state, operator, watcher, journal).run()
+        observer.say(f"journal {path}: {_owed(state)} still to be restored on {state.vehicle.get('firmware', '?')}")
+        with connect(connection, operator, observer) as session:
+            changes = _Restoring(session, state, operator, observer, journal).run()
         journal.close()
         forget_run(path)
     finally:
@@ -132,11 +132,11 @@ class _Restoring:
     """One restore over one session."""
 
     def __init__(
-        self, session: Session, state: JournalState, operator: Operator, watcher: Watcher, journal: Journal
+        self, session: Session, state: JournalState, operator: Operator, observer: Observer, journal: Journal
     ) -> None:
         vehicle = session.vehicle
         assert vehicle is not None
-        self._session, self._state, self._operator, self._watcher = session, state, operator, watcher
+        self._session, self._state, self._operator, self._observer = session, state, operator, observer
         self._journal = journal
         self._parameters = Parameters(session)
         _check_identity(session, state, self._parameters)
@@ -152,7 +152,7 @@ class _Restoring:
         changes = {n: (found[n], v) for n, v in self._state.debts.items() if not same_float32(found[n], v)}
         foreign = {n: f"its value {now:g} was not written by the run" for n, (now, _) in changes.items()}
         self._left = {n: why for n, why in foreign.items() if not self._is_ours(n, changes[n][0])}
-        self._left |= self._foreign_state(self._state.left_in, armed_by_us=self._state.armed_by_us)
+        self._left |= self._state_changed_by_others(self._state.left_in, armed_by_us=self._state.armed_by_us)
         decided = self._decide(changes)
         changes = {n: change for n, change in changes.items() if n not in self._left}
         wanted = self._wanted(changes)
@@ -168,9 +168,9 @@ class _Restoring:
         if not self._differences:
             self._try("mode", self._session.await_heartbeat)  # what restarts meanwhile is in the mode it boots in
         if not self._differences and (self._disarms or self._changes_mode):
-            self._left |= self._foreign_state((), armed_by_us=False)
+            self._left |= self._state_changed_by_others((), armed_by_us=False)
         if not self._differences and (self._disarms or self._changes_mode):
-            self._watcher.say(f"the vehicle is in {self._command().mode} now, possibly after a restart: trying again")
+            self._observer.say(f"the vehicle is in {self._command().mode} now, possibly after a restart: trying again")
             self._put_back_state()
         for name, value in self._state.debts.items():
             if name in decided and name in self._left:
@@ -185,21 +185,20 @@ class _Restoring:
                 differences=self._differences,
             )
         if wanted:
-            self._watcher.say(f"done: {' and '.join(wanted)}; verified by reading back")
+            self._observer.say(f"done: {' and '.join(wanted)}; verified by reading back")
         if undecided:
             shown = "; ".join(f"{what}: {why}" for what, why in undecided.items())
             raise NotAsFound(
                 f"left unchanged, possibly set by another operator: {shown}. Run `gcs-autotune restore` without --yes "
-                f"to "
-                "decide each",
+                "to decide each",
                 differences=undecided,
             )
         if self._state.armed and not self._session.armed:
-            self._watcher.say(DISARMED_ITSELF)
+            self._observer.say(DISARMED_ITSELF)
         return changes
 
     def _put_back_state(self) -> None:
-        """Disarm what was found disarmed, restore the mode, look whether the outputs are neutral."""
+        """Disarm a vehicle that was disarmed, restore the mode, check that the outputs are neutral."""
         if self._disarms:
             self._try("armed state", self._command().disarm)
         if self._changes_mode:
@@ -224,10 +223,10 @@ class _Restoring:
     def _is_ours(self, name: str, held: float) -> bool:
         return any(same_float32(held, value) for value in self._state.written.get(name, ()))
 
-    def _foreign_state(self, left_in: Sequence[str], *, armed_by_us: bool) -> dict[str, str]:
-        """Return what of mode and armed state neither we, who *left_in* a mode, nor the vehicle by itself made so.
+    def _state_changed_by_others(self, left_in: Sequence[str], *, armed_by_us: bool) -> dict[str, str]:
+        """Return which of mode and armed state was set neither by us, who *left_in* a mode, nor by the vehicle itself.
 
-        A vehicle that another operator has put into a mode that drives it stays armed: that one needs it so.
+        A vehicle that another operator has put into a mode that drives it stays armed: that operator needs it so.
         """
         if self._commands is None or self._firmware is None:
             return {}
@@ -258,7 +257,7 @@ class _Restoring:
         return self._firmware.mode_name(int(self._parameters.read_existing([name]).get(name, without)))
 
     def _has_restarted(self) -> bool:
-        """Whether it has restarted since our last order, or since the last look."""
+        """Return whether the vehicle has restarted since our last order, or since the last check."""
         before, now = self._boot, self._time_since_boot()
         if now is None:
             return False
@@ -275,7 +274,7 @@ class _Restoring:
         return None if heard is None else heard.time_boot_ms * 1e-3
 
     def _heard(self, name: str) -> Message | None:
-        """Return a message called *name*, asked for up to three times; None where none came."""
+        """Return a message *name*, requested up to three times; None if none came."""
         heard: list[Message] = []
         stop = self._session.listen(name, heard.append)
         try:
@@ -290,8 +289,8 @@ class _Restoring:
         return heard[-1] if heard else None
 
     def _decide(self, changes: Mapping[str, tuple[float, float]]) -> set[str]:
-        """Ask about each thing that another operator may want as it is; return what was decided either way."""
-        if not can_be_asked(self._operator):
+        """Ask about each change that another operator may want to keep; return the decisions."""
+        if not answers_questions(self._operator):
             return set()
         asked = dict(self._left)
         for what, why in asked.items():
@@ -304,7 +303,7 @@ class _Restoring:
         self._session.pump()
 
     def _wanted(self, changes: Mapping[str, tuple[float, float]]) -> list[str]:
-        """Return in words what is to be done."""
+        """Return in words what is to be restored."""
         wanted = ["disarm"] * self._disarms
         wanted += [f"write {n} {old:g} -> {new:g}" for n, (old, new) in changes.items()]
         if self._changes_mode:
@@ -316,7 +315,7 @@ class _Restoring:
         return self._commands
 
     def _try(self, what: str, act: Callable[[], object]) -> None:
-        """Do it; wait once for a vehicle that falls silent; note what fails."""
+        """Do it; wait once for a silent vehicle; record failures."""
         for _ in range(2):
             try:
                 act()
@@ -334,7 +333,7 @@ class _Restoring:
                 return
 
     def _check_neutral(self) -> None:
-        """Look at the measured outputs: a vehicle that was found disarmed moves nothing."""
+        """Check the measured outputs: a vehicle that was disarmed moves no actuator."""
         assert self._firmware is not None
         outputs = read_outputs(self._session, read_servo_map(self._parameters, self._firmware))
         off = {name: force for name, force in outputs.items() if not abs(force) <= _NEUTRAL}
@@ -344,7 +343,7 @@ class _Restoring:
 
 
 def _seconds_since(stamp: str) -> float:
-    """Return the seconds since a journal's time *stamp*; 0 where it has none."""
+    """Return the seconds since the time *stamp* of a journal; 0 without one."""
     try:
         return (datetime.now(UTC) - datetime.fromisoformat(stamp)).total_seconds()
     except (ValueError, TypeError):
@@ -372,23 +371,25 @@ def _journal_of(run: Path | None) -> Path | None:
     return path
 
 
-def save_parameters(connection: Connection, path: Path, operator: Operator, watcher: Watcher) -> tuple[int, int | None]:
+def save_parameters(
+    connection: Connection, path: Path, operator: Operator, observer: Observer
+) -> tuple[int, int | None]:
     """Write the vehicle's whole parameter list to *path*; return how many there are, and how many of them are not the
     firmware's defaults (None where it does not tell these)."""
-    with connect(connection, operator, watcher) as session:
+    with connect(connection, operator, observer) as session:
         told = len(session.notes)
         found = Parameters(session).read_whole()
         for note in session.notes[told:]:
-            watcher.say(note)
+            observer.say(note)
         changed = len(found.changed) if found.defaults else None
         save_params(path, found.values, comment=f"{session.vehicle}", defaults=found.defaults)
     return len(found.values), changed
 
 
 def restore_parameters(
-    connection: Connection, path: Path, operator: Operator, watcher: Watcher
+    connection: Connection, path: Path, operator: Operator, observer: Observer
 ) -> dict[str, tuple[float, float]]:
-    """Put the parameters of *path* back; return name -> (found, wanted) of those that differed.
+    """Restore the parameters of the file *path*; return name -> (present, required) of those that differed.
 
     Raises
     ------
@@ -400,7 +401,7 @@ def restore_parameters(
         Some could not be put back; the message names them, the others are back.
     """
     wanted = load_params(path)
-    with connect(connection, operator, watcher) as session:
+    with connect(connection, operator, observer) as session:
         return _put_back(session, wanted, operator)
 
 

@@ -30,7 +30,6 @@ from gcs_autotune.manoeuvres import (
     ComeToRest,
     Dive,
     Envelope,
-    Flown,
     Manoeuvre,
     Sequencer,
     SignCheck,
@@ -39,8 +38,8 @@ from gcs_autotune.manoeuvres import (
     TurnAboutSettings,
     far_out,
 )
+from gcs_autotune.observer import Observer
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.experiments import SHALLOW
 from gcs_autotune.workflow.preflight import check_signs
 from gcs_autotune.workflow.wrong_way import contradiction_in, tripped, why_tripped
@@ -60,7 +59,7 @@ class ManoeuvreRunner:
         self,
         craft: MavlinkCraft,
         envelope: Envelope,
-        watcher: Watcher,
+        observer: Observer,
         keep: Callable[[Trial], None],
         patience: float = 0.0,
         ask: Callable[[str], bool] = lambda question: False,
@@ -69,8 +68,8 @@ class ManoeuvreRunner:
     ) -> None:
         self._gains = gains
         self._craft = craft
-        self._watcher = watcher
-        self._patience = Patience(craft, patience, watcher.say, ask)
+        self._observer = observer
+        self._patience = Patience(craft, patience, observer.say, ask)
         self._dive: Dive | None = None
         self._envelope = envelope
         self._last: Trial | None = None
@@ -79,7 +78,7 @@ class ManoeuvreRunner:
         """Whether sensors contradicted each other in a manoeuvre that more depends on."""
         self.too_fast = ""
         """Why the autopilot may drive too fast, in words, where that is known."""
-        self._sequencer = Sequencer(craft, envelope, watcher, self._keeping(keep))
+        self._sequencer = Sequencer(craft, envelope, observer, self._keeping(keep))
 
     def _keeping(self, keep: Callable[[Trial], None]) -> Callable[[Trial], None]:
         def keep_and_remember(trial: Trial) -> None:
@@ -93,7 +92,7 @@ class ManoeuvreRunner:
         """The safety limit of the speed over ground [m/s]."""
         return self._envelope.speed_limit
 
-    def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Flown:
+    def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Trial:
         """Fly *manoeuvre*, which must come to a good end; errors as those of the sequencer.
 
         Raises
@@ -104,11 +103,11 @@ class ManoeuvreRunner:
         if isinstance(manoeuvre, Dive):
             self._dive = deepcopy(manoeuvre)
         flown = self.attempt(manoeuvre, stage, envelope)
-        if flown.outcome.ending == "aborted":
-            raise NotAchieved(f"{stage}: {flown.outcome.reason}")
+        if flown.ending == "aborted":
+            raise NotAchieved(f"{stage}: {flown.reason}")
         return flown
 
-    def attempt(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Flown:
+    def attempt(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Trial:
         """Fly *manoeuvre* and return it, however it ended.
 
         One that a silence interrupts is flown again; so is one that came to no good end while this computer paused.
@@ -118,14 +117,14 @@ class ManoeuvreRunner:
             begun = self._craft.clock.now()
             try:
                 flown = self._sequencer.fly(manoeuvre, stage, envelope or self._envelope)
-                if flown.outcome.ending != "aborted" or not self._is_spoilt_by_us(begun, flown.outcome.reason):
+                if flown.ending != "aborted" or not self._is_spoilt_by_us(begun, flown.reason):
                     self._check_sensors_agree(manoeuvre)
                     return flown
             except AutotuneError as error:
                 if not self.bear(error):
                     self._explain(error)
                     raise
-            self._watcher.say(f"continuing: {stage or again.name} is flown again from its start")
+            self._observer.say(f"continuing: {stage or again.name} is flown again from its start")
             self._come_down(again)
             manoeuvre = deepcopy(again)
 
@@ -146,7 +145,7 @@ class ManoeuvreRunner:
             wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
             if wrong or self.contradicted:
                 raise
-            self._watcher.say(f"steering, which is held during this: {error}")
+            self._observer.say(f"steering, which is held during this: {error}")
 
     def _is_spoilt_by_us(self, begun: float, reason: str) -> bool:
         """Whether this computer left the vehicle without commands for long since link time *begun* [s].
@@ -165,7 +164,7 @@ class ManoeuvreRunner:
         told = f"this computer paused for {pause:.1f} s without sending commands, so the vehicle released the overrides"
         if self._spoilt > MOST_SPOILT:
             raise PreconditionFailed(f"{reason}. But {told}. Close other programs or use a faster computer")
-        self._watcher.say(f"{reason}. But {told}")
+        self._observer.say(f"{reason}. But {told}")
         return True
 
     def _explain(self, error: AutotuneError) -> None:
@@ -195,10 +194,10 @@ class ManoeuvreRunner:
         if self._gains or manoeuvre.purpose == "check" or not manoeuvre.in_manual:
             self.contradicted = True
             raise PreconditionFailed(f"{manoeuvre.name}: {found}. The run ends here")
-        self._watcher.say(f"{manoeuvre.name}: {found}")
+        self._observer.say(f"{manoeuvre.name}: {found}")
 
     def bear(self, error: AutotuneError) -> bool:
-        """Return whether *error* was a silence that is over, the craft neutral and ready to go on."""
+        """Return whether *error* was a silence that is over, with the craft neutral and ready to continue."""
         if not self._patience.bear(error):
             return False
         self._sequencer.go_on()
@@ -236,11 +235,12 @@ class ManoeuvreRunner:
 
 
 LEFT_ALONE = 0.5
-"""Seconds of the vehicle's time after which ArduRover without a receiver takes its pilot for lost (mid-2025 builds)."""
+"""Seconds of the vehicle's time after which ArduRover without a receiver assumes that its pilot is lost (mid-2025
+builds)."""
 MOST_SPOILT = 2
 """Chosen: manoeuvres of one run that are flown again because this computer paused."""
 MOST = 5
-"""Chosen: interruptions borne in one run; a link that breaks more often is no link to tune over."""
+"""Most interruptions in one run; a link that breaks more often is not usable for a tune. Chosen."""
 _PROMPT = 0.8
 """Chosen [s]: a link that answers within this carries commands in time."""
 _INTERRUPTIONS = ("pause", "failsafe", "mode", "armed", "late")
@@ -269,7 +269,7 @@ class Patience:
         self._borne = 0
 
     def bear(self, error: AutotuneError) -> bool:
-        """Return whether *error* was a silence that is over, and the craft is neutral and as it was before.
+        """Return whether *error* was a silence that is over, with the craft neutral and in its previous state.
 
         Raises
         ------
@@ -301,13 +301,13 @@ class Patience:
     def _is_back(self) -> bool:
         """Wait for the vehicle, as long as was stated."""
         session = self._craft.session
-        if session.liveness.unheard <= _HERE:
+        if session.liveness.actual_silence <= _HERE:
             return session.liveness.longest(_LATELY) <= self._seconds
-        left = self._seconds - session.liveness.unheard
+        left = self._seconds - session.liveness.actual_silence
         if left <= 0.0:
             return False
         self._say(
-            f"no messages for {session.liveness.unheard:.0f} s: waiting {left:.0f} s more (--patience); "
+            f"no messages for {session.liveness.actual_silence:.0f} s: waiting {left:.0f} s more (--patience); "
             "Ctrl-C ends the run"
         )
         with suppress(LinkLost):
@@ -317,7 +317,7 @@ class Patience:
     def _make_ready(self) -> bool:
         craft = self._craft
         craft.await_heartbeat()
-        craft.see_restart()
+        craft.check_restart()
         change = craft.intervention()
         if change is not None and not self._may_undo(change):
             return False

@@ -56,9 +56,9 @@ LONGEST = 240.0
 """Chosen [s]: a manoeuvre that takes longer is not considered; two shorter ones allow a choice in between."""
 OVERHEAD = 5.0
 """Chosen [s]: additional time of each run, without a boat's return."""
-WORTH_IT = 0.05
+LEAST_IMPROVEMENT = 0.05
 """Chosen: a run that reduces the sum of the logarithmic errors by less brings no improvement."""
-IN_VAIN = 2
+MAX_UNSUCCESSFUL = 2
 """Chosen: the trial ends after so many runs without improvement."""
 
 
@@ -266,7 +266,7 @@ def check_identifiable(precision: Precision, first: ManoeuvreKind, firmware: Fir
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialStep:
-    """One run of a trial that plans itself: why it was flown, what was known after it, why it was the last."""
+    """One run of a self-planned trial: the reason for it, the precision after it, why it was the last."""
 
     run: str
     why: str
@@ -342,12 +342,11 @@ class SelfPlanner:
         away = [shortfall(s.outlook.relative, until.wanted) for s in self.steps] + [
             shortfall(seen.relative, until.wanted)
         ]
-        best = min(away[:-IN_VAIN], default=math.inf)
-        if min(away[-IN_VAIN:]) > best - _noticed(best):
+        best = min(away[:-MAX_UNSUCCESSFUL], default=math.inf)
+        if min(away[-MAX_UNSUCCESSFUL:]) > best - _noticed(best):
             return None, (
-                f"not reached: the last {IN_VAIN} runs brought no improvement, since the model lacks an effect that "
-                f"they "
-                "contain (see the doubts; gcs-autotune diagnose searches for the cause)"
+                f"not reached: the last {MAX_UNSUCCESSFUL} runs brought no improvement, since the model lacks an "
+                "effect that they contain (see the doubts; gcs-autotune diagnose searches for the cause)"
             )
         if seen.choices is None:
             return self._blindly(number, run_of)
@@ -372,7 +371,7 @@ class SelfPlanner:
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
     def _blindly(self, number: int, run_of: Callable[[FlySettings], FlightRun]) -> tuple[FlightRun | None, str]:
-        """Return the gentlest run of a manoeuvre not flown yet; for an unstable model, which predicts nothing."""
+        """Return the gentlest run of a manoeuvre not flown yet, for an unstable model, which predicts nothing."""
         for offer in self._offers:
             name = offer.settings.kind.name
             if name in self._tried:
@@ -386,7 +385,7 @@ class SelfPlanner:
 
 def _noticed(away: float) -> float:
     """Return the least improvement that counts at this distance *away* from the required precision."""
-    return min(WORTH_IT, 0.5 * away)
+    return min(LEAST_IMPROVEMENT, 0.5 * away)
 
 
 def _beyond(choice: Choice, envelope: Envelope) -> str:

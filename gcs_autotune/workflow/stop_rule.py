@@ -29,8 +29,8 @@ from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, unexplained
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import LEAST_REVERSALS, Relay
+from gcs_autotune.observer import Observer, PredictedCost, SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import PredictedCost, SilentWatcher, Watcher
 from gcs_autotune.workflow.worker import Worker
 
 __all__ = ["BY_ITSELF", "SPREAD", "UNEXPLAINED", "Assessment", "DesignQuestion", "KnownDesign", "assess"]
@@ -147,7 +147,7 @@ class KnownDesign:
     Every half period from the third on is assessed, in turn. So a slow computer gives the same result for one record as
     a fast one, only later. What was flown while a result was awaited does not count (:attr:`counted_to`).
 
-    :meth:`start` comes first. *watcher* gets the predicted ITAE.
+    :meth:`start` comes first. *observer* gets the predicted ITAE.
 
     Attributes
     ----------
@@ -158,10 +158,10 @@ class KnownDesign:
     """
 
     def __init__(
-        self, craft: MavlinkCraft, worker: Worker, question: DesignQuestion, watcher: Watcher | None = None
+        self, craft: MavlinkCraft, worker: Worker, question: DesignQuestion, observer: Observer | None = None
     ) -> None:
         self._craft, self._worker, self.question = craft, worker, question
-        self._watcher = watcher or SilentWatcher()
+        self._observer = observer or SilentObserver()
         self._at_work = self._stale = False
         self._reversals = 0
         self._waiting: deque[Trial] = deque()
@@ -193,7 +193,7 @@ class KnownDesign:
             self._judged(self._of_step, None)
 
     def update(self, relay: Relay, reversals: int) -> str:
-        """Take note of one tick of *relay* after so many *reversals*; return why it may end, empty while it may not."""
+        """Process one tick of *relay* after so many *reversals*; return why it may end, or an empty text."""
         if reversals >= LEAST_REVERSALS and reversals > self._reversals:
             self._reversals = reversals
             self._waiting.append(self._craft.recorded_so_far(relay.settings).proper)
@@ -230,7 +230,7 @@ class KnownDesign:
         return ""
 
     def _answered(self, answer: Callable[[], Assessment]) -> str:
-        """Take the worker's *answer*; return why the relay may end, empty while it may not."""
+        """Process the worker's *answer*; return why the relay may end, or an empty text."""
         self._at_work = False
         try:
             assessment = answer()
@@ -251,7 +251,7 @@ class KnownDesign:
         last, self._last = self._last, now
         if now.gains is not None:
             self._gains = now.gains
-            self._watcher.note(PredictedCost(now.gains.itae, now.gains.itae * (1.0 + now.gains.spread)))
+            self._observer.note(PredictedCost(now.gains.itae, now.gains.itae * (1.0 + now.gains.spread)))
         is_known = now.answers and (last is None or not last.answers or not now.moved_from(last))
         self._times = self._times + 1 if is_known else 0
         if run is None:
@@ -268,7 +268,7 @@ class KnownDesign:
         return ""
 
     def weigh(self, whole: Assessment) -> None:
-        """Take note of the assessment of a run that was flown earlier, to its end."""
+        """Process the assessment of a run flown earlier, to its end."""
         self.known, self.another_size = whole.answers, whole.another_size
 
     def close(self) -> None:

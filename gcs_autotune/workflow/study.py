@@ -1,4 +1,4 @@
-"""An identification from end to end: runs in, fits by one or all methods, checks on unseen data, what to fly next."""
+"""An identification from end to end: runs, fits by one or all methods, validation, next manoeuvres."""
 
 from __future__ import annotations
 
@@ -37,39 +37,39 @@ from gcs_autotune.workflow.study_sections import (
     Intervals,
     Proposed,
     Weighed,
-    cannot_tell,
     chosen_form,
     compared,
     drags_weighed,
     forms_weighed,
     next_manoeuvres,
+    not_distinguished,
     profiled,
-    response_pictures,
+    response_plots,
 )
 
 __all__ = ["study", "study_of"]
 
 HELD_BACK = 0.3
-"""Share of a single run held back for the check on unseen data: its end."""
+"""Share of a single run held out for validation: its end."""
 
 MOST_FOLDS = 8
-"""Runs left out in turn; with more of them they are left out in groups."""
+"""Most runs held out one at a time; more are held out in groups."""
 
 ALL = "all"
 
 
 Stage = Callable[[str, int, int], None]
-"""Told what is being done, how many pieces of it are done and of how many."""
+"""Receives the present step, how many pieces of it are done, and of how many."""
 
 
 def _unheard(stage: str, done: int, total: int) -> None:
-    """Nobody wants to know."""
+    """Ignore progress."""
 
 
 def study(
     runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, when: str, stage: Stage = _unheard
 ) -> Study:
-    """Identify from *runs*, check on *unseen* ones; without any, on parts of *runs* left out in turn.
+    """Identify from *runs* and validate on *unseen* ones; without any, on parts of *runs* held out in turn.
 
     stage : told how far it is, before each piece of work.
 
@@ -117,19 +117,19 @@ def study(
         how_unseen=_how(runs, unseen, answer) if settings.check else "",
         choice=drags.rows or forms.rows,
         choice_verdict=drags.verdict or forms.verdict,
-        cannot_tell=cannot_tell(answer.fit, runs),
+        not_distinguished=not_distinguished(answer.fit, runs),
         intervals=stated.sentences,
         compared_with="" if beside is None else beside.name,
         comparisons=() if beside is None else compared(answer.fit, beside, runs),
         proposals=flown.rows,
         proposal_verdict=flown.verdict,
-        figures=(*response_pictures(fitted), *stated.pictures, *flown.pictures),
+        figures=(*response_plots(fitted), *stated.pictures, *flown.pictures),
         trials=(*runs, *unseen),
     )
 
 
 def _naming_what_moved_too(answer: MethodOutcome, runs: Sequence[Trial]) -> MethodOutcome:
-    """Return *answer* with a doubt for the degrees of freedom that moved and that its model leaves out."""
+    """Return *answer* with a doubt for degrees of freedom that moved but are not in its model."""
     if not isinstance(answer.fit, AxisFit):
         return answer
     doubts = (*answer.fit.doubts, *moved_too(runs, (answer.fit.dof,)))
@@ -137,19 +137,19 @@ def _naming_what_moved_too(answer: MethodOutcome, runs: Sequence[Trial]) -> Meth
 
 
 def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Study:
-    """Return a fit that was made elsewhere as a study of its *runs*, nothing checked on unseen data."""
+    """Return a fit made elsewhere as a study of its *runs*, without validation."""
     return Study(
         title=title,
         when=when,
         runs=tuple(_row(t, "identification") for t in runs),
         outcomes=(MethodOutcome(fit.method, fit, 0.0),),
-        cannot_tell=cannot_tell(fit, runs),
+        not_distinguished=not_distinguished(fit, runs),
         trials=tuple(runs),
     )
 
 
 def _other_model(settings: StudySettings, runs: Sequence[Trial], stage: Stage) -> ModelFile:
-    """Return the model to compare with, fitted to the same runs where a method was named."""
+    """Return the model to compare with, fitted to the same runs if a method was named."""
     if isinstance(settings.compare, ModelFile):
         return settings.compare
     method = str(settings.compare)
@@ -160,7 +160,7 @@ def _other_model(settings: StudySettings, runs: Sequence[Trial], stage: Stage) -
 
 
 class _Pieces:
-    """Counts the pieces of work of a study for those who wait."""
+    """Counts the pieces of work of a study for its progress."""
 
     def __init__(self, stage: Stage, total: int) -> None:
         self._stage = stage
@@ -173,17 +173,17 @@ class _Pieces:
         self._begun += 1
 
     def skip(self, count: int) -> None:
-        """So many pieces are not done."""
+        """Skip so many pieces."""
         self._begun += count
 
 
 def _checks(runs: Sequence[Trial], unseen: Sequence[Trial]) -> int:
-    """Return how many times what was found is held against data left out."""
+    """Return the number of validations on held-out data."""
     return len(unseen) or min(len(runs), MOST_FOLDS)
 
 
 def structure_of(settings: StudySettings) -> str | Path | Form | None:
-    """Return the structure asked for, with the constants that are known."""
+    """Return the requested structure, with known constants."""
     if not settings.known:
         return settings.structure
     if settings.begin is not None:
@@ -195,7 +195,7 @@ def structure_of(settings: StudySettings) -> str | Path | Form | None:
 
 
 def _methods(settings: StudySettings) -> list[str]:
-    """Return the method asked for, or all that fit this kind of model."""
+    """Return the requested method, or all that fit this kind of model."""
     if settings.method != ALL:
         return [settings.method]
     if settings.effects or settings.begin is not None:
@@ -217,7 +217,7 @@ def _outcome(
 
     def identify(trials: Sequence[Trial]) -> Fit:
         options = {k: v for k, v in settings.options.items() if not lenient or k in dict(METHODS[method].options)}
-        if method == "output-error" and _tells_a_thrust_curve(trials, settings):
+        if method == "output-error" and _shows_a_thrust_curve(trials, settings):
             return fit_surge(trials, structure=_drag(settings), delay=settings.delay)
         return fit(
             trials,
@@ -248,8 +248,8 @@ def _outcome(
     return MethodOutcome(method, found, seconds, checked, objections="; ".join(dict.fromkeys(objections)))
 
 
-def _tells_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
-    """Whether the runs were flown to tell how thrust goes with throttle, and nothing else was asked for."""
+def _shows_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
+    """Return whether the runs were flown to identify thrust over throttle, and no other structure is requested."""
     flown = all(t.meta.get("thrust_curve") is True for t in trials)
     drag = settings.structure is None or (isinstance(settings.structure, str) and settings.structure in FREE)
     plain = not (settings.effects or settings.begin or settings.known or settings.use or settings.options)
@@ -268,7 +268,7 @@ def _check(
     unseen: Sequence[Trial],
     begin: Callable[[], None],
 ) -> tuple[Validation | None, list[str]]:
-    """Return how the model predicts what it has not seen, if anything could be checked, and what could not and why."""
+    """Return the prediction of held-out data, if there was any, and what could not be validated and why."""
     parts: list[Validation] = []
     objections: list[str] = []
     for model, held in _folds(found, identify, runs, unseen):
@@ -283,7 +283,7 @@ def _check(
 def _folds(
     found: Fit, identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial], unseen: Sequence[Trial]
 ) -> Iterator[tuple[Callable[[], Any], Sequence[Trial]]]:
-    """Yield a way to the model and the runs it is to predict."""
+    """Yield a function that fits, and the runs that its model must predict."""
     if unseen:
         for run in unseen:
             yield (lambda: whole_model(found)), [run]
@@ -305,7 +305,7 @@ def _folds(
 
 
 def _with_what_went_before(rest: Trial, run: Trial, model: ExtendedModel) -> Trial:
-    """Return *rest* with the commands of the whole run: play, lag and drift do not begin anew where it was cut."""
+    """Return *rest* with the commands of the whole run: backlash, lag and drift continue across the cut."""
     commands = {n: run[n] for n in model.base.form.inputs if n in run}
     return replace(rest, channels={**rest.channels, **commands})
 
@@ -315,7 +315,7 @@ def _model_of(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial])
 
 
 def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) -> str:
-    """Return which data the check used, and what could not be checked."""
+    """Return which data the validation used, and what could not be validated."""
     said = _checked_on(runs, unseen) if answer.unseen is not None else "No held-out check was possible."
     return said + (f" Not checked: {answer.objections}." if answer.objections else "")
 

@@ -1,4 +1,4 @@
-"""What a study adds to a fit: what the runs cannot tell, why this structure, what to fly next, the Bode picture."""
+"""Additions of a study to a fit: undetermined parameters, choice of structure, next manoeuvres, Bode plot."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ from gcs_autotune.identify import (
 )
 from gcs_autotune.models import Form, Nomoto1
 from gcs_autotune.report import correlation_plot, frequency_plot, plan_plot, profile_plot
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import StudySettings
 
@@ -43,18 +44,18 @@ __all__ = [
     "Intervals",
     "Proposed",
     "Weighed",
-    "cannot_tell",
     "chosen_form",
     "compared",
     "drags_weighed",
     "forms_weighed",
     "next_manoeuvres",
+    "not_distinguished",
     "profiled",
-    "response_pictures",
+    "response_plots",
 ]
 
 SHOWN = 6
-"""Manoeuvres shown of those ranked."""
+"""Number of ranked manoeuvres shown."""
 
 WELL_KNOWN = 0.02
 """Relative standard error below which a parameter needs no further run: any design tolerates more."""
@@ -68,7 +69,7 @@ Plot: TypeAlias = tuple[str, Callable[[], "Figure"]]
 
 @dataclass(frozen=True, slots=True)
 class Weighed:
-    """Structures weighed: rows of ``study_tables.choice_table`` and the verdict."""
+    """Structures compared: rows of ``study_tables.choice_table`` and the verdict."""
 
     rows: Rows = ()
     verdict: str = ""
@@ -76,7 +77,7 @@ class Weighed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intervals:
-    """Intervals of parameters: one sentence each, pictures with captions."""
+    """Intervals of parameters: one sentence each, plots with captions."""
 
     sentences: tuple[str, ...] = ()
     pictures: tuple[Plot, ...] = ()
@@ -84,15 +85,15 @@ class Intervals:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposed:
-    """Manoeuvres worth flying: rows of ``study_tables.proposal_table``, the verdict, pictures with captions."""
+    """Recommended manoeuvres: rows of ``study_tables.proposal_table``, the verdict, plots with captions."""
 
     rows: Rows = ()
     verdict: str = ""
     pictures: tuple[Plot, ...] = ()
 
 
-def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
-    """Return what these runs cannot tell of the parameters, one sentence each."""
+def not_distinguished(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
+    """Return which parameters these runs do not determine, one sentence each."""
     try:
         doubts = identifiability(fit, runs).doubts
     except AutotuneError:
@@ -101,7 +102,7 @@ def cannot_tell(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
 
 
 def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
-    """Return how the model of *fit* and the *other* move under the inputs of *runs*, axis by axis.
+    """Return how the model of *fit* and the *other* respond to the inputs of *runs*, axis by axis.
 
     Raises
     ------
@@ -113,7 +114,7 @@ def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComp
 
 
 def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
-    """Return the intervals of the parameters *names* by profile likelihood, and how the estimates move together.
+    """Return the profile-likelihood intervals of the parameters *names*, and how the estimates are correlated.
 
     Raises
     ------
@@ -135,7 +136,7 @@ def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals
 
 
 def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:
-    """Return the drag structures with their errors on data left out, and the verdict."""
+    """Return the drag structures with their errors on held-out data, and the verdict."""
     try:
         choice = weigh_drags(fit, runs)
     except AutotuneError:
@@ -156,12 +157,11 @@ def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:
 def _people(value: float, signal: str) -> str:
     if not math.isfinite(value):
         return "cannot predict"
-    angular = signal in ("psi", "phi", "theta", "p", "q", "r")
-    return f"{math.degrees(value):.3g}\u00b0" if angular else f"{value:.3g}"
+    return f"{math.degrees(value):.3g}\u00b0" if SIGNALS[signal].angular else f"{value:.3g}"
 
 
 def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySettings) -> FormChoice:
-    """Return the form left when the terms these runs do not justify are dropped.
+    """Return the form without the terms that these runs do not justify.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySetting
 
 
 def forms_weighed(choice: FormChoice) -> Weighed:
-    """Return the forms tried with their errors on data left out, and why."""
+    """Return the forms tried, with their errors on held-out data, and the reason."""
     least = min((r.bic for r in choice.table if math.isfinite(r.bic)), default=math.nan)
     rows = tuple(
         (
@@ -193,7 +193,7 @@ def forms_weighed(choice: FormChoice) -> Weighed:
 
 
 def next_manoeuvres(fit: Fit, runs: Sequence[Trial], seconds: float) -> Proposed:
-    """Return the manoeuvres worth flying next, the verdict, and a picture of what the best one buys."""
+    """Return the recommended manoeuvres, the verdict, and a plot of the improvement by the best one."""
     proposal = plan_next(fit, runs, seconds=seconds)
     rows = []
     for plan in proposal.plans[:SHOWN]:
@@ -214,8 +214,8 @@ def _times(factor: float) -> str:
     return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
 
 
-def response_pictures(fits: Sequence[Fit]) -> tuple[Plot, ...]:
-    """Return the Bode picture when one of the fits measured a frequency response."""
+def response_plots(fits: Sequence[Fit]) -> tuple[Plot, ...]:
+    """Return the Bode plot if one of the fits measured a frequency response."""
     found = next((f for f in fits if isinstance(f, AxisFit) and f.method == "frequency"), None)
     if found is None:
         return ()

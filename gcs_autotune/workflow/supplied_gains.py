@@ -43,7 +43,7 @@ def load_gains(path: Path, axis: str) -> SuppliedGains:
             f"the run of {file} steps {flown.meta.get('signal')}, but a tune of {axis} steps {stepped}. Use the "
             "axis of that run"
         )
-    if flown is None and stepped in ("u", "r"):
+    if flown is None and AXES[axis].controls_velocity:
         raise UsageError(
             f"{file} is not in a run with a {axis} step, which sets the step for the proof. "
             "Use the directory of a dry run (`tune ... --dry-run`)"

@@ -1,4 +1,4 @@
-"""A model of a file instead of an identified one: is it of this axis, and does it explain the craft's motion?"""
+"""A model from a file instead of an identified one: check that it is of this axis and explains the motion."""
 
 from __future__ import annotations
 

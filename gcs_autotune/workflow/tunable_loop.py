@@ -13,9 +13,9 @@ from typing import Protocol, Self
 
 from gcs_autotune.design import Change, Verdict
 from gcs_autotune.link import Journal
-from gcs_autotune.watch import Fact, NewValue, ProposedGains
+from gcs_autotune.observer import Fact, NewValue, ProposedGains
 
-__all__ = ["GainLoan", "Offer", "ProofResult", "TunableLoop", "TuneWatcher", "tune_loop"]
+__all__ = ["GainLoan", "Offer", "ProofResult", "TunableLoop", "TuneObserver", "tune_loop"]
 
 
 class GainLoan(Protocol):
@@ -97,23 +97,23 @@ class TunableLoop(Protocol):
         """Fly the proof with the new gains and compare it with the present ones' proof."""
 
 
-class TuneWatcher(Protocol):
+class TuneObserver(Protocol):
     """What reports the progress of a tune, and keeps its ending for the report."""
 
     verdict: tuple[bool | None, tuple[str, ...]]
 
     def say(self, text: str) -> None:
-        """Take note of something that happened, in one sentence."""
+        """Receive an event, in one sentence."""
 
     def note(self, fact: Fact) -> None:
-        """Take note of a fact."""
+        """Receive a fact."""
 
     def end(self, ending: str, reason: str) -> None:
-        """Take note of how it ended."""
+        """Receive the ending."""
 
 
 def tune_loop(
-    loop: TunableLoop, watcher: TuneWatcher, agrees: Callable[[str], bool], journal: Journal, *, dry_run: bool = False
+    loop: TunableLoop, observer: TuneObserver, agrees: Callable[[str], bool], journal: Journal, *, dry_run: bool = False
 ) -> None:
     """Tune *loop*: on every ending its gains are the present ones, or new ones that proved better.
 
@@ -127,36 +127,36 @@ def tune_loop(
     loop.experiment()
     offer = loop.propose()
     if offer.promise:
-        watcher.say(offer.promise)
+        observer.say(offer.promise)
     if offer.changes:
         values = tuple(NewValue(c.parameter, c.old, c.new, c.reason) for c in offer.changes)
-        watcher.note(ProposedGains(values, *offer.costs))
+        observer.note(ProposedGains(values, *offer.costs))
     if offer.refusal or not offer.changes:
-        watcher.end("unchanged", f"{offer.refusal or 'no better gains were found'}; nothing was written")
+        observer.end("unchanged", f"{offer.refusal or 'no better gains were found'}; nothing was written")
     elif dry_run:
-        watcher.end("dry-run", "dry run: nothing was written")
+        observer.end("dry-run", "dry run: nothing was written")
     elif not agrees(f"Write {_shown(offer.changes)} and prove it by the same step?"):
-        watcher.end("declined", "the new gains were declined; nothing was written")
+        observer.end("declined", "the new gains were declined; nothing was written")
     else:
         loop.fly_baseline()
-        _prove(loop, offer, watcher, journal)
+        _prove(loop, offer, observer, journal)
 
 
-def _prove(loop: TunableLoop, offer: Offer, watcher: TuneWatcher, journal: Journal) -> None:
+def _prove(loop: TunableLoop, offer: Offer, observer: TuneObserver, journal: Journal) -> None:
     with loop.lend(journal) as loan:
-        watcher.say("writing " + ", ".join(f"{name} {value:g}" for name, value in offer.new.items()))
+        observer.say("writing " + ", ".join(f"{name} {value:g}" for name, value in offer.new.items()))
         loan.set(offer.new)
-        watcher.say("written and read back")
+        observer.say("written and read back")
         result = loop.prove()
         better = result.verdict.better
-        watcher.verdict = (better, tuple(result.verdict.reasons))
+        observer.verdict = (better, tuple(result.verdict.reasons))
         if better:
             loan.keep()
             for remark in result.remarks:
-                watcher.say(remark)
-            watcher.end("kept", "the new gains are better and stay")
+                observer.say(remark)
+            observer.end("kept", "the new gains are better and stay")
     if not better:
-        watcher.end("restored", "the new gains are not better; the old ones were restored, verified by reading back")
+        observer.end("restored", "the new gains are not better; the old ones were restored, verified by reading back")
 
 
 def _shown(changes: Sequence[Change]) -> str:

@@ -13,9 +13,9 @@ from functools import partial
 from gcs_autotune.design import LAWS
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, proof_command, write_story
-from gcs_autotune.watch import Watcher
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.autopilot_loop import autopilot_loop, learn_parameters
 from gcs_autotune.workflow.connection import axis_of
@@ -37,7 +37,7 @@ from gcs_autotune.workflow.tune_preview import excursion_of, movements_of, tune_
 __all__ = ["tune"]
 
 
-def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str) -> TuneStory:
+def tune(settings: TuneSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
     """Tune one axis and return its story; the run directory holds everything on every ending.
 
     Raises
@@ -46,7 +46,7 @@ def tune(settings: TuneSettings, operator: Operator, watcher: Watcher, when: str
         What ended it early. By then the vehicle is as before (or ``NotAsFound`` states what is not), and the report of
         the aborted run is written.
     """
-    earlier, record, log = Earlier(settings), RunDirectory(settings.directory), TuneLog(settings, when, watcher)
+    earlier, record, log = Earlier(settings), RunDirectory(settings.directory), TuneLog(settings, when, observer)
     axes = [f.axes[settings.axis] for f in FIRMWARE.values() if settings.axis in f.axes]
     compiled = {"dofs": tuple(a.dof for a in axes), "laws": tuple(a.law for a in axes)}
     visit = visiting(settings, operator, log, record, settings.axis, **compiled)
@@ -63,9 +63,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     context = _learn(settings, earlier, visit)
     craft, log, axis = visit.craft, visit.log, context.axis
     now, firmware = craft.observe(), craft.firmware
-    pace, slow = (
-        pace_of(under_way=firmware.needs_way, skid=craft.skid, restless=restless) for restless in (False, True)
-    )
+    pace, slow = (pace_of(craft.steered_by, restless=restless) for restless in (False, True))
     itinerary = Itinerary(tune_legs(context, pace, now), pace.turn)
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))

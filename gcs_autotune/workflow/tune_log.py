@@ -1,4 +1,4 @@
-"""What has happened so far in a tune, collected as it happens, so that any ending has its report."""
+"""Events of a tune, collected as they happen, so that every ending has its report."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from gcs_autotune.design import Change, Proposal, StepMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.observer import Observer, Progress
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Progress, Watcher
 from gcs_autotune.workflow.itinerary import MissionLog
 from gcs_autotune.workflow.settings import TuneSettings
 
@@ -20,10 +20,10 @@ __all__ = ["TuneLog"]
 
 
 class TuneLog(MissionLog):
-    """A watcher that remembers, and passes everything on to the watcher in front of the person."""
+    """An observer that stores everything and forwards it to the user's observer."""
 
-    def __init__(self, settings: TuneSettings, when: str, watcher: Watcher) -> None:
-        super().__init__(watcher)
+    def __init__(self, settings: TuneSettings, when: str, observer: Observer) -> None:
+        super().__init__(observer)
         self._settings = settings
         self._when = when
         self._t = math.nan
@@ -45,17 +45,17 @@ class TuneLog(MissionLog):
         self.parameters_after: dict[str, float] = {}
 
     def update(self, progress: Progress) -> None:
-        """Note the vehicle's time and pass the tick on."""
+        """Store the vehicle's time and forward the tick."""
         self._t = progress.t
         super().update(progress)
 
     def say(self, text: str) -> None:
-        """Note an event and pass it on."""
+        """Store an event and forward it."""
         self._events.append((self._t, text))
         super().say(text)
 
     def meet(self, craft: MavlinkCraft) -> None:
-        """Note which vehicle it is and how fast it talks."""
+        """Store which vehicle it is and the rates of its telemetry."""
         self._craft = craft
         transport, vehicle = craft.session.transport, craft.session.vehicle
         self._vehicle = {
@@ -69,7 +69,7 @@ class TuneLog(MissionLog):
         }
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """State, before anything moves, what will be done."""
+        """Announce, before anything moves, what will be done."""
         self._announced = intentions
         super().announce(intentions)
 
@@ -81,21 +81,21 @@ class TuneLog(MissionLog):
         return self._craft.parameters.types, (vehicle.system, vehicle.component)
 
     def flown(self, trial: Trial) -> None:
-        """Note a trial that is over; one flown again takes the place of the one that was interrupted."""
+        """Store a completed trial; one flown again replaces the interrupted one."""
         self._trials = [*(t for t in self._trials if t.name != trial.name), trial]
 
     @property
     def finished(self) -> list[str]:
-        """The trials that came to their end."""
+        """The completed trials."""
         return [trial.name for trial in self._trials if trial.ending == "completed"]
 
     def end(self, ending: str, reason: str) -> None:
-        """Note how it ended."""
+        """Store the ending."""
         self._ending, self._reason = ending, reason
         self.say(reason)
 
     def abort(self, error: BaseException) -> None:
-        """Note what ended it early."""
+        """Store what ended it early."""
         self._ending, self._reason = "aborted", str(error) or type(error).__name__
         self._events.append((self._t, f"aborted: {self._reason}"))
 
@@ -110,7 +110,7 @@ class TuneLog(MissionLog):
         return float(np.mean(speeds)) if speeds else 0.0
 
     def story(self) -> TuneStory:
-        """Return all of it, as far as it got."""
+        """Return everything stored so far."""
         s = self._settings
         kept, reasons = self.verdict
         return TuneStory(
@@ -142,7 +142,7 @@ class TuneLog(MissionLog):
         )
 
     def _link_times(self) -> dict[str, object]:
-        """Return how late things were on the link, as one sentence and as numbers [s]."""
+        """Return the delays on the link, as one sentence and as numbers [s]."""
         if self._craft is None:
             return {}
         times = self._craft.link_times

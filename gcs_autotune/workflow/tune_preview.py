@@ -6,12 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gcs_autotune.axes import axis_kind
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.manoeuvres import Envelope, Manoeuvre, PlantState
+from gcs_autotune.workflow.accompanying_step import flies_accompanying_step
 from gcs_autotune.workflow.announcement import ROV_ROOM, deepest
-from gcs_autotune.workflow.beside import flies_beside
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.excursion import (
     NO_LIMITS,
@@ -64,9 +63,9 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
 
 def _stepped(context: TuneContext) -> tuple[float, float]:
     """Return how far a step of the settings goes from the start: heading [rad] and depth [m]."""
-    step, dof = context.settings.step, context.axis.dof
-    size = 0.0 if step is None or axis_kind(context.axis.name).stepped not in ("psi", "z") else abs(step)
-    return (size, 0.0) if dof == "yaw" else (0.0, size)
+    step, kind = context.settings.step, context.axis.kind
+    size = 0.0 if step is None or kind.controls_velocity else abs(step)
+    return (size, 0.0) if kind.angular else (0.0, size)
 
 
 def _what(context: TuneContext) -> str:
@@ -78,7 +77,7 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
     craft, settings, axis = context.craft, context.settings, context.axis
     seen = []
     for itinerary in itineraries:
-        for like in assumed_crafts(under_way=True, skid=craft.skid):
+        for like in assumed_crafts(craft.steered_by):
             plant = assumed_plant(craft.firmware, context.present, context.throttle, context.speed, like)
             check = sign_check_for(axis.dof, craft, context.throttle, axis.needs_speed, settings.relay_output)
             limits = replace(NO_LIMITS, distance=envelope.distance_limit, cruise=envelope.cruise)
@@ -94,7 +93,7 @@ def tune_legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, 
     given = context.given is not None or context.settings.gains is not None
     dives = dive_for(dof, firmware, now) is not None
     moving = context.law.controls_velocity
-    beside = flies_beside(context) and context.settings.gains is None
+    beside = flies_accompanying_step(context) and context.settings.gains is None
     return legs_of_tune(context.settings, dof, pace, moving=moving, given=given, dives=dives, beside=beside)
 
 
@@ -120,7 +119,7 @@ LEAST_STEP, TOLD = 20.0, 0.35
 
 def movements_of(context: TuneContext, now: Observation) -> str:
     """Return in words what moves during a tune."""
-    axis, d, speed = context.axis, axis_kind(context.axis.name), context.speed
+    axis, d, speed = context.axis, context.axis.kind, context.speed
     step = context.settings.step if context.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "
     shown = "" if context.law.controls_velocity else shown
@@ -131,5 +130,5 @@ def movements_of(context: TuneContext, now: Observation) -> str:
     signs = d.excitation.check
     kind = "throttle steps" if d.excitation.by_throttle else f"oscillations about the present {d.excitation.title}"
     swings = f" and {kind}" if context.given is None and context.settings.gains is None else ""
-    beside = ", steps in turn rate" if flies_beside(context) and context.settings.gains is None else ""
+    beside = ", steps in turn rate" if flies_accompanying_step(context) and context.settings.gains is None else ""
     return f"{signs}{down}{shown}steps in {axis.name}{beside}{swings}{under_way}"

@@ -1,7 +1,7 @@
-"""The computing of a run, done by an executor in a process of its own. The loop that holds the sticks never waits.
+"""The worker: computes for a run in a process of its own, so that the control loop never waits.
 
-A thread would not do: what computes in Python and NumPy lets go of the interpreter only now and then, and the overrides
-pause meanwhile. The process is started ahead.
+A thread does not suffice: Python and NumPy code rarely releases the interpreter, and overrides would pause. The process
+is started ahead.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gcs_autotune.executor import Executor, KeptProcess, SerialExecutor
 __all__ = ["Worker"]
 
 _GRACE = 5.0
-"""Chosen [s]: so long it may take until it shows that a process is gone."""
+"""Time until the end of a process is noticed [s]. Chosen."""
 
 
 class Worker:
@@ -35,7 +35,7 @@ class Worker:
         self._abandoned = False
 
     def begin(self, work: Callable[[], Any]) -> None:
-        """Have *work* done; everything it refers to, and its result, must be what ``pickle`` takes."""
+        """Start *work*; it and its result must be picklable."""
         if self._process is not None and (self._abandoned or not self._process.is_alive):
             self._end()
         if self.apart and self._process is None:
@@ -44,11 +44,11 @@ class Worker:
 
     @property
     def done(self) -> bool:
-        """Whether the work begun last is done."""
+        """Whether the last work is done."""
         return self._job is not None and self._job.done
 
     def result(self) -> Any:
-        """Return what it came to, when :attr:`done`; what it raised is raised here.
+        """Return its result, when :attr:`done`; its exception is raised here.
 
         Raises
         ------
@@ -60,13 +60,13 @@ class Worker:
         return job.result()
 
     def abandon(self) -> None:
-        """The result is not needed any more."""
+        """Discard the result."""
         if self._job is not None and not self._job.done and self._process is not None:
             self._process.kill()
             self._abandoned = True
 
     def close(self) -> None:
-        """End the process, at work or not. Closing twice does nothing."""
+        """End the process, working or not. May be called twice."""
         self.apart = False
         self._end()
 
@@ -89,7 +89,7 @@ class Worker:
 
 
 class _Job:
-    """One piece of work and what came of it: done at once, or by *process*, in a thread that only waits for it."""
+    """One piece of work and its result: computed at once, or by *process*, in a thread that only waits for it."""
 
     def __init__(self, work: Callable[[], Any], process: KeptProcess | None) -> None:
         self.done = False

@@ -1,4 +1,4 @@
-"""What a record shows of reversed outputs, and of sensors that contradict each other.
+"""Find reversed outputs and contradicting sensors in a record.
 
 A craft that turns away from where it is steered, or that throttle alone turns, trips a limit sooner or later. The
 limit is right then, and a larger one does not help: the record shows which servo function or direction is wrong.
@@ -23,7 +23,7 @@ __all__ = ["SPUN", "contradiction_in", "tripped", "why_tripped"]
 Array = NDArray[np.float64]
 
 LOOKED_AT = 8.0
-"""Chosen [s]: the end of a record that shows why a limit tripped."""
+"""Length of the end of a record that shows why a limit tripped [s]. Chosen."""
 STEERED, IDLE, FELT = 0.04, 0.02, 0.15
 """Chosen: rms steering, as a share of full, that counts as steered, the least throttle, and what
 steering a spinning craft would have felt."""
@@ -157,7 +157,7 @@ def _stretch(trial: Trial, seconds: float) -> _Stretch:
 
 
 def _alike(s: _Stretch, late: float) -> float:
-    """Return how well the rate follows the steering *late* [s] before, about zero: -1..1."""
+    """Return the correlation of rate and steering *late* [s] before, about zero: -1..1."""
     if not len(s.t):
         return 0.0
     before = np.interp(s.t - late, s.t, s.steering)
@@ -166,7 +166,7 @@ def _alike(s: _Stretch, late: float) -> float:
 
 
 GRAVE = ("psi against r", "psi against track", "z against w")
-"""Pairs that loops are closed over."""
+"""Pairs of signals used in closed loops."""
 
 
 def contradiction_in(trial: Trial) -> str:

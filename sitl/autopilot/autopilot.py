@@ -211,7 +211,7 @@ class Autopilot(ABC):
         """Queue a STATUSTEXT (at most 50 characters reach the ground)."""
         self.texts.append((severity, text))
 
-    def hear_gcs(self) -> None:
+    def note_gcs(self) -> None:
         """Note that the ground station with the right id has spoken."""
         self.last_gcs_ms = self.ms
 

@@ -83,7 +83,7 @@ class Sub(Autopilot):
             self.reset_loops()
         self.motors.output(self.rail, armed=self.armed)
 
-    def hear_pilot(self) -> None:
+    def note_pilot(self) -> None:
         """Note that sticks have come from the ground."""
         self._failsafe.last_pilot_ms = self.ms
 

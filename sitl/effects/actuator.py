@@ -10,16 +10,16 @@ from sitl.effects.places import find_input
 from sitl.plants import Wrench
 
 __all__ = [
-    "SimulatedAdvanceSpeedLoss",
-    "SimulatedAsymmetricThrust",
-    "SimulatedCommandCoupling",
-    "SimulatedDeadZone",
-    "SimulatedGainDrift",
-    "SimulatedPropellerWash",
-    "SimulatedQuadraticActuator",
-    "SimulatedRudderStall",
-    "SimulatedSaturation",
-    "SimulatedSpeedDependentSteering",
+    "AdvanceSpeedLoss",
+    "AsymmetricThrust",
+    "CommandCoupling",
+    "DeadZone",
+    "GainDrift",
+    "PropellerWash",
+    "QuadraticActuator",
+    "RudderStall",
+    "Saturation",
+    "SpeedDependentSteering",
 ]
 
 _WEAKEST = 0.05
@@ -45,7 +45,7 @@ class OnInput(HiddenEffect):
         raise NotImplementedError
 
 
-class SimulatedSaturation(OnInput):
+class Saturation(OnInput):
     """Clipped at a limit."""
 
     slug = "saturation"
@@ -58,7 +58,7 @@ class SimulatedSaturation(OnInput):
         return max(-limit, min(limit, u))
 
 
-class SimulatedDeadZone(OnInput):
+class DeadZone(OnInput):
     """Nothing happens for small commands, and all larger ones lose as much."""
 
     slug = "dead-zone"
@@ -70,7 +70,7 @@ class SimulatedDeadZone(OnInput):
         return math.copysign(max(abs(u) - self["width"], 0.0), u)
 
 
-class SimulatedQuadraticActuator(OnInput):
+class QuadraticActuator(OnInput):
     """Thrust goes with n|n| in part."""
 
     slug = "quadratic-actuator"
@@ -91,7 +91,7 @@ class SimulatedQuadraticActuator(OnInput):
         return u * (1.0 - share + share * abs(u) / self._full)
 
 
-class SimulatedRudderStall(OnInput):
+class RudderStall(OnInput):
     """Beyond an angle the rudder loses lift."""
 
     slug = "rudder-stall"
@@ -123,7 +123,7 @@ class TwoInputs(HiddenEffect):
         self._here, self._other = names
 
 
-class SimulatedAsymmetricThrust(TwoInputs):
+class AsymmetricThrust(TwoInputs):
     """Weaker (or stronger) one way than the other; ``"N+X"``: each of two thrusters that share both commands."""
 
     slug = "asymmetric-thrust"
@@ -152,7 +152,7 @@ class SimulatedAsymmetricThrust(TwoInputs):
         return u * self["ratio"] if u < 0.0 else u
 
 
-class SimulatedCommandCoupling(TwoInputs):
+class CommandCoupling(TwoInputs):
     """What is asked of one axis is in part done on another: ``"N+X"`` lets ``N`` have its share of ``X``."""
 
     slug = "command-coupling"
@@ -164,7 +164,7 @@ class SimulatedCommandCoupling(TwoInputs):
         inputs[self._here] += self["gain"] * inputs[self._other]
 
 
-class SimulatedGainDrift(OnInput):
+class GainDrift(OnInput):
     """Weaker with time."""
 
     slug = "gain-drift"
@@ -182,7 +182,7 @@ class SimulatedGainDrift(OnInput):
         return u * max(1.0 - self["rate"] * passed, _WEAKEST)
 
 
-class SimulatedSpeedDependentSteering(OnInput):
+class SpeedDependentSteering(OnInput):
     """Rudder force goes with the square of the speed through the water, in part."""
 
     slug = "speed-dependent-steering"
@@ -205,7 +205,7 @@ class SimulatedSpeedDependentSteering(OnInput):
         return u * (1.0 - share + share * (self._state.u / self._speed) ** 2)
 
 
-class SimulatedPropellerWash(TwoInputs):
+class PropellerWash(TwoInputs):
     """A rudder in a propeller's race: its force goes, in part, with the square of the thrust commanded."""
 
     slug = "propeller-wash"
@@ -221,7 +221,7 @@ class SimulatedPropellerWash(TwoInputs):
         inputs[self._here] *= 1.0 - share + share * ahead * abs(ahead)
 
 
-class SimulatedAdvanceSpeedLoss(OnInput):
+class AdvanceSpeedLoss(OnInput):
     """A thruster loses force as it runs into its own race: the bilinear thruster."""
 
     slug = "advance-speed-loss"

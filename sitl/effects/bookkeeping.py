@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting
 
 __all__ = [
-    "SimulatedChannelSwap",
-    "SimulatedSignError",
-    "SimulatedTimeOffset",
-    "SimulatedTimeScale",
-    "SimulatedUnitError",
+    "ChannelSwap",
+    "SignError",
+    "TimeOffset",
+    "TimeScale",
+    "UnitError",
 ]
 
 
@@ -22,7 +22,7 @@ _CARRIED_TOGETHER = ({"N", "X", "Z"}, {"phi", "theta", "psi", "p", "q", "r"}, {"
 """Columns a vehicle can swap: those that one message carries."""
 
 
-class SimulatedTimeScale(HiddenEffect):
+class TimeScale(HiddenEffect):
     """The file's clock runs at another pace: file time = factor times true time."""
 
     slug = "time-scale"
@@ -40,7 +40,7 @@ class SimulatedTimeScale(HiddenEffect):
             fields["t"] *= self["factor"]
 
 
-class SimulatedTimeOffset(HiddenEffect):
+class TimeOffset(HiddenEffect):
     """The signals' stamps are late against the inputs' (negative: they are early)."""
 
     slug = "time-offset"
@@ -75,7 +75,7 @@ class OnColumns(HiddenEffect):
         self._names = names
 
 
-class SimulatedUnitError(OnColumns):
+class UnitError(OnColumns):
     """Numbers in another unit than the header says."""
 
     slug = "unit-error"
@@ -93,7 +93,7 @@ class SimulatedUnitError(OnColumns):
             fields[self._names[0]] *= self["factor"]
 
 
-class SimulatedSignError(OnColumns):
+class SignError(OnColumns):
     """A column has the wrong sign."""
 
     slug = "sign-error"
@@ -110,7 +110,7 @@ class SimulatedSignError(OnColumns):
             fields[self._names[0]] = -fields[self._names[0]]
 
 
-class SimulatedChannelSwap(OnColumns):
+class ChannelSwap(OnColumns):
     """Two columns carry each other's data."""
 
     slug = "channel-swap"

@@ -8,18 +8,18 @@ from sitl.effects.effect import FORCE_OF, BadEffect, EffectParameter, HiddenEffe
 from sitl.plants import Parameters, State, Wrench
 
 __all__ = [
-    "SimulatedCoriolisCoupling",
-    "SimulatedMunkMoment",
-    "SimulatedSpeedDamping",
-    "SimulatedSwayMoment",
-    "SimulatedSwayYawCoupling",
-    "SimulatedVelocityProduct",
+    "CoriolisCoupling",
+    "MunkMoment",
+    "SpeedDamping",
+    "SwayMoment",
+    "SwayYawCoupling",
+    "VelocityProduct",
 ]
 
 _HORIZONTAL = ("surge", "sway", "yaw")
 
 
-class SimulatedCoriolisCoupling(HiddenEffect):
+class CoriolisCoupling(HiddenEffect):
     """Centripetal forces: ``X += X_vr v r``, ``Y += Y_ur u r``, ``N += N_uv u v``."""
 
     on_vehicles = "no: these vehicles have no sway (unless a --model has)"
@@ -46,7 +46,7 @@ class SimulatedCoriolisCoupling(HiddenEffect):
         wrench.N += self["N_uv"] * at.u * at.v
 
 
-class SimulatedSwayYawCoupling(HiddenEffect):
+class SwayYawCoupling(HiddenEffect):
     """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` off the diagonal of the mass matrix, both sides."""
 
     on_vehicles = "no: these vehicles have no sway (unless a --model has)"
@@ -97,7 +97,7 @@ class MomentOfFlow(HiddenEffect):
         raise NotImplementedError
 
 
-class SimulatedSwayMoment(MomentOfFlow):
+class SwayMoment(MomentOfFlow):
     """``N += N_v v``."""
 
     on_vehicles = "no: these vehicles have no sway (unless a --model has)"
@@ -111,7 +111,7 @@ class SimulatedSwayMoment(MomentOfFlow):
         return self["N_v"] * at.v
 
 
-class SimulatedSpeedDamping(MomentOfFlow):
+class SpeedDamping(MomentOfFlow):
     """``N += N_|u|r |u| r``."""
 
     on_vehicles = "yaw"
@@ -125,7 +125,7 @@ class SimulatedSpeedDamping(MomentOfFlow):
         return self["N_|u|r"] * abs(at.u) * at.r
 
 
-class SimulatedMunkMoment(MomentOfFlow):
+class MunkMoment(MomentOfFlow):
     """``N += N_uv u v``."""
 
     on_vehicles = "no: these vehicles have no sway (unless a --model has)"
@@ -143,7 +143,7 @@ _PRODUCT = re.compile(r"([XYZN])_((?:\|[uvwr]\||[uvwr]){1,3})")
 _AXIS_OF = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw"}
 
 
-class SimulatedVelocityProduct(HiddenEffect):
+class VelocityProduct(HiddenEffect):
     """A force or moment per product of velocities; the place is its SNAME derivative: ``N_|v|r``, ``X_vr``.
 
     Bars are moduli. Two equal letters are one with its modulus (``X_uu`` is ``X_|u|u``).

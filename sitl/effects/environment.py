@@ -10,15 +10,15 @@ from sitl.effects.places import find_dof
 from sitl.plants import Wrench
 
 __all__ = [
-    "SimulatedInputBias",
-    "SimulatedSteadyCurrent",
-    "SimulatedTetherPull",
-    "SimulatedWaveDisturbance",
-    "SimulatedWindMoment",
+    "InputBias",
+    "SteadyCurrent",
+    "TetherPull",
+    "WaveDisturbance",
+    "WindMoment",
 ]
 
 
-class SimulatedInputBias(HiddenEffect):
+class InputBias(HiddenEffect):
     """A constant force on top of the commanded one."""
 
     slug = "input-bias"
@@ -36,7 +36,7 @@ class SimulatedInputBias(HiddenEffect):
         setattr(wrench, self._name, getattr(wrench, self._name) + self._force)
 
 
-class SimulatedSteadyCurrent(HiddenEffect):
+class SteadyCurrent(HiddenEffect):
     """The water moves, and the craft with it; drag goes with speed through the water.
 
     Irrotational and steady, so the equations of motion hold for the velocity through the water (Fossen2011, section
@@ -61,7 +61,7 @@ class SimulatedSteadyCurrent(HiddenEffect):
         setting.water.over_ground = self.place != "through water"
 
 
-class SimulatedWindMoment(HiddenEffect):
+class WindMoment(HiddenEffect):
     """The wind turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
 
     slug = "wind-moment"
@@ -86,7 +86,7 @@ class SimulatedWindMoment(HiddenEffect):
         return math.sqrt(setting.parameters["yaw.alpha"] / max(abs(self._moment), 1e-12))
 
 
-class SimulatedWaveDisturbance(HiddenEffect):
+class WaveDisturbance(HiddenEffect):
     """A narrow-band force: second-order shaped noise, or one sinusoid when ``bandwidth`` is 0.
 
     Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the
@@ -165,7 +165,7 @@ def _step_of(omega: float, damping: float, dt: float) -> tuple[float, float, flo
     return a11, a12, a21, a22, l11, l21, math.sqrt(max(q22 - l21 * l21, 0.0))
 
 
-class SimulatedTetherPull(HiddenEffect):
+class TetherPull(HiddenEffect):
     """A spring to a fixed place: in one degree of freedom, or on the horizontal plane (``surge+sway``)."""
 
     slug = "tether-pull"

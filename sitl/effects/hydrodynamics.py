@@ -9,11 +9,11 @@ from sitl.effects.places import find_dof
 from sitl.plants import Parameters, Wrench
 
 __all__ = [
-    "SimulatedGroundEffect",
-    "SimulatedLinearDrag",
-    "SimulatedMassChange",
-    "SimulatedNetBuoyancy",
-    "SimulatedQuadraticDrag",
+    "GroundEffect",
+    "LinearDrag",
+    "MassChange",
+    "NetBuoyancy",
+    "QuadraticDrag",
 ]
 
 
@@ -27,7 +27,7 @@ class OnAxis(HiddenEffect):
         self._dof = find_dof(self, setting)
 
 
-class SimulatedLinearDrag(OnAxis):
+class LinearDrag(OnAxis):
     """More drag that goes with speed."""
 
     slug = "linear-drag"
@@ -44,7 +44,7 @@ class SimulatedLinearDrag(OnAxis):
         return p[f"{dof}.alpha"] / max(p[f"{dof}.beta"] + self["coefficient"], 1e-9)
 
 
-class SimulatedQuadraticDrag(OnAxis):
+class QuadraticDrag(OnAxis):
     """More drag that goes with the square of speed."""
 
     slug = "quadratic-drag"
@@ -68,7 +68,7 @@ class SimulatedQuadraticDrag(OnAxis):
         )
 
 
-class SimulatedMassChange(HiddenEffect):
+class MassChange(HiddenEffect):
     """A payload is taken aboard or let go: the inertia changes at once, the speed does not."""
 
     slug = "mass-change"
@@ -98,7 +98,7 @@ class SimulatedMassChange(HiddenEffect):
         return min(alpha * self["ratio"] / beta if beta > 0.0 else math.inf for alpha, beta in inertia_and_drag)
 
 
-class SimulatedNetBuoyancy(HiddenEffect):
+class NetBuoyancy(HiddenEffect):
     """Too heavy or too light."""
 
     slug = "net-buoyancy"
@@ -115,7 +115,7 @@ class SimulatedNetBuoyancy(HiddenEffect):
         wrench.Z += self["force"]
 
 
-class SimulatedGroundEffect(HiddenEffect):
+class GroundEffect(HiddenEffect):
     """More drag close to the bottom: times ``1 + strength exp(-(bottom - z)/length)``."""
 
     slug = "ground-effect"

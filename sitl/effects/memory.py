@@ -8,10 +8,10 @@ from collections import deque
 from sitl.effects.actuator import OnInput
 from sitl.effects.effect import EffectParameter, Setting
 
-__all__ = ["SimulatedActuatorLag", "SimulatedBacklash", "SimulatedInputDelay", "SimulatedRateLimit"]
+__all__ = ["ActuatorLag", "Backlash", "InputDelay", "RateLimit"]
 
 
-class SimulatedInputDelay(OnInput):
+class InputDelay(OnInput):
     """The command acts later; before anything has arrived, the first one acts."""
 
     slug = "input-delay"
@@ -45,7 +45,7 @@ class SimulatedInputDelay(OnInput):
         return (total + value * (end - since)) / dt
 
 
-class SimulatedActuatorLag(OnInput):
+class ActuatorLag(OnInput):
     """First order."""
 
     slug = "actuator-lag"
@@ -67,7 +67,7 @@ class SimulatedActuatorLag(OnInput):
         return u - rest * math.expm1(-ratio) / ratio
 
 
-class SimulatedRateLimit(OnInput):
+class RateLimit(OnInput):
     """No faster than a rate."""
 
     slug = "rate-limit"
@@ -95,7 +95,7 @@ class SimulatedRateLimit(OnInput):
         return 0.5 * (before + self._now)
 
 
-class SimulatedBacklash(OnInput):
+class Backlash(OnInput):
     """Play: the output rests until one flank has crossed it."""
 
     slug = "backlash"

@@ -12,18 +12,18 @@ from sitl.effects.places import find_signals
 from sitl.sensors import SensorReading
 
 __all__ = [
-    "SimulatedCompassDeviation",
-    "SimulatedGyroBias",
-    "SimulatedMeasurementDelay",
-    "SimulatedOutliers",
-    "SimulatedQuantisation",
-    "SimulatedSensorPosition",
+    "CompassDeviation",
+    "GyroBias",
+    "MeasurementDelay",
+    "Outliers",
+    "Quantisation",
+    "SensorPosition",
 ]
 
 _MOTION = ("psi", "r", "u", "v", "w", "x", "y", "z")
 
 
-class SimulatedSensorPosition(HiddenEffect):
+class SensorPosition(HiddenEffect):
     """The sensor is mounted ``x_P`` ahead and ``y_P`` to starboard of the middle, and shows how that point moves."""
 
     slug = "sensor-position"
@@ -69,7 +69,7 @@ _NEEDLE = 1.0
 """Chosen [rad]: beyond it the needle shows the same on several headings; good compasses stay within 0.1."""
 
 
-class SimulatedCompassDeviation(HiddenEffect):
+class CompassDeviation(HiddenEffect):
     """Semicircular deviation: the iron aboard turns the needle by ``A + B sin psi + C cos psi``."""
 
     slug = "compass-deviation"
@@ -90,7 +90,7 @@ class SimulatedCompassDeviation(HiddenEffect):
         reading.psi += self["A"] + self["B"] * math.sin(reading.psi) + self["C"] * math.cos(reading.psi)
 
 
-class SimulatedGyroBias(HiddenEffect):
+class GyroBias(HiddenEffect):
     """A rate is off by a constant."""
 
     slug = "gyro-bias"
@@ -109,7 +109,7 @@ class SimulatedGyroBias(HiddenEffect):
         setattr(reading, self._name, getattr(reading, self._name) + self["bias"])
 
 
-class SimulatedMeasurementDelay(HiddenEffect):
+class MeasurementDelay(HiddenEffect):
     """A signal is reported late; several when the place joins them (``psi+r``), all when it is ``all``."""
 
     slug = "measurement-delay"
@@ -144,7 +144,7 @@ class SimulatedMeasurementDelay(HiddenEffect):
             setattr(reading, name, before + share * change)
 
 
-class SimulatedQuantisation(HiddenEffect):
+class Quantisation(HiddenEffect):
     """Rounded to multiples of a step."""
 
     slug = "quantisation"
@@ -163,7 +163,7 @@ class SimulatedQuantisation(HiddenEffect):
             setattr(reading, name, round(getattr(reading, name) / step) * step)
 
 
-class SimulatedOutliers(HiddenEffect):
+class Outliers(HiddenEffect):
     """A share of samples is far off."""
 
     slug = "outliers"

@@ -51,9 +51,9 @@ def handle_override(port: Port, message: Message) -> None:
             pwm = {_RELEASE: _IGNORE, _RELEASE_HIGH: _RELEASE}.get(pwm, pwm)
         if pwm != _IGNORE:
             autopilot.rc.override(channel, pwm, autopilot.ms)
-    autopilot.hear_gcs()
+    autopilot.note_gcs()
     if isinstance(autopilot, Sub):
-        autopilot.hear_pilot()
+        autopilot.note_pilot()
 
 
 def handle_manual_control(port: Port, message: Message) -> None:
@@ -61,12 +61,12 @@ def handle_manual_control(port: Port, message: Message) -> None:
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
-    autopilot.hear_gcs()
+    autopilot.note_gcs()
     if isinstance(autopilot, Rover):
         _override_axis(autopilot, STEERING_CHANNEL, message.y)
         _override_axis(autopilot, THROTTLE_CHANNEL, message.z)
     elif isinstance(autopilot, Sub):
-        autopilot.hear_pilot()
+        autopilot.note_pilot()
         _override_sub_sticks(autopilot, message)
 
 

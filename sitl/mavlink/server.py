@@ -140,7 +140,7 @@ def _is_order(message: Message) -> bool:
 
 def _handle_heartbeat(server: Server, message: Message) -> None:
     if server.is_from_gcs(message):
-        server.vehicle.autopilot.hear_gcs()
+        server.vehicle.autopilot.note_gcs()
 
 
 def _handle_timesync(server: Server, message: Message) -> None:

@@ -24,8 +24,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs_autotune.errors import AutotuneError, ParameterMissing
 from gcs_autotune.link import Session, open_craft, open_link
 from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer, restore_on_exit
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 
 HERE = Path(__file__).parent / "recorded"
 RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 40.0, "LOCAL_POSITION_NED": 5.0, "GLOBAL_POSITION_INT": 5.0}
@@ -61,9 +61,9 @@ def relays(session: Session, kind: str) -> list[dict[str, float]]:
     craft = open_craft(session, wanted_rates=RATES)
     kept: list[Trial] = []
     *outputs, throttle = RELAYS[kind]
-    with restore_on_exit(craft, SilentWatcher()):
+    with restore_on_exit(craft, SilentObserver()):
         craft.arm()
-        sequencer = Sequencer(craft, Envelope(heading_excursion=math.inf, cruise=10.0), SilentWatcher(), kept.append)
+        sequencer = Sequencer(craft, Envelope(heading_excursion=math.inf, cruise=10.0), SilentObserver(), kept.append)
         for output in outputs:
             sequencer.fly(
                 Relay(RelaySettings("psi", "N", output=output, throttle=throttle, keep_still=kind == "sub"), "relay")

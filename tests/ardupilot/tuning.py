@@ -16,7 +16,7 @@ from typing import Any
 from firmware_process import ArduPilot, Witness
 
 from gcs_autotune.models import SingleDof
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import Connection, TuneSettings, tune
 
 __all__ = [
@@ -81,8 +81,8 @@ def free_ports(count: int) -> list[int]:
     return ports
 
 
-class Stopper(SilentWatcher):
-    """Operator and watcher in one: presses Ctrl-C when something is said that begins with *stage*."""
+class Stopper(SilentObserver):
+    """Operator and observer in one: presses Ctrl-C when something is said that begins with *stage*."""
 
     def __init__(self, stage: str) -> None:
         self._stage = stage

@@ -16,12 +16,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega
 from rich.console import Console
 
-from gcs_autotune.cli import COMMANDS, main
+from gcs_autotune.cli import COMMANDS, identify_cmd, main
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.link import overhear
-from gcs_autotune.report import Document, StageBar, TerminalWatcher, print_document
+from gcs_autotune.observer import Progress
+from gcs_autotune.report import Document, StageBar, TerminalObserver, print_document
 from gcs_autotune.report.toolkit.document import Verdict
-from gcs_autotune.watch import Progress
 from gcs_autotune.workflow import examine
 
 
@@ -216,9 +216,9 @@ def test_zsh_completes_verbs_options_choices_and_manoeuvres(capsys, tmp_path):
 )
 def test_quiet_keeps_sentences_and_drops_progress_and_verbose_keeps_its_lines(quiet, verbose, lines):
     console = Console(file=io.StringIO(), force_terminal=True, width=60, color_system=None)
-    with TerminalWatcher(console, ManualClock(), quiet=quiet, verbose=verbose) as watcher:
-        watcher.update(Progress("relay", "relay 1", 0.0))
-        watcher.say("a sentence")
+    with TerminalObserver(console, ManualClock(), quiet=quiet, verbose=verbose) as observer:
+        observer.update(Progress("relay", "relay 1", 0.0))
+        observer.say("a sentence")
     told = console.file.getvalue()
     assert "a sentence" in told
     assert ("relay 1" in told) is not quiet
@@ -248,7 +248,7 @@ def test_ctrl_c_at_the_desk_is_one_line_and_code_130(capsys, tmp_path, monkeypat
     def cut_off(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(COMMANDS, "identify", replace(COMMANDS["identify"], run=cut_off))
+    monkeypatch.setattr(identify_cmd, "COMMAND", replace(identify_cmd.COMMAND, run=cut_off))
     assert main(["identify", str(tmp_path)]) == 130
     assert capsys.readouterr().err == "\ngcs-autotune: ended by Ctrl-C\n"
 

@@ -18,8 +18,8 @@ from gcs_autotune.identify import METHODS
 from gcs_autotune.link import Transport
 from gcs_autotune.methods import METHOD_PLACES
 from gcs_autotune.models import FORMS
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.sname import DOFS
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import Connection, TuneSettings, Unattended, experiment, tune
 
 WRONG = (
@@ -114,9 +114,9 @@ def test_a_link_that_cannot_be_opened_leaves_no_run_directory_to_a_program_eithe
     settings = TuneSettings(Broken("sitl:x"), tmp_path / "runs" / "one", axis="heading")
     with pytest.raises(CannotOpenLink):
         if fly == "tune":
-            tune(settings, Unattended(), SilentWatcher(), "")
+            tune(settings, Unattended(), SilentObserver(), "")
         else:
-            experiment(settings, Unattended(), SilentWatcher())
+            experiment(settings, Unattended(), SilentObserver())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -124,7 +124,10 @@ def test_a_place_where_no_run_directory_can_be_is_found_out_before_the_link_is_o
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="not a directory"):
         tune(
-            TuneSettings(Broken("sitl:x"), tmp_path / "file" / "run", axis="heading"), Unattended(), SilentWatcher(), ""
+            TuneSettings(Broken("sitl:x"), tmp_path / "file" / "run", axis="heading"),
+            Unattended(),
+            SilentObserver(),
+            "",
         )
 
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.cli.remote import MOST_TICKS, RemoteOperator, RemoteWatcher, attending
+from gcs_autotune.cli.remote import MOST_TICKS, RemoteObserver, RemoteOperator, attending
 from gcs_autotune.errors import OperatorStopped
-from gcs_autotune.watch import LeftAs, Progress, ProposedGains, Room, Vitals, Words
+from gcs_autotune.observer import LeftAs, Progress, ProposedGains, Room, Vitals, Words
 
 
 def lines(stream: io.BytesIO) -> list[tuple[str, Any]]:
@@ -43,11 +43,11 @@ class Stuck(io.BytesIO):
 
 def test_ticks_sentences_and_facts_come_as_lines_of_json() -> None:
     stream = io.BytesIO()
-    with RemoteWatcher(stream) as watcher:
+    with RemoteObserver(stream) as observer:
         for k in range(3):
-            watcher.update(tick(k))
-        watcher.update(tick(3, "z"))
-        watcher.say("hello")
+            observer.update(tick(k))
+        observer.update(tick(3, "z"))
+        observer.say("hello")
         for fact in (
             Vitals("HOLD", False),
             Words(4, "text"),
@@ -55,7 +55,7 @@ def test_ticks_sentences_and_facts_come_as_lines_of_json() -> None:
             ProposedGains(()),
             LeftAs("HOLD", False, {}),
         ):
-            watcher.note(fact)
+            observer.note(fact)
     told = lines(stream)
     assert {key for key, _ in told} == {"samples", "now", "say", "vitals", "words", "room", "proposal", "left"}
     samples = [value for key, value in told if key == "samples"]
@@ -66,11 +66,11 @@ def test_ticks_sentences_and_facts_come_as_lines_of_json() -> None:
 
 def test_what_flies_does_not_wait_for_a_listener_who_does_not_read() -> None:
     stream = Stuck()
-    with RemoteWatcher(stream) as watcher:
-        watcher.say("first")
+    with RemoteObserver(stream) as observer:
+        observer.say("first")
         assert stream.reached.wait(60.0)
         for k in range(5 * MOST_TICKS):
-            watcher.update(tick(k))
+            observer.update(tick(k))
         stream.let.set()
     told = lines(stream)
     rows = [row for key, value in told if key == "samples" for row in value["rows"]]
@@ -79,10 +79,10 @@ def test_what_flies_does_not_wait_for_a_listener_who_does_not_read() -> None:
     assert dict(told)["dropped"] == {"count": 4 * MOST_TICKS}
 
 
-def operated(source: int) -> tuple[RemoteOperator, io.BytesIO, RemoteWatcher]:
+def operated(source: int) -> tuple[RemoteOperator, io.BytesIO, RemoteObserver]:
     stream = io.BytesIO()
-    watcher = RemoteWatcher(stream)
-    return RemoteOperator(watcher, source), stream, watcher
+    observer = RemoteObserver(stream)
+    return RemoteOperator(observer, source), stream, observer
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -114,10 +114,10 @@ def test_the_end_of_standard_input_is_a_stop_for_nobody_is_there_any_more_who_co
 
 def test_an_answer_is_of_its_question_and_the_first_one_counts() -> None:
     reading, writing = os.pipe()
-    operator, stream, watcher = operated(reading)
+    operator, stream, observer = operated(reading)
     os.write(writing, b'{"answer": {"id": 1, "yes": true}}\n{"answer": {"id": 1, "yes": false}}\n')
     os.write(writing, b'{"answer": {"id": 2, "yes": "true"}}\n')
-    with watcher:
+    with observer:
         assert operator.ask("Go ahead?", lambda: None)
         assert not operator.ask("Write it?", lambda: None)  # only true is yes
     questions = [value for key, value in lines(stream) if key == "question"]

@@ -9,7 +9,7 @@ from functools import cache
 
 import pytest
 
-from gcs_autotune.design import Proposal, design, is_better, provisional, refinement, told_over
+from gcs_autotune.design import Proposal, design, is_better, over_windows, provisional, refinement
 from gcs_autotune.design.laws import LAWS
 from gcs_autotune.design.refinement import GOOD_OVERSHOOT
 from gcs_autotune.design.step_metrics import noise_floor
@@ -148,13 +148,13 @@ def test_what_is_told_of_a_step_is_read_over_what_will_be_recorded_and_the_gains
 def test_after_the_proof_predictions_are_told_over_what_was_flown() -> None:
     step = math.radians(30.0)
     flown = propose("slow boat", step_duration=FLOWN, settled_band=0.03 * step, settled_time=5.0)
-    assert told_over(flown, flown.windows).after.metrics == flown.after.metrics
-    longer = told_over(flown, (FLOWN, flown.windows[1]))
+    assert over_windows(flown, flown.windows).after.metrics == flown.after.metrics
+    longer = over_windows(flown, (FLOWN, flown.windows[1]))
     assert longer.windows == (FLOWN, flown.windows[1])
     assert longer.after.metrics.itae != flown.after.metrics.itae
     assert longer.before.metrics.itae > flown.before.metrics.itae
     assert longer.new == flown.new
-    assert told_over(flown, (3.0,)) is flown, "a loop that ran away recorded no step back"
+    assert over_windows(flown, (3.0,)) is flown, "a loop that ran away recorded no step back"
 
 
 @pytest.mark.parametrize("name", [SMALL_THRUSTER, "charlie"])

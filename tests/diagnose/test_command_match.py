@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.diagnose.command_match import match_commands
-from gcs_autotune.diagnose.two_records import compared
+from gcs_autotune.diagnose.simulation_alignment import compared
 from gcs_autotune.trial import Channel, Trial
 
 LASTS, ROW, ROW_SIMULATED = 120.0, 0.1, 0.05
@@ -206,7 +206,7 @@ def test_a_command_of_half_the_size_is_another_drive_and_not_another_unit():
     found = compared([simulation], [run])
     assert found.rows == ()
     assert [d.slug for d in found.doubts] == ["command-scaled"]
-    assert "0.5 times as far" in found.doubts[0].cause
+    assert "0.5 times as much" in found.doubts[0].cause
     assert np.array_equal(found.simulations[0]["N"].values, simulation["N"].values)
 
 

@@ -78,7 +78,7 @@ def test_an_unchanged_craft_raises_no_alarm_over_many_days(reference):
 def test_another_motion_or_unit_is_no_comparison(reference):
     from dataclasses import replace
 
-    with pytest.raises(UsageError, match="cannot be held against"):
+    with pytest.raises(UsageError, match="cannot be compared with"):
         compare_craft(reference, replace(reference, model=replace(reference.model, input_unit="N m")))
 
 

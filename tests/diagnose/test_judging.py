@@ -15,6 +15,7 @@ from scipy import stats
 
 from gcs_autotune.diagnose import report_builder
 from gcs_autotune.diagnose.heldout import HeldOut, Parts, blocks, p_value, parts_of, ratio_interval, rms_of
+from gcs_autotune.diagnose.retries import _refuted, _surely_gains
 from gcs_autotune.diagnose.score import (
     ALIKE,
     LUCK,
@@ -30,13 +31,13 @@ from gcs_autotune.diagnose.score import (
     ordered,
     winner_of,
 )
-from gcs_autotune.diagnose.second_looks import _refuted, _surely_gains
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.base_model import plain_form
+from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.likelihood import Residual
 from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.problem import Fitted, Problem
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.models.coupled.form import Form
@@ -353,7 +354,7 @@ def test_a_plainer_law_at_another_place_is_another_cause() -> None:
 def test_what_pays_on_the_runs_fitted_and_foretells_nothing_of_the_others_calls_for_all_together(
     beside: dict[str, float], refuted: bool
 ) -> None:
-    """A run of one size of command knows nothing of a dead zone, and what it does show is foretold wrongly."""
+    """A run of one size of command knows nothing of a dead zone, and what it does show is predicted wrongly."""
     assert _refuted(SearchStep(BASE, (judged("input-delay", **beside),), None)) is refuted
 
 
@@ -387,4 +388,4 @@ def test_a_force_remembered_for_a_few_samples_may_have_changed_places_with_the_t
     monkeypatch.setattr(report_builder, "_relative_error", lambda *_: 0.1)
     found = SimpleNamespace(fitted=SimpleNamespace(model=quick), problem=summary, with_noise=weather)
     (doubt,) = report_builder._weightless(cast(SearchState, found))
-    assert ("(or 0.4 s, as long as what else drives it is remembered" in doubt.cause) is told
+    assert ("(or 0.4 s, the correlation time of the disturbance" in doubt.cause) is told

@@ -192,14 +192,15 @@ def test_process_noise_alone_has_no_constant(seed: int) -> None:
 
 def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() -> None:
     noise, covariance = ProcessNoise(0.1, 20.0, 1e-3), np.diag([0.0, 0.0, 0.1**2, 0.7**2, 0.0])
-    fit = NoisyFit(cast(Any, None), np.ones(2), (), noise, np.ones(1), (), covariance, ())
+    fit = NoisyFit(cast(Any, None), np.ones(2), (), ("k_N", "N_r"), (), noise, np.ones(1), covariance, ())
     assert fit.interval_of("size") == pytest.approx((0.082, 0.122), abs=0.001)
     assert fit.interval_of("memory") == pytest.approx((5.07, 78.9), abs=0.1)
     assert fit.interval_of("smoothing") == (0.0, math.inf)
     nothing = cast(Any, SimpleNamespace(accepted=(), steps=()))
     missing = MissingForce("yaw", "1", 0.1, 20.0, math.nan, {}, (), None, (0.082, 0.122), (5.07, 78.9), 60.0)
     assert words_of(nothing, missing)[0].endswith(
-        "within 20 s (95 %: 0.082 to 0.12, and 5.1 s to 78.9 s); these runs do not distinguish it from a constant"
+        "its correlation time is 20 s (95 %: 0.082 to 0.12, and 5.1 s to 78.9 s); these runs do not distinguish it "
+        "from a constant force"
     )
     assert words_of(nothing, replace(missing, longest=600.0))[0].endswith("78.9 s)")
     assert missing.to_dict()["memory95"] == [5.07, 78.9]

@@ -29,9 +29,9 @@ from gcs_autotune.diagnose.process_noise import (
 from gcs_autotune.diagnose.process_noise_starts import errs_after_commands
 from gcs_autotune.diagnose.question import Question
 from gcs_autotune.diagnose.report_builder import build_report
+from gcs_autotune.diagnose.retries import _is_another_craft, search_in_pieces
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts
-from gcs_autotune.diagnose.search_with_noise import _outdone, look_with_process_noise
-from gcs_autotune.diagnose.second_looks import _is_another_craft, look_in_pieces
+from gcs_autotune.diagnose.search_with_noise import _outdone, model_process_noise
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import (
@@ -266,7 +266,9 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
     assert missing.to_dict()["waves"]["period"] == missing.waves.period
     told = next(w for w in words_of(found, missing) if "waves" in w)
-    assert told.startswith("it swings every 4.2 s besides, as waves or a mount that shakes make it: the heading by ")
+    assert told.startswith(
+        "it also oscillates with a period of 4.2 s, as from waves or a loose sensor mount: the heading by "
+    )
     assert "N m (standard deviations)" in told
 
 
@@ -274,7 +276,7 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
     """Of a lake boat's surge one gust of a run left out was worth 5,500 against the true drag, or 3,100 for it."""
     own = np.array([0.1, -0.2, 0.05])
     calm, rough = (
-        NoisyFit(cast(Any, None), own, (), ProcessNoise(1.0, 1.0, 1.0), own, (), np.eye(5), ((own, k * own, S),))
+        NoisyFit(cast(Any, None), own, (), (), (), ProcessNoise(1.0, 1.0, 1.0), own, np.eye(5), ((own, k * own, S),))
         for k, S in ((1.0, np.full(3, 0.02)), (100.0, np.full(3, 0.02)))
     )
     assert rough.roughness == pytest.approx(1e4 * calm.roughness)
@@ -375,7 +377,7 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
 def test_a_name_may_earn_far_more_than_so_many_tried_ask_on_the_runs_left_out(
     gain: float, unseen: float, named: bool
 ) -> None:
-    """A dead zone gained 5.6 nats on two runs, and 36 where each was foretold from the other: it was not named."""
+    """A dead zone gained 5.6 nats on two runs, and 36 where each was predicted from the other: it was not named."""
     effect = EffectInstance("dead-zone", "N", {"width": 0.1})
     lacks = lack_by_parts(scored(effect, gain, (unseen, unseen), 6.4, (1.0, 60.0)))
     assert (lacks is None) is named
@@ -384,7 +386,7 @@ def test_a_name_may_earn_far_more_than_so_many_tried_ask_on_the_runs_left_out(
 def test_a_cause_as_likely_on_the_given_runs_is_told_beside_the_one_named_though_its_gain_elsewhere_is_not_sure() -> (
     None
 ):
-    """A trim and thrust that is weaker to one side: within two nats, and which foretells more changes with the runs."""
+    """A trim and thrust that is weaker to one side: within two nats, and which predicts better depends on the runs."""
 
     def of(slug: str, gain: float, unseen: tuple[float, ...], low: float) -> CandidateScore[NoisyFit]:
         return scored(EffectInstance(slug, "N", {}), gain, unseen, 6.4, (low, 40.0))
@@ -418,11 +420,11 @@ def test_no_name_stands_where_no_model_of_the_craft_was_found_beneath_the_weathe
     """A change of mass was named beside a fit that was 500 s slow, of a craft of 0.1 s."""
     state = drag_named(monkeypatch)
     assert [e.slug for e in state.causes] == ["quadratic-drag"]
-    after = look_with_process_noise(state)
+    after = model_process_noise(state)
     assert after is not None and after.causes == ()
     told = next(d for d in after.doubts if d.slug == "no-model")
     assert "quadratic-drag of yaw is therefore not identified" in told.cause
-    assert look_in_pieces(after) is None
+    assert search_in_pieces(after) is None
     found = build_report(after, (), [], [])
     assert (found.verdict, found.causes) == ("unexplained", ())
     assert verdict_of(found).text.startswith("An effect is missing, but no cause is reported: no model")

@@ -10,7 +10,7 @@ import pytest
 
 from gcs_autotune.diagnose.process_noise import asked_of, search_with_process_noise
 from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, plain_with_process_noise
-from gcs_autotune.diagnose.sampling_interval import foresight, refitted, rms_ahead, stands
+from gcs_autotune.diagnose.sampling_interval import prediction_horizon, refitted, rms_ahead, stands
 from gcs_autotune.identify import (
     Fitted,
     NoisyFit,
@@ -81,7 +81,7 @@ def test_a_fit_is_no_model_whose_drift_is_as_large_as_its_commands_or_that_is_qu
 def test_predictions_reach_over_the_legs_of_the_commands_however_quick_a_fit_takes_the_craft_for() -> None:
     _, _, problem, plain = begun([sailed(1)])
     quick = replace(plain, theta=np.array([plain.theta[0], -50.0]))
-    assert foresight(problem, quick) == 5.0
+    assert prediction_horizon(problem, quick) == 5.0
 
 
 def test_where_the_plain_model_is_one_of_the_craft_the_runs_are_judged_as_closely_as_ever() -> None:

@@ -44,9 +44,9 @@ def test_a_search_that_is_stopped_says_where_and_what_is_left(monkeypatch: pytes
     found = diagnosed(monkeypatch, "cause 1: fitting", jobs=jobs)
     assert (found.verdict, found.causes, found.gain) == ("unfinished", (), None)
     doubt = next(d for d in found.doubts if d.slug == "out-of-time")
-    assert "stopped at: cause 1: fitting, 0 of " in doubt.cause
-    assert "tried to the end: nothing" in doubt.cause
-    assert "look with process noise" in doubt.cause.partition("not begun: ")[2]
+    assert "stopped during: cause 1: fitting, 0 of " in doubt.cause
+    assert "completed: nothing" in doubt.cause
+    assert "model process noise" in doubt.cause.partition("not begun: ")[2]
     assert "--resume" in doubt.cure
 
 
@@ -59,7 +59,7 @@ def test_a_cause_found_before_the_search_was_stopped_is_reported_as_tried_and_no
     assert "dead-zone" in {r.cause for r in found.ranking}
     (doubt,) = (d for d in found.doubts if d.slug == "out-of-time")
     assert "cause 2" in doubt.cause
-    assert "dead-zone" in doubt.cause.partition("tried to the end: ")[2]
+    assert "dead-zone" in doubt.cause.partition("completed: ")[2]
 
 
 def test_time_enough_is_not_mentioned(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +196,7 @@ def test_without_time_nothing_is_ruled_out(monkeypatch: pytest.MonkeyPatch) -> N
     _, found = passes_of(monkeypatch, 0.0, runs=(towed(("dead-zone", "N", {"width": 0.2})),))
     headline = verdict_of(found)
     assert headline.text == "Unfinished: the search reached its time limit and was stopped. Use --resume to continue."
-    assert found.left.findings == ("not looked at: the search was stopped",)
+    assert found.left.findings == ("not examined: the search was stopped",)
     (doubt,) = (d for d in found.doubts if d.slug == "out-of-time")
     assert doubt.cause.count("not begun") == 1
 
@@ -234,8 +234,8 @@ def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> No
     second = SearchStep(None, (score_of(lag, [6.0, -1.0]),), None)
     told = missing_force.words_of(cast(Any, SimpleNamespace(accepted=[], steps=[first, second])), None)
     assert told == (
-        "actuator-lag of N fits the given runs (+20.0 in log-likelihood) and gains on those left out together (+5.0), "
-        "but not on each: not named",
-        "quadratic-drag of yaw fits the given runs (+20.0 in log-likelihood) and loses on those left out (-11.0): "
-        "refuted as it stands",
+        "actuator-lag of N improves the log-likelihood of the fitted runs by 20.0, that of all held-out runs by +5.0, "
+        "but not of each: not reported as a cause",
+        "quadratic-drag of yaw improves the log-likelihood of the fitted runs by 20.0, but lowers that of held-out "
+        "runs (-11.0): rejected",
     )

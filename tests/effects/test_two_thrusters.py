@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
@@ -66,3 +67,61 @@ def test_both_weak_astern_are_named_together_with_the_weakness_that_each_has() -
     (cause,) = told.causes
     assert (cause.effect.slug, cause.effect.place) == ("asymmetric-thrust", "force_left+force_right")
     assert abs(cause.effect["ratio"] - WEAK) < 0.03
+
+
+SLOW = {
+    "actuator-lag": {"time_constant": 0.8},
+    "input-delay": {"delay": 0.7},
+    "backlash": {"width": 10.0},
+    "rate-limit": {"rate": 15.0},
+    "gain-drift": {"rate": 0.004},
+    "advance-speed-loss": {"loss": 0.3},
+}
+"""Effects that both thrusters have, and how much of them."""
+
+
+def late(slug: str, f: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """What a thruster with one of :data:`SLOW` gives for the commands *f* held from the stamps *t* on."""
+    (value,), dt = SLOW[slug].values(), t[1] - t[0]
+    if slug == "input-delay":
+        return np.r_[np.full(round(value / dt), f[0]), f[: -round(value / dt)]]
+    if slug == "gain-drift":
+        return f * (1.0 - value * t)
+    acting, now = np.empty_like(f), f[0]
+    for k, wanted in enumerate(f):
+        if slug == "actuator-lag":
+            now = wanted + (now - wanted) * np.exp(-dt / value)
+        elif slug == "rate-limit":
+            now += np.clip(wanted - now, -value * dt, value * dt)
+        else:
+            now = min(max(now, wanted - 0.5 * value), wanted + 0.5 * value)
+        acting[k] = now
+    return acting
+
+
+def slow_steps(slug: str, seed: int, opposite: float) -> Trial:
+    """Steps of 4 s both ways of a boat that coasts 3 s; thrust is calculated 50 times a second, recorded 5 times."""
+    rng, dt = np.random.default_rng(seed), 0.02
+    t = np.arange(0.0, 80.0, dt)
+    ahead, differs = (np.repeat(rng.uniform(-size, size, 20), 200) for size in (20.0, opposite))
+    commands = {"force_left": ahead + differs, "force_right": ahead - differs}
+    lost = SLOW[slug].get("loss", 0.0)
+    forces = list(commands.values()) if lost else [late(slug, f, t) for f in commands.values()]
+    push, drop = sum(forces), lost * sum(np.abs(f) for f in forces)
+    u = np.zeros(len(t))
+    for k in range(len(t) - 1):
+        u[k + 1] = u[k] + dt / 3.0 * ((push[k] - drop[k] * u[k]) / 25.0 - u[k])
+    seen = u[::10] + 0.01 * rng.standard_normal(len(t[::10]))
+    channels = {"u": Channel("u", "m/s", t[::10], seen)}
+    for name, values in commands.items():
+        channels[name] = Channel(name, "N", t[::10], values[::10])
+    return Trial(f"run{seed}", channels)
+
+
+@pytest.mark.parametrize("opposite", [0.0, 10.0], ids=["commanded alike", "commanded apart"])
+@pytest.mark.parametrize("slug", SLOW)
+def test_what_both_thrusters_have_is_one_cause_of_both(slug: str, opposite: float) -> None:
+    told = diagnose([slow_steps(slug, seed, opposite) for seed in (1, 2)], dof="surge", effects=list(SLOW))
+    (cause,) = told.causes
+    assert (cause.effect.slug, cause.effect.place) == (slug, "force_left+force_right")
+    assert dict(cause.effect.values) == pytest.approx(SLOW[slug], rel=0.1)

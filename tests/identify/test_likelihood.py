@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from gcs_autotune.effects import DataSummary, EffectInstance, EffectResidual
+from gcs_autotune.identify.free_numbers import WEAK
 from gcs_autotune.identify.likelihood import (
     LAGGED,
     REMEMBERED,
-    WEAK,
     Limits,
     Objective,
     Residual,

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from gcs_autotune.effects import DataSummary, EffectInstance
-from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits
-from gcs_autotune.identify.problem import FLOOR, STRIDE, TURN, Problem, label_of
+from gcs_autotune.identify.free_numbers import DIAGNOSTIC, WEAK, label_of
+from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.problem import FLOOR, STRIDE, TURN, Problem
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.models import simulate_explicit
@@ -100,7 +101,7 @@ def test_a_given_model_is_judged_by_its_initial_states_alone() -> None:
     right = own.states(TRUE, [], [np.zeros(2), np.zeros(2)], shift=0.002)
     assert right is not None
     assert right.cost < judged.cost
-    assert right.slack == pytest.approx(DIAGNOSTIC.std * 0.01)
+    assert right.shift_std == pytest.approx(DIAGNOSTIC.std * 0.01)
 
 
 def test_a_fit_is_moved_in_the_order_of_its_jacobian_and_stays_within_limits() -> None:
@@ -127,7 +128,7 @@ def test_what_a_fit_knows_of_itself_is_its_information_with_what_was_known_of_th
     shares = [1.0 - (own.floors[n] / fitted.levels[n]) ** 2 for n in ("psi", "r")]
     assert float(np.mean(fitted.residual**2)) == pytest.approx(np.mean(shares)), "the floor's part is nobody's residual"
     plain = fitted.jacobian.T @ fitted.jacobian
-    plain[-1, -1] += 4.0 / fitted.slack**2
+    plain[-1, -1] += 4.0 / fitted.shift_std**2
     assert fitted.information(4.0) == pytest.approx(plain)
     assert fitted.covariance(4.0) == pytest.approx(4.0 * np.linalg.inv(plain), rel=1e-6)
     assert fitted.model.base.values["b"] == pytest.approx(fitted.theta[0])

@@ -306,8 +306,8 @@ def test_what_has_become_clear_helps_to_clear_the_rest_round_by_round(monkeypatc
     residuals = [SimpleNamespace(segment=k, signal="psi", known=known) for k in (0, 1)]
     scores = [rng.normal(size=4), rng.normal(size=4)]
     solution: Any = SimpleNamespace(
-        residuals=residuals, rows=[np.ones((4, 1)), np.ones((4, 1))], scores=scores,
-        models={"psi": SimpleNamespace(std=2.0)},
+        rests=residuals, rows=[np.ones((4, 1)), np.ones((4, 1))], scores=scores,
+        noise_models={"psi": SimpleNamespace(std=2.0)},
     )  # fmt: skip
     S = np.zeros((8, 3))
     S[:4, :2], S[4:, 2:] = tables[0].by["psi"][known] / 2.0, tables[1].by["psi"][known] / 2.0

@@ -64,14 +64,14 @@ def test_strangers_are_told_of_once_each_when_the_one_held_to_is_heard_after_the
     sender.hear(numbered(1, origin=HOME))
     for _ in range(2):
         for k in range(2):
-            sender.note_stranger(Frame(b"", None, "HEARTBEAT", 3, 9, f"{ELSEWHERE}{k}"))
+            sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 3, 9, f"{ELSEWHERE}{k}"))
         assert len(notes) in (0, 2), "who is silent since may be him, at another port"
         sender.hear(numbered(2, origin=HOME))
         assert len(notes) == 2
     assert f"another sender at {ELSEWHERE}0 uses the vehicle's ids (system 3, component 9)" in notes[0]
     assert f"the vehicle is at {HOME}. The other is ignored" in notes[0]
     for k in range(40):
-        sender.note_stranger(Frame(b"", None, "HEARTBEAT", 3, 9, f"many {k}"))
+        sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 3, 9, f"many {k}"))
         sender.hear(numbered(3 + k, origin=HOME))
     assert len(notes) == 20
 
@@ -80,7 +80,7 @@ def test_one_who_turns_out_to_be_the_vehicle_is_no_stranger() -> None:
     notes: list[str] = []
     sender = HeldSender(notes)
     sender.hold(HOME)
-    sender.note_stranger(Frame(b"", None, "HEARTBEAT", 1, 1, ELSEWHERE))
+    sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 1, 1, ELSEWHERE))
     sender.hold(ELSEWHERE, VehicleIdentity(1, 1, 3, 11, uid="ab"))
     sender.hear(numbered(1, origin=ELSEWHERE))
     assert notes == [

@@ -12,7 +12,7 @@ from scripted_vehicle import ScriptedVehicle
 from gcs_autotune.cli import main
 from gcs_autotune.errors import NoReply, OperatorStopped, UsageError
 from gcs_autotune.link import MemoryLink, Session, fetch_log, list_logs
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import Connection, Unattended, fetch_onboard_log
 
 FLOWN = Path(__file__).parents[1] / "logs" / "flown" / "charlie.bin.gz"
@@ -77,12 +77,12 @@ def connection_to(boat: ScriptedVehicle) -> Connection:
 def test_the_newest_is_fetched_unless_another_is_named(boat: ScriptedVehicle) -> None:
     with_a_card(boat, LOGS)
     for number, wanted in ((None, 7), (3, 3), (0, None)):
-        logs, log, data = fetch_onboard_log(connection_to(boat), number, Unattended(), SilentWatcher())
+        logs, log, data = fetch_onboard_log(connection_to(boat), number, Unattended(), SilentObserver())
         assert len(logs) == 2
         assert (None if log is None else log.number) == wanted
         assert data == (b"" if wanted is None else LOGS[wanted])
     with pytest.raises(UsageError, match="Available: 3, 7"):
-        fetch_onboard_log(connection_to(boat), 9, Unattended(), SilentWatcher())
+        fetch_onboard_log(connection_to(boat), 9, Unattended(), SilentObserver())
 
 
 def test_the_operator_may_stop_it_and_the_vehicle_is_told(boat: ScriptedVehicle) -> None:
@@ -92,7 +92,7 @@ def test_the_operator_may_stop_it_and_the_vehicle_is_told(boat: ScriptedVehicle)
 
     with_a_card(boat, LOGS)
     with pytest.raises(OperatorStopped):
-        fetch_onboard_log(connection_to(boat), None, Hasty(), SilentWatcher())
+        fetch_onboard_log(connection_to(boat), None, Hasty(), SilentObserver())
 
 
 def test_the_command_says_that_a_simulated_vehicle_keeps_no_logs(capsys, tmp_path) -> None:

@@ -129,7 +129,7 @@ class Ours:
             custom_mode=15,
             armed=True,
             texts=texts,
-            liveness=SimpleNamespace(longest=lambda span: 0.0, unheard=0.0),
+            liveness=SimpleNamespace(longest=lambda span: 0.0, actual_silence=0.0),
             request_message=lambda number: None,
             await_heartbeat=lambda: None,
             port=SimpleNamespace(system=255),

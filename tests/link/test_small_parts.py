@@ -107,7 +107,7 @@ def test_the_longest_silence_is_of_those_worth_keeping_that_ended_in_the_span(si
     assert liveness.longest(5.1) == (pytest.approx(silence) if is_kept else 0.0)
     assert liveness.longest(4.9) == 0.0
     liveness.bear(3.0)
-    assert (liveness.silence, liveness.unheard) == (pytest.approx(-3.0), pytest.approx(4.8))
+    assert (liveness.silence, liveness.actual_silence) == (pytest.approx(-3.0), pytest.approx(4.8))
     liveness.heard()
     assert liveness.longest(1.0) == pytest.approx(4.8), "a silence that was borne was one"
 
@@ -170,21 +170,21 @@ def watchdog() -> Watchdog:
 def test_a_frozen_attitude_is_a_fault_sooner_while_turning(
     watchdog: Watchdog, force: str, limit: float, sign: float
 ) -> None:
-    watchdog.see_attitude(0.0, (0.1, 0.2))
-    watchdog.see_outputs(0.0, {"N": 0.0, "X": 0.0, force: sign * 0.3})
-    watchdog.see_attitude(limit, (0.1, 0.2))
+    watchdog.check_attitude(0.0, (0.1, 0.2))
+    watchdog.note_outputs(0.0, {"N": 0.0, "X": 0.0, force: sign * 0.3})
+    watchdog.check_attitude(limit, (0.1, 0.2))
     assert watchdog.fault is None
-    watchdog.see_attitude(limit + 0.1, (0.1, 0.2))
+    watchdog.check_attitude(limit + 0.1, (0.1, 0.2))
     with pytest.raises(TelemetryFault, match=f"frozen for {limit + 0.1:.1f} s"):
         watchdog.check()
 
 
 def test_an_attitude_frozen_before_the_helm_moved_counts_from_then(watchdog: Watchdog) -> None:
-    watchdog.see_attitude(0.0, (0.1, 0.2))
-    watchdog.see_outputs(50.0, {"N": 0.3})
-    watchdog.see_attitude(52.9, (0.1, 0.2))
+    watchdog.check_attitude(0.0, (0.1, 0.2))
+    watchdog.note_outputs(50.0, {"N": 0.3})
+    watchdog.check_attitude(52.9, (0.1, 0.2))
     assert watchdog.fault is None
-    watchdog.see_attitude(53.1, (0.1, 0.2))
+    watchdog.check_attitude(53.1, (0.1, 0.2))
     assert watchdog.fault is not None
 
 
@@ -200,8 +200,8 @@ def test_an_attitude_frozen_before_the_helm_moved_counts_from_then(watchdog: Wat
     ],
 )
 def test_a_stamp_is_used_left_out_or_a_fault(watchdog: Watchdog, stamp: float, used: bool, words: str) -> None:
-    assert watchdog.see_stamp(100.0)
-    assert watchdog.see_stamp(stamp) is used
+    assert watchdog.check_stamp(100.0)
+    assert watchdog.check_stamp(stamp) is used
     assert (words in str(watchdog.fault)) if words else watchdog.fault is None
 
 

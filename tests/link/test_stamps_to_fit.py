@@ -16,8 +16,8 @@ from gcs_autotune.identify.axis import signals
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Channel, Trial
-from gcs_autotune.watch import SilentWatcher
 
 pytestmark = pytest.mark.slow
 
@@ -56,7 +56,7 @@ def swing(hull: Hull, output: float = 0.4) -> Trial:
     craft = open_craft(Session(MemoryLink(hull)), wanted_rates=WANTED)
     craft.arm()
     relay = Relay(RelaySettings("psi", "N", output=output, hysteresis=math.radians(10.0)), "relay")
-    return Sequencer(craft, WIDE, SilentWatcher(), lambda trial: None).fly(relay).trial
+    return Sequencer(craft, WIDE, SilentObserver(), lambda trial: None).fly(relay)
 
 
 @pytest.fixture(scope="module")

@@ -358,24 +358,24 @@ def fault(watchdog: Watchdog) -> str:
 def test_all_is_well_while_all_is_well() -> None:
     watchdog = watched()
     for k in range(1000):
-        assert watchdog.see_stamp(0.1 * k)
-        watchdog.see_outputs(0.1 * k, {"N": 0.5})
-        watchdog.see_attitude(0.1 * k, (1e-9 * k, 0.0))
+        assert watchdog.check_stamp(0.1 * k)
+        watchdog.note_outputs(0.1 * k, {"N": 0.5})
+        watchdog.check_attitude(0.1 * k, (1e-9 * k, 0.0))
     watchdog.check()
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_an_attitude_that_is_no_number_is_a_fault(value: float) -> None:
     watchdog = watched()
-    watchdog.see_attitude(1.0, (0.0, value))
+    watchdog.check_attitude(1.0, (0.0, value))
     assert "not a number" in fault(watchdog)
 
 
 def test_a_frozen_attitude_under_helm_is_a_fault_after_three_seconds() -> None:
     watchdog = watched()
     for k in range(50):
-        watchdog.see_outputs(0.1 * k, {"N": 0.3 * (-1) ** k})
-        watchdog.see_attitude(0.1 * k, (0.1, 0.2))
+        watchdog.note_outputs(0.1 * k, {"N": 0.3 * (-1) ** k})
+        watchdog.check_attitude(0.1 * k, (0.1, 0.2))
         if k <= 29:
             watchdog.check()
     assert "frozen for 3.1 s" in fault(watchdog)
@@ -384,34 +384,34 @@ def test_a_frozen_attitude_under_helm_is_a_fault_after_three_seconds() -> None:
 def test_a_craft_at_rest_may_have_a_constant_attitude() -> None:
     watchdog = watched()
     for k in range(1000):
-        watchdog.see_outputs(0.1 * k, {"N": 0.0, "X": 0.01})
-        watchdog.see_attitude(0.1 * k, (0.1, 0.2))
+        watchdog.note_outputs(0.1 * k, {"N": 0.0, "X": 0.01})
+        watchdog.check_attitude(0.1 * k, (0.1, 0.2))
         assert watchdog.check() is None, "no fault is raised"
     for k in range(1000, 1110):
-        watchdog.see_outputs(0.1 * k, {"N": 0.0, "X": 0.3})
-        watchdog.see_attitude(0.1 * k, (0.1, 0.2))
+        watchdog.note_outputs(0.1 * k, {"N": 0.0, "X": 0.3})
+        watchdog.check_attitude(0.1 * k, (0.1, 0.2))
     assert "frozen" in fault(watchdog), "under way it may not"
 
 
 def test_a_clock_that_jumps_ahead_is_a_fault() -> None:
     watchdog = watched()
-    watchdog.see_stamp(10.0)
-    watchdog.see_stamp(16.0)
+    watchdog.check_stamp(10.0)
+    watchdog.check_stamp(16.0)
     assert "jumped from 10.0 s to 16.0 s" in fault(watchdog)
 
 
 def test_a_clock_that_runs_back_is_a_reboot_or_a_fault() -> None:
     for back, word in ((2.0, "restarted"), (500.0, "jumped back")):
         watchdog = watched()
-        watchdog.see_stamp(1000.0)
-        watchdog.see_stamp(back)
+        watchdog.check_stamp(1000.0)
+        watchdog.check_stamp(back)
         assert word in fault(watchdog)
 
 
 def test_a_datagram_out_of_order_is_left_out_and_no_fault() -> None:
     watchdog = watched()
-    assert watchdog.see_stamp(10.0)
-    assert not watchdog.see_stamp(9.9)
+    assert watchdog.check_stamp(10.0)
+    assert not watchdog.check_stamp(9.9)
     watchdog.check()
 
 
@@ -419,7 +419,7 @@ def test_a_clock_that_stands_still_is_a_fault() -> None:
     clock = ManualClock()
     watchdog = watched(clock)
     for _ in range(30):
-        watchdog.see_stamp(10.0)
+        watchdog.check_stamp(10.0)
         clock.advance(0.1)
     assert "stopped at 10.00 s" in fault(watchdog)
 

@@ -18,7 +18,7 @@ def seen(*stamps: tuple[float, float]) -> tuple[list[bool], str]:
     used = []
     for ours, its in stamps:
         clock.advance_to(ours)
-        used.append(watchdog.see_stamp(its))
+        used.append(watchdog.check_stamp(its))
     return used, str(watchdog.fault or "")
 
 
@@ -91,7 +91,7 @@ def test_what_is_no_number_is_a_fault_and_raised_when_asked() -> None:
     watchdog.check()
     for bad in (math.nan, math.inf):
         other = Watchdog(ManualClock())
-        other.see_attitude(1.0, (0.0, bad))
+        other.check_attitude(1.0, (0.0, bad))
         with pytest.raises(TelemetryFault, match="not a number"):
             other.check()
 
@@ -100,31 +100,31 @@ def test_what_is_no_number_is_a_fault_and_raised_when_asked() -> None:
 def test_an_attitude_is_frozen_only_while_something_works(force: str, limit: float) -> None:
     for size, is_fault in ((0.05, False), (0.051, True), (-0.051, True)):
         watchdog = Watchdog(ManualClock())
-        watchdog.see_attitude(0.0, (0.1, 0.2))
-        watchdog.see_outputs(0.0, {force: size})
-        watchdog.see_outputs(1.0, {force: size})  # it goes on: counted from its beginning
-        watchdog.see_attitude(limit, (0.1, 0.2))
+        watchdog.check_attitude(0.0, (0.1, 0.2))
+        watchdog.note_outputs(0.0, {force: size})
+        watchdog.note_outputs(1.0, {force: size})  # it goes on: counted from its beginning
+        watchdog.check_attitude(limit, (0.1, 0.2))
         assert watchdog.fault is None
-        watchdog.see_attitude(limit + 0.1, (0.1, 0.2))
+        watchdog.check_attitude(limit + 0.1, (0.1, 0.2))
         assert (watchdog.fault is not None) is is_fault
     watchdog = Watchdog(ManualClock())
-    watchdog.see_attitude(0.0, (0.1, 0.2))
-    watchdog.see_outputs(0.0, {force: 0.5})
-    watchdog.see_outputs(1.0, {force: 0.0})
-    watchdog.see_outputs(limit, {force: 0.5})
-    watchdog.see_attitude(limit + 0.1, (0.1, 0.2))
+    watchdog.check_attitude(0.0, (0.1, 0.2))
+    watchdog.note_outputs(0.0, {force: 0.5})
+    watchdog.note_outputs(1.0, {force: 0.0})
+    watchdog.note_outputs(limit, {force: 0.5})
+    watchdog.check_attitude(limit + 0.1, (0.1, 0.2))
     assert watchdog.fault is None, "it began anew"
-    watchdog.see_attitude(2.0 * limit - 0.1, (0.1, 0.21))
-    watchdog.see_attitude(3.0 * limit - 0.2, (0.1, 0.21))
+    watchdog.check_attitude(2.0 * limit - 0.1, (0.1, 0.21))
+    watchdog.check_attitude(3.0 * limit - 0.2, (0.1, 0.21))
     assert watchdog.fault is None, "it has moved meanwhile"
 
 
 def test_one_actuator_that_works_among_others_at_rest_is_enough() -> None:
     for forces in ({"X": 0.5, "Z": 0.0}, {"Z": 0.0, "X": 0.5}):
         watchdog = Watchdog(ManualClock())
-        watchdog.see_attitude(0.0, (0.1, 0.2))
-        watchdog.see_outputs(0.0, forces)
-        watchdog.see_attitude(10.1, (0.1, 0.2))
+        watchdog.check_attitude(0.0, (0.1, 0.2))
+        watchdog.note_outputs(0.0, forces)
+        watchdog.check_attitude(10.1, (0.1, 0.2))
         assert watchdog.fault is not None
 
 

@@ -18,7 +18,7 @@ from gcs_autotune.link.transports.address import HostPort
 from gcs_autotune.link.transports.udp import UdpIn
 from gcs_autotune.manoeuvres import restore_on_exit
 from gcs_autotune.mavlink import Framer
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 HOME, ELSEWHERE = "10.0.0.1:14550", "10.0.0.66:14550"
@@ -60,7 +60,7 @@ def leave_armed_and_lie(craft: MavlinkCraft, boat: ScriptedVehicle, link: Forged
     settled: list[str] = []
     with (
         pytest.raises(NotAsFound) as caught,
-        restore_on_exit(craft, SilentWatcher(), lambda: settled.append("settled")),
+        restore_on_exit(craft, SilentObserver(), lambda: settled.append("settled")),
     ):
         craft.arm()
         boat.on["COMMAND_LONG"] = lambda m: None if m.command == ARM else boat._on_command_long(m)

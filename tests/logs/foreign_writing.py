@@ -85,7 +85,7 @@ def mat(**columns: np.ndarray) -> bytes:
 
 
 def bag2(folder: Path) -> Path:
-    """A ROS 2 bag as a ship's stack writes it: odometry and wrench, east, north, up."""
+    """A ROS 2 bag as a ship's stack writes it: odometry, wrench and pulses, east, north, up."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -100,6 +100,9 @@ def bag2(folder: Path) -> Path:
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
         where = writer.add_connection("/odom", odometry.__msgtype__, typestore=store)
         what = writer.add_connection("/thrust", wrenched.__msgtype__, typestore=store)
+        pulses = kinds["std_msgs/msg/UInt16MultiArray"]
+        driven = writer.add_connection("/motors", pulses.__msgtype__, typestore=store)
+        plain = kinds["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
         for k, t in enumerate(T):
             ns = round((1714644000.0 + t) * 1e9)
             head = header(stamp=stamp(sec=ns // 10**9, nanosec=ns % 10**9), frame_id="map")
@@ -110,4 +113,6 @@ def bag2(folder: Path) -> Path:
             writer.write(where, ns, store.serialize_cdr(message, odometry.__msgtype__))
             force = wrench(vector(x=20.0, y=0.0, z=0.0), vector(x=0.0, y=0.0, z=-float(N[k])))
             writer.write(what, ns, store.serialize_cdr(wrenched(head, force), wrenched.__msgtype__))
+            widths = np.array([1500 + round(100 * float(N[k])), 1500], dtype=np.uint16)
+            writer.write(driven, ns, store.serialize_cdr(pulses(plain, widths), pulses.__msgtype__))
     return path

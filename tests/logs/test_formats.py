@@ -82,6 +82,12 @@ def test_a_ros_bag_is_turned_from_east_north_up_to_north_east_down(tmp_path: Pat
     assert alone["N"].values == pytest.approx(N)
 
 
+def test_pulses_of_motors_in_a_ros_bag_are_columns(tmp_path: Path) -> None:
+    (run,) = load_runs(bag2(tmp_path))
+    assert run["motors_1"].values == pytest.approx(1500.0 + np.round(100.0 * N))
+    assert run["motors_2"].values == pytest.approx(1500.0)
+
+
 @pytest.mark.parametrize(
     ("library", "content", "words"),
     [

@@ -13,7 +13,7 @@ from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Manoeuvre, ManoeuvreKind, NominalPlant, Sequencer, preview
 from gcs_autotune.manoeuvres.manoeuvre import Commands
 from gcs_autotune.models import SingleDof
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 
 from .pond import PondCraft
 
@@ -64,7 +64,7 @@ def test_one_row_in_the_table_and_the_command_lists_previews_and_flies_it(
 
 def test_the_sequencer_needs_nothing_but_the_generator() -> None:
     free = Envelope(heading_excursion=math.inf)
-    flown = Sequencer(PondCraft(), free, SilentWatcher(), lambda trial: None).fly(Wiggle(5.0))
-    assert flown.outcome.reason == "wiggled"
-    assert flown.trial.meta["manoeuvre"] == "wiggle"
-    assert flown.trial.purpose == "identification"
+    flown = Sequencer(PondCraft(), free, SilentObserver(), lambda trial: None).fly(Wiggle(5.0))
+    assert flown.reason == "wiggled"
+    assert flown.meta["manoeuvre"] == "wiggle"
+    assert flown.purpose == "identification"

@@ -6,9 +6,10 @@ from collections.abc import Callable
 import pytest
 
 from gcs_autotune.craft import Command, DepthTarget
-from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope, Flown, Sequencer
+from gcs_autotune.manoeuvres import Dive, DiveSettings, Envelope, Sequencer
 from gcs_autotune.manoeuvres.dive import RAMP
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
+from gcs_autotune.trial import Trial
 
 from .pond import PondCraft, answered, at_rest
 
@@ -32,41 +33,41 @@ class Loop(PondCraft):
         self.command = command
 
 
-def dive(offset: float = 0.0, swing: float = 0.0) -> Flown:
+def dive(offset: float = 0.0, swing: float = 0.0) -> Trial:
     envelope = Envelope(depth_excursion=20.0)
-    return Sequencer(Loop(offset, swing), envelope, SilentWatcher(), lambda trial: None).fly(Dive(DiveSettings(1.5)))
+    return Sequencer(Loop(offset, swing), envelope, SilentObserver(), lambda trial: None).fly(Dive(DiveSettings(1.5)))
 
 
 def test_a_craft_that_follows_is_there_at_once() -> None:
     flown = dive()
-    assert flown.outcome.ending == "completed"
-    assert flown.outcome.reason == "1.5 m deep"
-    assert flown.trial.duration < 15.0
+    assert flown.ending == "completed"
+    assert flown.reason == "1.5 m deep"
+    assert flown.duration < 15.0
 
 
 def test_one_whose_loop_swings_or_holds_another_depth_is_deep_enough_when_it_stays_off_the_surface() -> None:
     for offset, swing in ((0.0, 0.45), (0.4, 0.0), (-0.3, 0.0)):
         flown = dive(offset, swing)
-        assert flown.outcome.ending == "completed", (offset, swing)
-        assert flown.outcome.reason.endswith("deep enough, but not settled")
+        assert flown.ending == "completed", (offset, swing)
+        assert flown.reason.endswith("deep enough, but not settled")
 
 
 def test_one_that_stays_up_is_said_to_with_what_its_thrusters_do() -> None:
     flown = dive(offset=-1.2)
-    assert flown.outcome.ending == "aborted"
-    assert "is 0.3 m deep and did not reach 1.5 m within 60 s, with +0.30 of full thrust down" in flown.outcome.reason
-    assert "Check buoyancy" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "is 0.3 m deep and did not reach 1.5 m within 60 s, with +0.30 of full thrust down" in flown.reason
+    assert "Check buoyancy" in flown.reason
 
 
 def test_one_that_sinks_beyond_is_not_said_to_be_buoyant() -> None:
     flown = dive(offset=4.0)
-    assert flown.outcome.ending == "aborted"
-    assert "Check its buoyancy" in flown.outcome.reason
-    assert "buoyant" not in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "Check its buoyancy" in flown.reason
+    assert "buoyant" not in flown.reason
 
 
 def test_one_that_swings_up_to_the_surface_is_refused() -> None:
-    assert dive(swing=1.6).outcome.ending == "aborted"
+    assert dive(swing=1.6).ending == "aborted"
 
 
 def told(depth: Callable[[float], float], **changes: float) -> tuple[Dive, list]:

@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres.free_decay import KIND, HandReleased
+from gcs_autotune.manoeuvres.free_decay import KIND, FreeDecay
 
 from .pond import answered, at_rest
 
@@ -18,7 +18,7 @@ LIST = 0.08
 WAYS = [("K", "phi", "roll"), ("M", "theta", "pitch")]
 
 
-def tilted(force: str, swing: Callable[[float], float], duration: float = 60.0) -> tuple[HandReleased, list]:
+def tilted(force: str, swing: Callable[[float], float], duration: float = 60.0) -> tuple[FreeDecay, list]:
     """Fly one that swings by ``swing(t)`` [rad] about its list."""
     signal = {"K": "phi", "M": "theta"}[force]
 
@@ -26,7 +26,7 @@ def tilted(force: str, swing: Callable[[float], float], duration: float = 60.0) 
         noise = 0.0 if t >= 3.0 else 0.02 * (-1.0) ** round(2.0 * t)
         return at_rest(t=100.0 + t, **{signal: LIST + noise + swing(t)})
 
-    manoeuvre = HandReleased(force, duration)
+    manoeuvre = FreeDecay(force, duration)
     return manoeuvre, answered(manoeuvre, seen)
 
 
@@ -64,7 +64,7 @@ def test_a_push_is_larger_than_what_handling_does_and_is_waited_for_so_long(
 
 
 def test_exactly_five_degrees_are_no_push_and_exactly_a_tenth_is_no_swing() -> None:
-    manoeuvre = HandReleased("K", 20.0)
+    manoeuvre = FreeDecay("K", 20.0)
     sizes = {5.0: math.radians(5.0), 10.0: 0.5, 11.0: 0.1 * 0.5}
     rows = answered(
         manoeuvre, lambda t, command: at_rest(t=t, phi=next((v for k, v in reversed(sizes.items()) if t >= k), 0.0))
@@ -74,7 +74,7 @@ def test_exactly_five_degrees_are_no_push_and_exactly_a_tenth_is_no_swing() -> N
 
 
 def test_where_it_stands_is_told_to_who_pushes() -> None:
-    manoeuvre, phases = HandReleased("K", 8.0), {}
+    manoeuvre, phases = FreeDecay("K", 8.0), {}
 
     def seen(t: float, command: object) -> Observation:
         phases[t - 0.5] = manoeuvre.phase
@@ -87,7 +87,7 @@ def test_where_it_stands_is_told_to_who_pushes() -> None:
 
 
 def test_an_angle_that_nobody_tells_is_no_push() -> None:
-    manoeuvre = HandReleased("K", 8.0)
+    manoeuvre = FreeDecay("K", 8.0)
     answered(manoeuvre, lambda t, command: at_rest(t=t, phi=0.0 if t < 5.0 else math.nan))
     assert manoeuvre.outcome is not None
     assert manoeuvre.outcome.ending == "aborted"

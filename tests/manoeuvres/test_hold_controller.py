@@ -9,7 +9,7 @@ import pytest
 from gcs_autotune.craft import Actuate
 from gcs_autotune.manoeuvres.hold_controller import (
     CALMING,
-    HELD_MEANWHILE,
+    HELD_DURING,
     LEAST_SHARE,
     MOST_RUDDER,
     RUDDER_GAIN,
@@ -53,12 +53,12 @@ def test_without_a_signal_it_idles_and_without_a_rate_it_does_without() -> None:
 
 
 def test_held_forces_take_the_place_of_the_commands() -> None:
-    own = HoldController(HELD_MEANWHILE["psi"][0])
+    own = HoldController(HELD_DURING["psi"][0])
     own.demand(at_rest(z=1.0))
     command = hold(Actuate(N=0.5, Z=0.9), [own], at_rest(z=1.0))
     assert command == Actuate(N=0.5, Z=0.0)
-    assert [g.force for g in HELD_MEANWHILE["z"]] == ["N"]
-    assert [g.force for g in HELD_MEANWHILE["x"]] == ["N", "Z"]
+    assert [g.force for g in HELD_DURING["z"]] == ["N"]
+    assert [g.force for g in HELD_DURING["x"]] == ["N", "Z"]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

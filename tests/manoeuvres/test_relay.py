@@ -20,8 +20,8 @@ from gcs_autotune.manoeuvres import (
     relay_messages,
 )
 from gcs_autotune.manoeuvres.relay import WallRelay
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.watch import SilentWatcher
 
 from .pond import Buoyant, PondCraft, answered, at_rest
 
@@ -33,7 +33,7 @@ WIDE = Envelope(heading_excursion=math.radians(170.0))
 
 def fly(craft, settings, envelope=WIDE, rule=None):
     kept = []
-    flown = Sequencer(craft, envelope, SilentWatcher(), kept.append).fly(Relay(settings, criterion=rule))
+    flown = Sequencer(craft, envelope, SilentObserver(), kept.append).fly(Relay(settings, criterion=rule))
     return flown, kept[0]
 
 
@@ -56,31 +56,31 @@ class EnoughAfter:
 def test_a_rule_that_knows_enough_ends_it_before_five_periods_agree():
     rule = EnoughAfter(3)
     flown, _ = fly(PondCraft(), YAW, rule=rule)
-    assert (flown.outcome.ending, flown.outcome.reason) == ("completed", "enough is known")
-    switches = [m for m in flown.trial.marks if m.kind == "switch" and m.detail["x"] != 0.0]
+    assert (flown.ending, flown.reason) == ("completed", "enough is known")
+    switches = [m for m in flown.marks if m.kind == "switch" and m.detail["x"] != 0.0]
     assert len(switches) == 3
     assert rule.begun == 1
-    assert flown.trial.meta["enough"], "so that whoever reads the record does not ask for more periods"
+    assert flown.meta["enough"], "so that whoever reads the record does not ask for more periods"
 
 
 def test_a_rule_that_never_knows_enough_leaves_it_to_the_five_periods_and_begins_again_with_each_size():
     rule = EnoughAfter(math.inf)
     flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", keep_still=True), rule=rule)
-    assert flown.outcome.reason.startswith("5 periods")
-    assert rule.begun == 1 + sum(m.kind in ("grow", "widen") for m in flown.trial.marks)
+    assert flown.reason.startswith("5 periods")
+    assert rule.begun == 1 + sum(m.kind in ("grow", "widen") for m in flown.marks)
 
 
 def test_where_the_noise_is_known_it_begins_at_once():
     flown, record = fly(PondCraft(), replace(YAW, noise_std=0.05))
-    assert record.start == pytest.approx(flown.trial.start, abs=0.11)
-    assert flown.trial.meta["x_a"] == pytest.approx(0.25)
-    assert flown.trial.meta["noise_std"] == 0.05
+    assert record.start == pytest.approx(flown.start, abs=0.11)
+    assert flown.meta["x_a"] == pytest.approx(0.25)
+    assert flown.meta["noise_std"] == 0.05
 
 
 def test_it_ends_by_itself_after_five_periods_that_agree_and_satisfy_condition_7_12():
     flown, _ = fly(PondCraft(), YAW)
-    assert flown.outcome.ending == "completed"
-    (cycle,) = find_cycles(flown.trial, "yaw")
+    assert flown.ending == "completed"
+    (cycle,) = find_cycles(flown, "yaw")
     assert cycle.valid
     assert cycle.periods >= 5
     assert cycle.scatter < 0.10
@@ -88,45 +88,45 @@ def test_it_ends_by_itself_after_five_periods_that_agree_and_satisfy_condition_7
 
 def test_the_real_switching_values_lie_beyond_the_set_one_and_are_recorded():
     flown, _ = fly(PondCraft(), YAW)
-    switches = [m for m in flown.trial.marks if m.kind == "switch" and "x" in m.detail]
+    switches = [m for m in flown.marks if m.kind == "switch" and "x" in m.detail]
     real = [abs(m.detail["x"]) for m in switches[1:]]
     assert min(real) >= YAW.least_hysteresis
     assert max(real) < 1.5 * YAW.least_hysteresis
-    (cycle,) = find_cycles(flown.trial, "yaw")
+    (cycle,) = find_cycles(flown, "yaw")
     assert cycle.x_a_star > cycle.x_a
 
 
 def test_the_trial_proper_begins_with_the_relay_and_the_record_with_the_lead_in():
     flown, record = fly(PondCraft(), YAW)
-    assert record.start < flown.trial.start
-    assert flown.trial.start == pytest.approx(flown.trial.meta["from_t"], abs=0.11)
+    assert record.start < flown.start
+    assert flown.start == pytest.approx(flown.meta["from_t"], abs=0.11)
 
 
 def test_it_grows_until_a_constant_disturbance_is_overcome():
     flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", keep_still=True))
-    assert flown.trial.meta["C"] > 0.4
-    assert any(m.kind == "grow" for m in flown.trial.marks)
-    cycles = find_cycles(flown.trial, "yaw")
+    assert flown.meta["C"] > 0.4
+    assert any(m.kind == "grow" for m in flown.marks)
+    cycles = find_cycles(flown, "yaw")
     assert cycles[-1].valid
     assert cycles[-1].x_0 > 0.0
 
 
 def test_a_given_output_is_kept_and_failing_with_it_says_what_to_try():
     flown, _ = fly(PondCraft(bias=0.4), RelaySettings("psi", "N", output=0.3, keep_still=True))
-    assert flown.outcome.ending == "aborted"
-    assert "--relay-output" in flown.outcome.reason or "disturbance" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "--relay-output" in flown.reason or "disturbance" in flown.reason
 
 
 def test_a_reversed_actuator_is_named():
     flown, _ = fly(PondCraft(gain=-1.0), YAW)
-    assert flown.outcome.ending == "aborted"
-    assert "reversed" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "reversed" in flown.reason
 
 
 def test_a_dead_actuator_is_named():
     flown, _ = fly(PondCraft(gain=0.0), RelaySettings("psi", "N", patience=10.0))
-    assert flown.outcome.ending == "aborted"
-    assert "did not cross the hysteresis" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "did not cross the hysteresis" in flown.reason
 
 
 def test_a_limit_cycle_that_never_settles_is_given_up():
@@ -143,8 +143,8 @@ def test_a_limit_cycle_that_never_settles_is_given_up():
         RelaySettings("psi", "N", output=0.3, hysteresis=math.radians(10.0), most_periods=12),
         Envelope(heading_excursion=9.0),
     )
-    assert flown.outcome.ending == "aborted"
-    assert "did not settle" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "did not settle" in flown.reason
 
 
 def test_a_jittery_link_is_answered_with_a_wider_slower_oscillation():
@@ -158,9 +158,9 @@ def test_a_jittery_link_is_answered_with_a_wider_slower_oscillation():
                 self.command = command
 
     flown, _ = fly(Jittery(gain=4.0, drag=4.0), YAW)
-    assert any(m.kind == "widen" for m in flown.trial.marks)
-    assert flown.outcome.ending == "completed"
-    assert flown.trial.meta["x_a"] == pytest.approx(1.5 * YAW.least_hysteresis)
+    assert any(m.kind == "widen" for m in flown.marks)
+    assert flown.ending == "completed"
+    assert flown.meta["x_a"] == pytest.approx(1.5 * YAW.least_hysteresis)
 
 
 def test_noise_widens_the_hysteresis():
@@ -173,22 +173,22 @@ def test_noise_widens_the_hysteresis():
             return seen
 
     flown, _ = fly(Noisy(), RelaySettings("psi", "N", tolerance=0.5))
-    assert flown.trial.meta["x_a"] > math.radians(13.0)
+    assert flown.meta["x_a"] > math.radians(13.0)
 
 
 def test_on_a_boat_it_waits_for_way_before_it_turns():
     craft = PondCraft(firmware="ardurover")
     flown, record = fly(craft, RelaySettings("psi", "N", throttle=0.5))
-    assert flown.trial.meta["speed"] == pytest.approx(1.0, rel=0.05)
-    assert flown.trial.start - record.start > 3.0
+    assert flown.meta["speed"] == pytest.approx(1.0, rel=0.05)
+    assert flown.start - record.start > 3.0
 
 
 def test_depth_swings_about_where_it_began():
     craft = PondCraft()
     craft.z = 4.0
     flown, _ = fly(craft, DEPTH)
-    z = flown.trial["z"].values
-    assert flown.outcome.ending == "completed"
+    z = flown["z"].values
+    assert flown.ending == "completed"
     assert 0.5 * (z.max() + z.min()) == pytest.approx(4.0, abs=0.1)
 
 
@@ -196,43 +196,43 @@ def test_a_surge_relay_swings_the_integrated_speed():
     craft = PondCraft(firmware="ardurover")
     settings = RelaySettings("x", "X", throttle=0.4, reference_speed=0.8, least_hysteresis=0.1)
     flown, _ = fly(craft, settings)
-    assert flown.outcome.ending == "completed"
+    assert flown.ending == "completed"
 
 
 def test_an_rov_keeps_its_depth_while_its_heading_swings():
     craft = PondCraft(bias=0.1)
     craft.z = 4.0
     flown, _ = fly(craft, RelaySettings("psi", "N", keep_still=True))
-    assert flown.outcome.ending == "completed"
-    assert abs(flown.trial["z"].values - 4.0).max() < 0.7
+    assert flown.ending == "completed"
+    assert abs(flown["z"].values - 4.0).max() < 0.7
 
 
 def test_an_oscillation_too_quick_for_the_link_is_widened_until_the_link_can_carry_it():
     quick, _ = fly(PondCraft(gain=4.0, drag=4.0), YAW)
-    period = find_cycles(quick.trial, "yaw")[-1]
+    period = find_cycles(quick, "yaw")[-1]
     wanted = 1.5 * (period.T_H + period.T_L)
     settings = RelaySettings("psi", "N", least_period=wanted)
     flown, _ = fly(PondCraft(gain=4.0, drag=4.0), settings)
-    assert flown.outcome.ending == "completed"
-    cycle = find_cycles(flown.trial, "yaw")[-1]
+    assert flown.ending == "completed"
+    cycle = find_cycles(flown, "yaw")[-1]
     assert cycle.T_H + cycle.T_L >= wanted
-    assert any(m.kind == "widen" for m in flown.trial.marks)
+    assert any(m.kind == "widen" for m in flown.marks)
 
 
 def test_a_link_too_slow_for_the_craft_is_refused_with_the_numbers():
     flown, _ = fly(PondCraft(), RelaySettings("psi", "N", hysteresis=math.radians(5.0), least_period=20.0))
-    assert flown.outcome.ending == "aborted"
-    assert "it oscillates with a period of" in flown.outcome.reason
-    assert "Periods below 20.00 s" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "it oscillates with a period of" in flown.reason
+    assert "Periods below 20.00 s" in flown.reason
 
 
 def test_a_craft_that_outruns_the_control_ticks_is_given_a_wider_swing_and_not_a_stronger_one():
     """Without inertia it is back inside the hysteresis at the next tick: more output only makes that worse."""
     lively = PondCraft(gain=400.0, drag=80.0, bias=10.0)
     flown, record = fly(lively, YAW, replace(WIDE, depth_excursion=math.inf))
-    assert flown.outcome.ending == "aborted"
-    assert "control ticks of 0.10 s" in flown.outcome.reason
-    assert "--control-rate" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "control ticks of 0.10 s" in flown.reason
+    assert "--control-rate" in flown.reason
     assert [m.kind for m in record.marks].count("widen") == YAW.most_widenings
     assert record.meta["C"] < YAW.most_output
 
@@ -241,7 +241,7 @@ def test_a_craft_that_outruns_the_control_ticks_is_given_a_wider_swing_and_not_a
 def test_a_depth_relay_holds_a_craft_that_rises_or_sinks_by_itself_until_it_begins(buoyancy):
     craft = Buoyant(buoyancy, 1.5, 1)
     flown, trial = fly(craft, replace(DEPTH, keep_still=True), Envelope(depth_excursion=10.0))
-    assert flown.outcome.ending == "completed", flown.outcome.reason
+    assert flown.ending == "completed", flown.reason
     assert abs(trial.meta["reference"] - 1.5) < 1.0
     assert trial["z"].values.min() > 0.2
 
@@ -305,11 +305,11 @@ RESTLESS = RelaySettings("psi", "N", output=0.3, hysteresis=math.radians(10.0), 
 def test_a_boat_whose_relay_does_not_settle_ends_it_with_its_record_before_the_limit_of_distance():
     room = Envelope(heading_excursion=9.0, distance=150.0, cruise=2.0)
     flown, record = fly(GustyBoat(), RESTLESS, room)
-    assert flown.outcome.ending == "stopped"
-    assert re.search(r"not settled after \d+ reversals.*limit 150 m \(--max-distance\)", flown.outcome.reason)
+    assert flown.ending == "stopped"
+    assert re.search(r"not settled after \d+ reversals.*limit 150 m \(--max-distance\)", flown.reason)
     assert 2.0 * record.end == pytest.approx(126.0, abs=1.0), "12 s at 2 m/s are left to come about in"
-    assert not flown.trial.meta["enough"], "whoever reads the record is to know that it did not settle"
-    assert find_cycles(flown.trial, "yaw")
+    assert not flown.meta["enough"], "whoever reads the record is to know that it did not settle"
+    assert find_cycles(flown, "yaw")
 
 
 def test_a_small_room_is_not_over_where_it_begins_however_fast_the_boat():

@@ -15,14 +15,14 @@ from gcs_autotune.errors import (
     TelemetryFault,
 )
 from gcs_autotune.manoeuvres import Envelope, Sequencer, Step, StepSettings, restore_on_exit
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 
 from .pond import PondCraft
 
 STEP = StepSettings("psi", math.radians(30.0), 15.0)
 
 
-class Ear(SilentWatcher):
+class Ear(SilentObserver):
     def __init__(self):
         self.heard = []
 
@@ -31,7 +31,7 @@ class Ear(SilentWatcher):
 
 
 def flight(craft, kept, manoeuvre=None, envelope=None):
-    sequencer = Sequencer(craft, envelope or Envelope(), SilentWatcher(), kept.append)
+    sequencer = Sequencer(craft, envelope or Envelope(), SilentObserver(), kept.append)
     return sequencer, lambda: sequencer.fly(manoeuvre or Step(STEP), "a test")
 
 
@@ -39,12 +39,12 @@ def test_a_step_is_flown_to_its_end_with_neutral_actuators_and_its_record():
     craft, kept = PondCraft(), []
     _, fly = flight(craft, kept)
     flown = fly()
-    assert flown.outcome.ending == "completed"
+    assert flown.ending == "completed"
     assert craft.command == Actuate()
     assert craft.log == ["mode ALT_HOLD", "neutral"]
-    assert [m.detail["phase"] for m in flown.trial.marks] == ["hold", "step", "back"]
+    assert [m.detail["phase"] for m in flown.marks] == ["hold", "step", "back"]
     assert kept[0].meta["size"] == pytest.approx(STEP.size)
-    psi = flown.trial["psi"]
+    psi = flown["psi"]
     assert psi.values.max() == pytest.approx(STEP.size, rel=0.2)
     assert psi.values[-1] == pytest.approx(0.0, abs=0.05)
 
@@ -99,7 +99,7 @@ def test_an_excursion_in_depth_ends_the_manoeuvre_of_an_rov_and_is_none_of_a_boa
     craft, kept = Drifting(firmware=firmware), []
     _, fly = flight(craft, kept, envelope=SINKING)
     if not is_watched:
-        assert fly().outcome.ending == "completed"
+        assert fly().ending == "completed"
         return
     with pytest.raises(GuardTripped) as caught:
         fly()
@@ -160,7 +160,7 @@ def test_an_error_keeps_its_name_even_when_neutral_cannot_be_confirmed():
 
 def test_a_visit_leaves_mode_and_armed_state_as_found():
     craft = PondCraft()
-    with restore_on_exit(craft, SilentWatcher()):
+    with restore_on_exit(craft, SilentObserver()):
         craft.arm()
         craft.set_mode("MANUAL")
     assert (craft.mode, craft.armed) == ("STABILIZE", False)
@@ -170,7 +170,7 @@ def test_a_visit_leaves_mode_and_armed_state_as_found():
 def test_a_craft_found_armed_stays_armed():
     craft = PondCraft()
     craft.armed = True
-    with restore_on_exit(craft, SilentWatcher()):
+    with restore_on_exit(craft, SilentObserver()):
         craft.set_mode("MANUAL")
     assert craft.armed
 
@@ -187,7 +187,7 @@ def test_a_craft_found_armed_that_disarmed_itself_is_not_armed_again_and_that_is
 
 def test_the_operators_stop_does_not_stop_the_clean_up():
     craft = PondCraft()
-    with pytest.raises(OperatorStopped), restore_on_exit(craft, SilentWatcher()):
+    with pytest.raises(OperatorStopped), restore_on_exit(craft, SilentObserver()):
         craft.arm()
         craft.stop_wanted = True
         craft.observe()
@@ -202,7 +202,7 @@ def test_what_could_not_be_put_back_is_said():
 
     with (
         pytest.raises(NotAsFound, match="armed state: still moving") as caught,
-        restore_on_exit(craft, SilentWatcher()),
+        restore_on_exit(craft, SilentObserver()),
     ):
         craft.arm()
         craft.disarm = refuse
@@ -227,7 +227,7 @@ def test_after_an_abort_too_what_could_not_be_put_back_leaves_the_journal_unsett
 
     with (
         pytest.raises(NotAsFound, match=r"Afterwards the vehicle could not be restored: mode: mode refused") as caught,
-        restore_on_exit(craft, SilentWatcher(), lambda: settled.append(True)),
+        restore_on_exit(craft, SilentObserver(), lambda: settled.append(True)),
     ):
         craft.arm()
         craft.set_mode("ALT_HOLD")
@@ -244,7 +244,7 @@ def test_after_an_abort_that_was_put_back_the_journal_is_settled_and_the_error_s
     craft, settled = PondCraft(), []
     with (
         pytest.raises(GuardTripped, match="too far"),
-        restore_on_exit(craft, SilentWatcher(), lambda: settled.append(True)),
+        restore_on_exit(craft, SilentObserver(), lambda: settled.append(True)),
     ):
         craft.arm()
         raise GuardTripped("too far")
@@ -256,7 +256,7 @@ def test_a_link_that_is_lost_while_putting_back_is_one_difference_and_nothing_mo
     craft, settled = PondCraft(), []
     with (
         pytest.raises(NotAsFound) as caught,
-        restore_on_exit(craft, SilentWatcher(), lambda: settled.append(True)),
+        restore_on_exit(craft, SilentObserver(), lambda: settled.append(True)),
     ):
         craft.arm()
         craft.fail_neutral = LinkLost("gone")
@@ -276,13 +276,13 @@ def test_a_mode_that_a_late_twin_of_a_command_undoes_is_restored_again_a_few_tim
 
     craft, settled = Twice(), []
     if times == 1:
-        with restore_on_exit(craft, SilentWatcher(), lambda: settled.append(craft.mode)):
+        with restore_on_exit(craft, SilentObserver(), lambda: settled.append(craft.mode)):
             craft.set_mode("ALT_HOLD")
         assert settled == ["STABILIZE"]
         return
     with (
         pytest.raises(NotAsFound, match="still MANUAL and disarmed"),
-        restore_on_exit(craft, SilentWatcher(), lambda: settled.append(craft.mode)),
+        restore_on_exit(craft, SilentObserver(), lambda: settled.append(craft.mode)),
     ):
         craft.set_mode("ALT_HOLD")
     assert settled == []
@@ -296,5 +296,5 @@ def test_a_loop_that_runs_away_stops_the_step_by_itself():
     craft, kept = Wild(), []
     _, fly = flight(craft, kept, envelope=Envelope(heading_excursion=10.0))
     flown = fly()
-    assert flown.outcome.ending == "stopped"
-    assert "diverges" in flown.outcome.reason
+    assert flown.ending == "stopped"
+    assert "diverges" in flown.reason

@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 
 from gcs_autotune.craft import Actuate, Command, Observation
-from gcs_autotune.manoeuvres import Envelope, Flown, Outlet, Sequencer, SignCheck, SignCheckSettings
+from gcs_autotune.manoeuvres import Envelope, Outlet, Sequencer, SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.pulse_response import Pulse, PulseResponse
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
+from gcs_autotune.trial import Trial
 
 from .pond import Buoyant, PondCraft
 
 STEERING = (Outlet(1, 1500.0, 500.0),)
 
 
-def check(craft: PondCraft, signal: str = "psi", **changes: Any) -> tuple[SignCheck, Flown]:
+def check(craft: PondCraft, signal: str = "psi", **changes: Any) -> tuple[SignCheck, Trial]:
     manoeuvre = SignCheck(
         SignCheckSettings(signal, "N" if signal == "psi" else "Z", outlets=STEERING, cure="Turn it round", **changes)
     )
-    flown = Sequencer(craft, Envelope(depth_excursion=100.0), SilentWatcher(), lambda trial: None).fly(manoeuvre)
+    flown = Sequencer(craft, Envelope(depth_excursion=100.0), SilentObserver(), lambda trial: None).fly(manoeuvre)
     return manoeuvre, flown
 
 
@@ -30,10 +31,10 @@ def check(craft: PondCraft, signal: str = "psi", **changes: Any) -> tuple[SignCh
 def test_an_actuator_that_acts_rightly_passes_whatever_the_craft(gain: float, drag: float) -> None:
     craft = PondCraft(gain=gain, drag=drag)
     manoeuvre, flown = check(craft)
-    assert flown.outcome.ending == "completed"
+    assert flown.ending == "completed"
     assert manoeuvre.answer is not None
     assert manoeuvre.answer.signs == (1, 1)
-    assert flown.trial.duration < 40.0
+    assert flown.duration < 40.0
     assert abs(craft.psi) < math.radians(30.0)
     assert craft.command.N == 0.0  # type: ignore[union-attr]
 
@@ -42,11 +43,11 @@ def test_an_actuator_that_acts_rightly_passes_whatever_the_craft(gain: float, dr
 def test_a_reversed_actuator_is_refused_with_its_cure_after_two_small_pulses(bias: float) -> None:
     craft = PondCraft(gain=-1.0, bias=bias)
     _, flown = check(craft)
-    assert [m.detail["N"] for m in flown.trial.marks] == [0.15, -0.15, 0.15, -0.15]
-    assert flown.outcome.ending == "aborted"
-    assert "+0.15 of full N moved the craft" in flown.outcome.reason
-    assert "to port" in flown.outcome.reason
-    assert flown.outcome.reason.endswith("the wrong way. Turn it round")
+    assert [m.detail["N"] for m in flown.marks] == [0.15, -0.15, 0.15, -0.15]
+    assert flown.ending == "aborted"
+    assert "+0.15 of full N moved the craft" in flown.reason
+    assert "to port" in flown.reason
+    assert flown.reason.endswith("the wrong way. Turn it round")
     assert abs(craft.psi) < math.radians(60.0)
 
 
@@ -92,9 +93,9 @@ def test_a_craft_as_quick_as_the_link_is_late_is_understood(gain: float, signs: 
 
 def test_a_dead_actuator_is_named_with_the_pulses_it_was_given() -> None:
     _, flown = check(PondCraft(gain=0.0))
-    assert flown.outcome.ending == "aborted"
-    assert "SERVO1 went to 1800 us and 1200 us. The actuator is dead" in flown.outcome.reason
-    assert [m.detail["N"] for m in flown.trial.marks] == [0.15, -0.15, 0.3, -0.3, 0.6, -0.6]
+    assert flown.ending == "aborted"
+    assert "SERVO1 went to 1800 us and 1200 us. The actuator is dead" in flown.reason
+    assert [m.detail["N"] for m in flown.marks] == [0.15, -0.15, 0.3, -0.3, 0.6, -0.6]
 
 
 def test_a_drift_stronger_than_the_actuator_is_not_taken_for_an_answer() -> None:
@@ -105,14 +106,14 @@ def test_a_drift_stronger_than_the_actuator_is_not_taken_for_an_answer() -> None
             self.gain = held
 
     _, flown = check(OneWay())
-    assert flown.outcome.ending == "aborted"
-    assert "in one direction only" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "in one direction only" in flown.reason
 
 
 def test_heave_is_checked_downwards_first() -> None:
-    assert check(PondCraft(bias=-0.02), "z", reach=0.15, least=0.02)[1].outcome.ending == "completed"
+    assert check(PondCraft(bias=-0.02), "z", reach=0.15, least=0.02)[1].ending == "completed"
     _, flown = check(PondCraft(gain=-1.0, bias=-0.02), "z", reach=0.15, least=0.02)
-    assert "m up in" in flown.outcome.reason
+    assert "m up in" in flown.reason
 
 
 HEAVE = {"signal": "z", "reach": 0.15, "least": 0.0225, "longest": 6.0}
@@ -123,33 +124,33 @@ def test_a_craft_that_comes_up_or_sinks_by_itself_is_not_taken_for_a_reversed_on
     for depth in (0.13, 0.8, 1.5, 5.0):
         for seed in range(3):
             _, flown = check(Buoyant(buoyancy, depth, seed), **HEAVE)
-            assert flown.outcome.ending == "completed", (depth, seed, flown.outcome.reason)
+            assert flown.ending == "completed", (depth, seed, flown.reason)
 
 
 @pytest.mark.parametrize("buoyancy", [-10.0, -1.0, 0.6, 3.0])
 def test_a_reversed_one_that_comes_up_or_sinks_by_itself_is_refused(buoyancy: float) -> None:
     for seed in range(3):
         _, flown = check(Buoyant(buoyancy, 5.0, seed, sign=-1.0), **HEAVE)
-        assert "the wrong way. Turn it round" in flown.outcome.reason, seed
+        assert "the wrong way. Turn it round" in flown.reason, seed
 
 
 def test_one_that_no_pulse_drives_down_is_said_to_rise_not_to_be_reversed() -> None:
     _, flown = check(Buoyant(75.0, 5.0, 1), **HEAVE)
-    assert flown.outcome.ending == "aborted"
-    assert "the wrong way" not in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "the wrong way" not in flown.reason
 
 
 def test_what_drifts_is_said_with_what_to_do_about_it() -> None:
     _, flown = check(Buoyant(75.0, 40.0, 1, sign=0.0), **HEAVE)
-    assert "without command it rises at 1.0" in flown.outcome.reason
+    assert "without command it rises at 1.0" in flown.reason
 
 
 @pytest.mark.parametrize("wind", [0.03, -0.03, 0.1, -0.1])
 @pytest.mark.parametrize(("gain", "ending"), [(1.0, "completed"), (-1.0, "aborted")])
 def test_a_boat_that_wind_or_current_turns_is_judged_by_its_rudder(wind: float, gain: float, ending: str) -> None:
     _, flown = check(PondCraft(gain=gain, bias=wind))
-    assert flown.outcome.ending == ending
-    assert ("the wrong way" in flown.outcome.reason) == (gain < 0.0)
+    assert flown.ending == ending
+    assert ("the wrong way" in flown.reason) == (gain < 0.0)
 
 
 class Outputs(PondCraft):
@@ -178,16 +179,16 @@ class Outputs(PondCraft):
 )
 def test_outputs_that_do_not_do_what_was_commanded_are_refused(shown: Callable[[float], float], why: str) -> None:
     _, flown = check(Outputs(shown))
-    assert flown.outcome.ending == "aborted"
-    assert why in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert why in flown.reason
 
 
 def test_a_rudder_without_way_on_is_refused_before_any_pulse() -> None:
     _, flown = check(PondCraft(), throttle=0.05, least_speed=0.25)
-    assert "makes only 0.07 m/s (noise 0.01 m/s) at 5% throttle" in flown.outcome.reason
-    assert "more --throttle" in flown.outcome.reason
-    assert not flown.trial.marks
-    assert check(PondCraft(), throttle=0.5, least_speed=0.25)[1].outcome.ending == "completed"
+    assert "makes only 0.07 m/s (noise 0.01 m/s) at 5% throttle" in flown.reason
+    assert "more --throttle" in flown.reason
+    assert not flown.marks
+    assert check(PondCraft(), throttle=0.5, least_speed=0.25)[1].ending == "completed"
 
 
 class Backing(PondCraft):
@@ -206,10 +207,10 @@ class Backing(PondCraft):
 @pytest.mark.parametrize(("share", "ending"), [(-1.0, "aborted"), (-0.75, "aborted"), (-0.6, "completed")])
 def test_way_astern_with_the_throttle_ahead_is_refused_and_leeway_is_not(share: float, ending: str) -> None:
     _, flown = check(Backing(share), throttle=0.5, least_speed=0.25, astern="Turn the propeller round")
-    assert flown.outcome.ending == ending
-    assert ("goes astern at" in flown.outcome.reason) == (ending == "aborted")
-    assert flown.outcome.reason.endswith("Turn the propeller round") == (ending == "aborted")
-    assert bool(flown.trial.marks) == (ending == "completed")
+    assert flown.ending == ending
+    assert ("goes astern at" in flown.reason) == (ending == "aborted")
+    assert flown.reason.endswith("Turn the propeller round") == (ending == "aborted")
+    assert bool(flown.marks) == (ending == "completed")
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.4, 1.0])
@@ -251,14 +252,14 @@ def test_a_speed_nobody_knows_is_no_speed() -> None:
     craft = PondCraft()
     craft.speed = math.nan
     _, flown = check(craft, throttle=0.5, least_speed=0.25)
-    assert "Wait for a GPS fix" in flown.outcome.reason
+    assert "Wait for a GPS fix" in flown.reason
 
 
 def test_the_record_says_what_was_seen() -> None:
     _, flown = check(PondCraft())
-    assert flown.trial.meta["manoeuvre"] == "sign-check"
-    assert flown.trial.meta["signs"] == [1, 1]
-    assert flown.trial.meta["moved"][0] > 0.0 > flown.trial.meta["moved"][1]
+    assert flown.meta["manoeuvre"] == "sign-check"
+    assert flown.meta["signs"] == [1, 1]
+    assert flown.meta["moved"][0] > 0.0 > flown.meta["moved"][1]
 
 
 class Circling(PondCraft):
@@ -278,11 +279,11 @@ class Circling(PondCraft):
 @pytest.mark.parametrize(("rate", "side"), [(0.3, "starboard"), (-0.3, "port")])
 def test_a_boat_that_turns_by_itself_is_told_so_and_not_that_it_is_slow(rate: float, side: str) -> None:
     _, flown = check(Circling(rate), throttle=0.5, least_speed=0.25)
-    assert flown.outcome.ending == "aborted"
-    assert f"without steering the craft turns at 17 deg/s to {side} at 50% throttle" in flown.outcome.reason
-    assert "makes only" not in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert f"without steering the craft turns at 17 deg/s to {side} at 50% throttle" in flown.reason
+    assert "makes only" not in flown.reason
     _, straight = check(Circling(0.0), throttle=0.5, least_speed=0.25)
-    assert "makes only" in straight.outcome.reason
+    assert "makes only" in straight.reason
 
 
 @pytest.mark.parametrize(
@@ -298,7 +299,7 @@ def test_a_bow_that_waves_swing_is_first_pushed_back_to_where_the_check_began(ph
             return replace(seen, psi=seen.psi + swing, r=seen.r + math.radians(45.0) * math.cos(1.5 * seen.t + phase))
 
     _, flown = check(Swinging())
-    first = next(m for m in flown.trial.marks if m.kind == "pulse")
+    first = next(m for m in flown.marks if m.kind == "pulse")
     assert math.copysign(1.0, float(first.detail["N"])) == side
 
 
@@ -307,5 +308,5 @@ def test_a_boat_that_takes_eight_seconds_to_turn_is_given_the_time_for_it_by_a_p
     boat = Noisy(seed, gain=0.016, drag=0.125)
     boat.r = 0.0
     manoeuvre, flown = check(boat)
-    assert flown.outcome.ending == "completed"
+    assert flown.ending == "completed"
     assert manoeuvre.answer is not None and manoeuvre.answer.signs == (1, 1)

@@ -37,8 +37,8 @@ from gcs_autotune.manoeuvres import (
     restore_on_exit,
 )
 from gcs_autotune.models import SingleDof
+from gcs_autotune.observer import Progress, SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import Progress, SilentWatcher
 
 from .pond import BeforeWall, PondCraft, Pushed
 
@@ -83,7 +83,7 @@ def made(name: str, force: str = "", *, boat: bool) -> Manoeuvre:
     return BY_COMMAND[name]() if kind.make is None else kind.make(options(kind, 0.5 * boat))
 
 
-class Phases(SilentWatcher):
+class Phases(SilentObserver):
     """Remembers the phases; in *phase*, lets *act* happen."""
 
     def __init__(self, phase: str = "", act: Callable[[], None] = lambda: None) -> None:
@@ -97,12 +97,12 @@ class Phases(SilentWatcher):
             self._act()
 
 
-def fly(craft: PondCraft, manoeuvre: Manoeuvre, watcher: Phases) -> Trial:
+def fly(craft: PondCraft, manoeuvre: Manoeuvre, observer: Phases) -> Trial:
     kept: list[Trial] = []
     try:
-        with restore_on_exit(craft, SilentWatcher()):
+        with restore_on_exit(craft, SilentObserver()):
             craft.arm()
-            Sequencer(craft, FREE, watcher, kept.append).fly(manoeuvre)
+            Sequencer(craft, FREE, observer, kept.append).fly(manoeuvre)
     except AutotuneError:
         (trial,) = kept
         assert trial.ending == "aborted"
@@ -129,12 +129,12 @@ ENDS: tuple[tuple[type[AutotuneError], Callable[[PondCraft], Any]], ...] = (
 @pytest.mark.parametrize(("name", "force"), ROWS)
 def test_aborted_at_every_phase_the_craft_is_as_it_was_found_and_the_record_kept(name: str, force: str) -> None:
     craft, boat = at_sea(name, force)
-    watcher = Phases()
-    whole = fly(craft, made(name, force, boat=boat), watcher)
+    observer = Phases()
+    whole = fly(craft, made(name, force, boat=boat), observer)
     assert whole.ending != "aborted", whole.reason
     assert whole.meta["manoeuvre"] == name
     assert not force or whole.meta["force"] == force
-    phases = list(dict.fromkeys(watcher.seen))
+    phases = list(dict.fromkeys(observer.seen))
     for phase, (error, act) in itertools.product(phases, ENDS):
         craft, boat = at_sea(name, force)
         found = craft.mode
@@ -209,7 +209,7 @@ def test_before_a_wall_a_relay_ends_when_it_sees_none_or_comes_too_near(
     craft.blind_at = blind_at
     craft.arm()
     manoeuvre = kind.make({**options(kind, 0.0), "least-distance": least})
-    ended = Sequencer(craft, FREE, SilentWatcher(), lambda trial: None).fly(manoeuvre)
-    assert ended.outcome.ending == "aborted"
-    assert said in ended.outcome.reason
+    ended = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(manoeuvre)
+    assert ended.ending == "aborted"
+    assert said in ended.reason
     assert craft.command == Actuate()

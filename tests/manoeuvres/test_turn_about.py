@@ -7,7 +7,7 @@ import pytest
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres import Envelope, Sequencer, TurnAbout, TurnAboutSettings
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 
 from .pond import PondCraft, answered, at_rest
 
@@ -16,8 +16,8 @@ FREE = Envelope(heading_excursion=math.inf)
 
 def test_it_brings_the_bow_round_without_any_control_loop():
     craft = PondCraft(firmware="ardurover")
-    flown = Sequencer(craft, FREE, SilentWatcher(), lambda trial: None).fly(TurnAbout(TurnAboutSettings(0.5)))
-    assert flown.outcome.ending == "completed"
+    flown = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(TurnAbout(TurnAboutSettings(0.5)))
+    assert flown.ending == "completed"
     assert abs(craft.psi) >= math.radians(165.0)
     assert craft.command == Actuate()
 
@@ -25,9 +25,9 @@ def test_it_brings_the_bow_round_without_any_control_loop():
 def test_a_boat_that_cannot_turn_is_given_up_in_time():
     craft = PondCraft(gain=0.0, firmware="ardurover")
     turn = TurnAbout(TurnAboutSettings(0.5, patience=20.0))
-    flown = Sequencer(craft, FREE, SilentWatcher(), lambda trial: None).fly(turn)
-    assert flown.outcome.ending == "stopped"
-    assert "turned only 0 deg" in flown.outcome.reason
+    flown = Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(turn)
+    assert flown.ending == "stopped"
+    assert "turned only 0 deg" in flown.reason
 
 
 def test_distance_counts_from_where_the_visit_began_not_the_manoeuvre():
@@ -38,7 +38,7 @@ def test_distance_counts_from_where_the_visit_began_not_the_manoeuvre():
             return seen
 
     craft = Drifting(gain=5.0, firmware="ardurover")
-    sequencer = Sequencer(craft, Envelope(heading_excursion=math.inf, distance=40.0), SilentWatcher(), lambda t: None)
+    sequencer = Sequencer(craft, Envelope(heading_excursion=math.inf, distance=40.0), SilentObserver(), lambda t: None)
     sequencer.fly(TurnAbout(TurnAboutSettings(0.0)))
     with pytest.raises(GuardTripped, match="distance from start"):
         for _ in range(20):

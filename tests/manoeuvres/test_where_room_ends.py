@@ -11,7 +11,6 @@ from gcs_autotune.errors import GuardTripped
 from gcs_autotune.manoeuvres import (
     Area,
     Envelope,
-    Flown,
     Manoeuvre,
     Relay,
     RelaySettings,
@@ -24,7 +23,8 @@ from gcs_autotune.manoeuvres import (
 from gcs_autotune.manoeuvres.area import Zone
 from gcs_autotune.manoeuvres.envelope import TO_COME_ABOUT, Watch
 from gcs_autotune.manoeuvres.set_point_relay import LEAST_SWITCHINGS, SetPointRelay
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
+from gcs_autotune.trial import Trial
 
 from .pond import PondCraft, at_rest
 
@@ -54,9 +54,9 @@ class Restless(Loose):
         self.r += 0.6 * dt * math.sin(1.1 * self.clock.now())
 
 
-def flown(manoeuvre: Manoeuvre, distance: float, craft: PondCraft | None = None, **limits: object) -> Flown:
+def flown(manoeuvre: Manoeuvre, distance: float, craft: PondCraft | None = None, **limits: object) -> Trial:
     room = Envelope(heading_excursion=math.inf, distance=distance, cruise=CRUISE, **limits)  # type: ignore[arg-type]
-    return Sequencer(craft or Restless(), room, SilentWatcher(), lambda trial: None).fly(manoeuvre)
+    return Sequencer(craft or Restless(), room, SilentObserver(), lambda trial: None).fly(manoeuvre)
 
 
 def step() -> Step:
@@ -65,19 +65,19 @@ def step() -> Step:
 
 def test_the_half_of_a_step_that_is_flown_then_is_cut_short_and_the_other_lasts_as_long_as_can_be_compared() -> None:
     found = flown(step(), 100.0)
-    assert found.outcome.ending == "stopped"
-    there, back = found.trial.meta["lasted"]
-    targets = [m.t for m in found.trial.marks if m.kind == "target"]
+    assert found.ending == "stopped"
+    there, back = found.meta["lasted"]
+    targets = [m.t for m in found.marks if m.kind == "target"]
     assert len(targets) == 3
     assert CRUISE * (targets[0] + 20.0 + there) == pytest.approx(100.0 - TO_COME_ABOUT * CRUISE, abs=2.0 * CRUISE)
     assert 10.0 < there < 30.0 and back == pytest.approx(4.0, abs=0.25)
-    assert re.search(r"out of space 1\d s into the step and 4 s into the step back: \d+ m", found.outcome.reason)
-    assert "limit 100 m (--max-distance)" in found.outcome.reason
+    assert re.search(r"out of space 1\d s into the step and 4 s into the step back: \d+ m", found.reason)
+    assert "limit 100 m (--max-distance)" in found.reason
 
 
 def test_a_step_back_that_has_begun_by_then_ends_with_what_is_recorded_of_it() -> None:
     found = flown(step(), 140.0)
-    there, back = found.trial.meta["lasted"]
+    there, back = found.meta["lasted"]
     assert there == pytest.approx(30.0, abs=0.15) and 4.0 < back < 30.0
 
 
@@ -89,8 +89,8 @@ def test_a_step_that_has_not_begun_where_the_room_ends_has_nothing_to_end_with()
 def test_throttle_steps_end_once_two_levels_are_flown() -> None:
     steps = ThrottleSteps(ThrottleStepsSettings(0.5, (0.4, 1.0, 0.7, 0.9)))
     found = flown(steps, 42.0, Loose())
-    assert found.outcome.ending == "stopped"
-    assert "out of space after 2 of 4 throttle levels" in found.outcome.reason
+    assert found.ending == "stopped"
+    assert "out of space after 2 of 4 throttle levels" in found.reason
     with pytest.raises(GuardTripped, match="distance from start"):
         flown(ThrottleSteps(ThrottleStepsSettings(0.5)), 20.0, Loose())
 
@@ -98,14 +98,14 @@ def test_throttle_steps_end_once_two_levels_are_flown() -> None:
 def test_a_relay_on_the_set_point_ends_once_it_has_switched_often_enough() -> None:
     relays = ((0.4, 0.1), (0.2, 0.05))
     found = flown(SetPointRelay(relays, CRUISE), 10_000.0, Loose())
-    began = [m.t for m in found.trial.marks if m.kind == "relay"][1]
-    switches = [m.t for m in found.trial.marks if m.kind == "switch" and m.t > began]
+    began = [m.t for m in found.marks if m.kind == "relay"][1]
+    switches = [m.t for m in found.marks if m.kind == "switch" and m.t > began]
     room = CRUISE * (switches[LEAST_SWITCHINGS + 1] + TO_COME_ABOUT)
     short = flown(SetPointRelay(relays, CRUISE), room, Loose())
-    assert short.outcome.ending == "stopped" and "reversals of the last relay" in short.outcome.reason
-    assert len([m for m in short.trial.marks if m.kind == "relay"]) == 2
+    assert short.ending == "stopped" and "reversals of the last relay" in short.reason
+    assert len([m for m in short.marks if m.kind == "relay"]) == 2
     first = flown(SetPointRelay(relays, CRUISE), CRUISE * began, Loose())
-    assert first.outcome.ending == "stopped" and "reversals of relay 1: " in first.outcome.reason
+    assert first.ending == "stopped" and "reversals of relay 1: " in first.reason
     with pytest.raises(GuardTripped, match="distance from start"):
         flown(SetPointRelay(relays, CRUISE), 5.0 * CRUISE, Loose())
 
@@ -113,8 +113,8 @@ def test_a_relay_on_the_set_point_ends_once_it_has_switched_often_enough() -> No
 def test_the_edge_of_an_area_ends_the_room_as_well_as_the_limit_of_distance() -> None:
     relay = Relay(RelaySettings("psi", "N", output=0.3, hysteresis=math.radians(10.0), most_periods=1000, periods=900))
     found = flown(relay, 10_000.0, area=QUAY)
-    assert found.outcome.ending == "stopped"
-    assert f"reversals: {TO_COME_ABOUT * CRUISE:.0f} m before the edge of harbour.geojson" in found.outcome.reason
+    assert found.ending == "stopped"
+    assert f"reversals: {TO_COME_ABOUT * CRUISE:.0f} m before the edge of harbour.geojson" in found.reason
 
 
 def test_a_craft_that_lies_still_has_room_up_to_the_edge() -> None:

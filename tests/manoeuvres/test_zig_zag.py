@@ -18,7 +18,7 @@ from gcs_autotune.manoeuvres import (
 )
 from gcs_autotune.manoeuvres.zig_zag import KIND
 from gcs_autotune.models import SingleDof
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 
 from .pond import PondCraft, answered, at_rest
 
@@ -33,34 +33,34 @@ def zigzag(heading: float = 20.0, side: int = 1, throttle: float = 0.0, **change
 
 
 def fly(manoeuvre: ZigZag, craft: PondCraft):
-    return Sequencer(craft, FREE, SilentWatcher(), lambda trial: None).fly(manoeuvre)
+    return Sequencer(craft, FREE, SilentObserver(), lambda trial: None).fly(manoeuvre)
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_the_rudder_is_reversed_at_the_angle_and_either_side_may_come_first(side: int) -> None:
     flown = fly(zigzag(side=side), PondCraft())
-    executes = [m for m in flown.trial.marks if m.kind == "execute"]
-    assert flown.outcome.ending == "completed"
+    executes = [m for m in flown.marks if m.kind == "execute"]
+    assert flown.ending == "completed"
     assert [np.sign(m.detail["N"]) for m in executes] == [side * (-1) ** k for k in range(5)]
     at = [side * (-1) ** k * math.degrees(m.detail["psi"]) for k, m in enumerate(executes[1:])]
     assert all(20.0 < angle < 25.0 for angle in at)
-    assert abs(flown.trial["psi"].values[-1] - flown.trial["psi"].values[0]) < math.radians(5.0)
+    assert abs(flown["psi"].values[-1] - flown["psi"].values[0]) < math.radians(5.0)
 
 
 def test_an_angle_that_is_never_reached_is_given_up_with_the_number_and_the_cure() -> None:
     flown = fly(zigzag(60.0, patience=20.0), PondCraft(gain=0.02))
-    assert flown.outcome.ending == "aborted"
-    assert "60 deg required" in flown.outcome.reason
-    assert "--heading" in flown.outcome.reason
+    assert flown.ending == "aborted"
+    assert "60 deg required" in flown.reason
+    assert "--heading" in flown.reason
 
 
 def test_the_same_object_is_previewed_with_the_overshoot_that_is_flown() -> None:
     flown = fly(zigzag(), PondCraft())
     foreseen = preview(zigzag(), PAPER, FREE)
     assert foreseen.trouble == ""
-    peaks = [float(np.max(np.abs(t["psi"].values - t["psi"].values[0]))) for t in (flown.trial, foreseen.trial)]
+    peaks = [float(np.max(np.abs(t["psi"].values - t["psi"].values[0]))) for t in (flown, foreseen.trial)]
     assert peaks[0] == pytest.approx(peaks[1], abs=math.radians(2.0))
-    assert foreseen.seconds == pytest.approx(flown.trial.duration, rel=0.1)
+    assert foreseen.seconds == pytest.approx(flown.duration, rel=0.1)
 
 
 def test_a_preview_that_leaves_the_envelope_says_which_limit_and_one_that_never_turns_says_so() -> None:

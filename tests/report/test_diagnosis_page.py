@@ -18,7 +18,7 @@ from gcs_autotune.diagnose import MissingCurve, MissingForce, Value
 from gcs_autotune.effects import EFFECTS, EffectInstance
 from gcs_autotune.report import StageBar, diagnosis_document, effects_document, to_json
 from gcs_autotune.report.diagnosis.cause_wording import cause_title
-from gcs_autotune.report.diagnosis.figures import bin_means, telling_view, views_of
+from gcs_autotune.report.diagnosis.figures import bin_means, most_informative_view, views_of
 from gcs_autotune.report.diagnosis.wording import named, place_words, value_words, verdict_of
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.report.toolkit.wording import format_parameter
@@ -154,13 +154,13 @@ def test_other_names_these_runs_allow_are_said_with_the_manoeuvre_that_decides()
     ],
 )
 def test_the_picture_shown_is_the_one_in_which_the_effect_shows(told, slug, place, kind, name, signal):
-    view = telling_view(told().before, EFFECTS[slug], place)
+    view = most_informative_view(told().before, EFFECTS[slug], place)
     assert (view.kind, view.name, view.portrait.signal) == (kind, name, signal)
     assert view.share > 0.5
 
 
 def test_without_a_cause_the_strongest_picture_is_shown():
-    view = telling_view(unexplained().before)
+    view = most_informative_view(unexplained().before)
     assert (view.kind, view.portrait.signal) == ("spectrum", "r")
 
 

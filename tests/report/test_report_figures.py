@@ -14,7 +14,7 @@ from gcs_autotune.report import tune_document
 from gcs_autotune.report.toolkit.document import Figure
 from gcs_autotune.report.toolkit.figures import Curve, thin
 from gcs_autotune.report.tune.figures import relay_series, step_series
-from gcs_autotune.report.tune.story import WATCHED
+from gcs_autotune.report.tune.story import PLOTTED_SIGNALS
 
 
 @given(st.integers(2, 5000), st.integers(0, 2**32 - 1))
@@ -29,7 +29,7 @@ def test_thinning_keeps_ends_and_extremes_and_invents_nothing(n, seed):
 
 
 def test_a_step_begins_at_zero_with_the_target_it_was_given():
-    series = step_series(stories.step_trial(), WATCHED["psi"])
+    series = step_series(stories.step_trial(), PLOTTED_SIGNALS["psi"])
     assert series.size == pytest.approx(math.radians(30.0))
     there, back = series.legs
     for leg in series.legs:
@@ -40,8 +40,8 @@ def test_a_step_begins_at_zero_with_the_target_it_was_given():
 
 
 def test_both_legs_of_a_step_are_shown_from_their_own_command_on_and_as_far_as_they_are_compared():
-    whole = step_series(stories.step_trial(), WATCHED["psi"])
-    cut = step_series(stories.step_trial(), WATCHED["psi"], (5.0, 4.0))
+    whole = step_series(stories.step_trial(), PLOTTED_SIGNALS["psi"])
+    cut = step_series(stories.step_trial(), PLOTTED_SIGNALS["psi"], (5.0, 4.0))
     assert [leg.position.t[-1] for leg in cut.legs] == pytest.approx([5.0, 4.0], abs=0.11)
     assert all(leg.position.t[-1] > 20.0 for leg in whole.legs)
     assert [leg.position.y[0] for leg in cut.legs] == pytest.approx([leg.position.y[0] for leg in whole.legs])
@@ -49,7 +49,7 @@ def test_both_legs_of_a_step_are_shown_from_their_own_command_on_and_as_far_as_t
 
 def test_a_relay_is_shown_about_its_reference_with_every_switching():
     trial = stories.relay_trial()
-    series = relay_series(trial, WATCHED["psi"])
+    series = relay_series(trial, PLOTTED_SIGNALS["psi"])
     assert abs(float(np.mean(series.position.y))) < math.radians(2.0)
     assert len(series.switches) == len(trial.marks)
     high = np.abs(series.switches.y[1:])
@@ -58,7 +58,7 @@ def test_a_relay_is_shown_about_its_reference_with_every_switching():
 
 def test_the_shaded_part_holds_the_last_five_periods():
     trial = stories.relay_trial()
-    series = relay_series(trial, WATCHED["psi"])
+    series = relay_series(trial, PLOTTED_SIGNALS["psi"])
     assert np.count_nonzero(series.switches.t >= series.last_from) == 11
 
 

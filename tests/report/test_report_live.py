@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.report.toolkit.live import TerminalWatcher, describe_progress
-from gcs_autotune.watch import Progress
+from gcs_autotune.observer import Progress
+from gcs_autotune.report.toolkit.live import TerminalObserver, describe_progress
 
 SWINGING = Progress(
     stage="first self-oscillation",
@@ -33,12 +33,12 @@ SWINGING = Progress(
 )
 
 
-def _watcher(*, terminal: bool, width: int = 80) -> tuple[TerminalWatcher, io.StringIO, ManualClock]:
+def _observer(*, terminal: bool, width: int = 80) -> tuple[TerminalObserver, io.StringIO, ManualClock]:
     out, clock = io.StringIO(), ManualClock()
     console = Console(
         file=out, force_terminal=terminal, width=width, color_system=None, legacy_windows=False, _environ={}
     )
-    return TerminalWatcher(console, clock), out, clock
+    return TerminalObserver(console, clock), out, clock
 
 
 def test_the_line_tells_everything_when_there_is_room():
@@ -78,9 +78,9 @@ def test_a_value_that_is_not_known_is_shown_as_unknown():
 
 
 def test_in_a_pipe_a_plain_line_comes_every_five_seconds_of_vehicle_time():
-    watcher, out, _ = _watcher(terminal=False)
+    observer, out, _ = _observer(terminal=False)
     for i in range(121):
-        watcher.update(replace(SWINGING, t=0.1 * i))
+        observer.update(replace(SWINGING, t=0.1 * i))
     lines = out.getvalue().splitlines()
     assert [line.split("  ")[0] for line in lines] == ["relay 0.00 s", "relay 5.0 s", "relay 10.0 s"]
     assert "\x1b" not in out.getvalue()
@@ -88,47 +88,47 @@ def test_in_a_pipe_a_plain_line_comes_every_five_seconds_of_vehicle_time():
 
 
 def test_in_a_pipe_a_new_manoeuvre_is_told_at_once():
-    watcher, out, _ = _watcher(terminal=False)
-    watcher.update(SWINGING)
-    watcher.update(replace(SWINGING, manoeuvre="step", t=42.4))
+    observer, out, _ = _observer(terminal=False)
+    observer.update(SWINGING)
+    observer.update(replace(SWINGING, manoeuvre="step", t=42.4))
     assert len(out.getvalue().splitlines()) == 2
 
 
 def test_a_vehicle_clock_that_starts_again_does_not_silence_the_log():
-    watcher, out, _ = _watcher(terminal=False)
-    watcher.update(SWINGING)
-    watcher.update(replace(SWINGING, t=1.0))
+    observer, out, _ = _observer(terminal=False)
+    observer.update(SWINGING)
+    observer.update(replace(SWINGING, t=1.0))
     assert len(out.getvalue().splitlines()) == 2
 
 
 def test_in_a_terminal_one_line_is_rewritten_at_most_ten_times_a_second():
-    watcher, out, clock = _watcher(terminal=True)
+    observer, out, clock = _observer(terminal=True)
     for i in range(1000):
         clock.advance_to(0.001 * i)
-        watcher.update(replace(SWINGING, t=0.1 * i))
+        observer.update(replace(SWINGING, t=0.1 * i))
     assert 9 <= out.getvalue().count("relay ") <= 11
     assert "\n" not in out.getvalue()
     assert all(len(piece) <= 80 for piece in out.getvalue().replace("\x1b[2K", "").split("\r"))
 
 
 def test_a_sentence_replaces_the_line_and_stands_on_its_own():
-    watcher, out, _ = _watcher(terminal=True)
-    watcher.update(SWINGING)
-    watcher.say("written and read back [not markup]")
+    observer, out, _ = _observer(terminal=True)
+    observer.update(SWINGING)
+    observer.say("written and read back [not markup]")
     assert out.getvalue().endswith("\r\x1b[2Kwritten and read back [not markup]\n")
 
 
 def test_closing_ends_the_line_once_and_nothing_hides_the_cursor():
-    watcher, out, _ = _watcher(terminal=True)
-    with watcher:
-        watcher.update(SWINGING)
-    watcher.close()
+    observer, out, _ = _observer(terminal=True)
+    with observer:
+        observer.update(SWINGING)
+    observer.close()
     assert out.getvalue().count("\n") == 1
     assert "\x1b[?25l" not in out.getvalue()
 
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_saying_something_before_any_progress_is_just_a_line(terminal):
-    watcher, out, _ = _watcher(terminal=terminal)
-    watcher.say("link: sitl:videoray")
+    observer, out, _ = _observer(terminal=terminal)
+    observer.say("link: sitl:videoray")
     assert out.getvalue() == "link: sitl:videoray\n"

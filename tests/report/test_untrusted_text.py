@@ -14,12 +14,12 @@ from rich.console import Console
 from gcs_autotune.cli import main
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.mavlink import TextLog
+from gcs_autotune.observer import Progress
 from gcs_autotune.report.toolkit.canvas import new_axes, pens, to_svg
 from gcs_autotune.report.toolkit.document import Document, Note, Section, Table, Verdict
-from gcs_autotune.report.toolkit.live import StageBar, TerminalWatcher
+from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.untrusted_text import quoted, visible
-from gcs_autotune.watch import Progress
 
 FORGED = "ok\x1b]0;owned\x07\x1b[2J\r\n\x9b31mkept, all is well\u202e\u2028\x7f\u200b"
 ACTING = "\x1b\x07\r\x9b\u202e\u2028\x7f\u200b"
@@ -55,9 +55,9 @@ def test_a_text_in_pieces_does_not_grow_without_end():
 @pytest.mark.parametrize("terminal", [True, False])
 def test_what_a_tune_says_and_shows_live_is_tame(terminal):
     stream = io.StringIO()
-    with TerminalWatcher(Console(file=stream, force_terminal=terminal, width=200, color_system=None)) as watcher:
-        watcher.say(FORGED)
-        watcher.update(Progress(FORGED, FORGED, 1.0, signal=FORGED, guard=FORGED))
+    with TerminalObserver(Console(file=stream, force_terminal=terminal, width=200, color_system=None)) as observer:
+        observer.say(FORGED)
+        observer.update(Progress(FORGED, FORGED, 1.0, signal=FORGED, guard=FORGED))
     shown = stream.getvalue().replace("\x1b[2K", "")  # the line is erased by us
     assert is_tame(shown.replace("\r", ""))
     assert "\nkept, all is well" not in shown

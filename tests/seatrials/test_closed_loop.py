@@ -13,10 +13,10 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.limits import limit_of
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
 from gcs_autotune.models import TransferFunction
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.seatrials import ship_figures
 from gcs_autotune.seatrials.closed_loop import _not_linear, _verdict, oscillation_of
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.watch import SilentWatcher
 from tests.manoeuvres.pond import PondCraft, answered, at_rest
 
 RELAYS = {"set-point": 10.0, "hysteresis": 3.0, "second-set-point": 6.0, "second-hysteresis": 3.0}
@@ -27,7 +27,7 @@ def flown(craft: PondCraft, relays: dict[str, float] = RELAYS) -> Trial:
     assert kind.make is not None
     kept: list[Trial] = []
     options = {name: math.radians(x) for name, x in relays.items()}
-    sequencer = Sequencer(craft, Envelope(heading_excursion=math.inf), SilentWatcher(), kept.append)
+    sequencer = Sequencer(craft, Envelope(heading_excursion=math.inf), SilentObserver(), kept.append)
     craft.arm()
     sequencer.fly(kind.make({**options, "throttle": 0.0, "side": 1.0, "keep-still": 1.0}))
     return kept[0]
@@ -52,7 +52,7 @@ def test_the_depth_loop_is_read_likewise() -> None:
     craft.z = 5.0
     craft.arm()
     manoeuvre = kind.make({**relays, "throttle": 0.0, "side": 1.0, "keep-still": 1.0})
-    Sequencer(craft, Envelope(), SilentWatcher(), kept.append).fly(manoeuvre)
+    Sequencer(craft, Envelope(), SilentObserver(), kept.append).fly(manoeuvre)
     (sheet,) = ship_figures(kept[0])
     assert sheet.title == "closed depth loop"
     assert sheet["natural-frequency"].reading.value == pytest.approx(math.sqrt(2.0), rel=0.02)

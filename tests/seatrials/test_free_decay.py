@@ -9,9 +9,9 @@ import pytest
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Sequencer
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.seatrials import ship_figures
 from gcs_autotune.trial import Channel, Trial
-from gcs_autotune.watch import SilentWatcher
 from tests.manoeuvres.pond import PondCraft, Pushed
 
 
@@ -20,7 +20,7 @@ def flown(craft: PondCraft, force: str) -> Trial:
     assert kind.make is not None
     kept: list[Trial] = []
     craft.arm()
-    Sequencer(craft, Envelope(), SilentWatcher(), kept.append).fly(kind.make({"duration": 60.0}))
+    Sequencer(craft, Envelope(), SilentObserver(), kept.append).fly(kind.make({"duration": 60.0}))
     return kept[0]
 
 
@@ -58,6 +58,6 @@ def test_nobody_pushing_ends_in_a_sentence_and_no_swing_in_another() -> None:
     assert kind.make is not None
     craft = PondCraft()
     craft.arm()
-    ended = Sequencer(craft, Envelope(), SilentWatcher(), lambda trial: None).fly(kind.make({"duration": 60.0}))
-    assert ended.outcome.ending == "aborted"
-    assert "no push within" in ended.outcome.reason
+    ended = Sequencer(craft, Envelope(), SilentObserver(), lambda trial: None).fly(kind.make({"duration": 60.0}))
+    assert ended.ending == "aborted"
+    assert "no push within" in ended.reason

@@ -6,10 +6,10 @@ import resource
 import sys
 
 from gcs_autotune.cli import main, remote
-from gcs_autotune.watch import Progress
+from gcs_autotune.observer import Progress
 
 
-class Watcher(remote.RemoteWatcher):
+class Observer(remote.RemoteObserver):
     def update(self, progress: Progress) -> None:
         if progress.stage.startswith("step"):
             resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
@@ -17,5 +17,5 @@ class Watcher(remote.RemoteWatcher):
 
 
 if __name__ == "__main__":
-    remote.RemoteWatcher = Watcher  # type: ignore[misc]
+    remote.RemoteObserver = Observer  # type: ignore[misc]
     sys.exit(main(sys.argv[1:]))

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink, Transport
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import CommonSettings, Connection, TuneSettings, Unattended, tune
 from sitl import Server, open_vehicle
 
@@ -137,7 +137,7 @@ class SitlHarness:
         assert (self.directory / "telemetry.tlog").exists()
 
 
-class Ear(SilentWatcher):
+class Ear(SilentObserver):
     """Remembers what was said."""
 
     def __init__(self, said: list[str]) -> None:

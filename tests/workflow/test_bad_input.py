@@ -23,7 +23,7 @@ from gcs_autotune.errors import (
 )
 from gcs_autotune.link import Journal
 from gcs_autotune.manoeuvres import Envelope
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import Unattended, restore_run
 
 from .conftest import taken_plainly
@@ -135,12 +135,12 @@ def test_after_a_link_lost_in_mid_proof_restore_puts_the_old_gains_back_from_the
     assert debts == pytest.approx(changed)
 
     again = Moored(peer=Later(harness.server))
-    restore_run(again, harness.directory, Unattended(), SilentWatcher())
+    restore_run(again, harness.directory, Unattended(), SilentObserver())
     assert dict(harness.vehicle.parameters.values) == harness.parameters
     assert Journal.open_debts(harness.directory / "journal.jsonl") == {}
     assert not harness.vehicle.autopilot.armed
     assert harness.mode == harness.found
-    assert restore_run(again, harness.directory, Unattended(), SilentWatcher()) == {}
+    assert restore_run(again, harness.directory, Unattended(), SilentObserver()) == {}
 
 
 @pytest.mark.slow

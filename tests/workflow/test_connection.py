@@ -11,7 +11,7 @@ import pytest
 
 from gcs_autotune.errors import LinkLost, NotAsFound
 from gcs_autotune.link import MemoryLink, Session, open_craft
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import CommonSettings, Connection, connection
 from sitl import open_vehicle
 
@@ -39,7 +39,7 @@ def silent_craft(monkeypatch: pytest.MonkeyPatch) -> None:
 def come() -> Any:
     nothing: Any = None
     common = CommonSettings(Connection("memory"), Path("run"))
-    return connection.connect_craft(common, nothing, SilentWatcher(), nothing, "heading")
+    return connection.connect_craft(common, nothing, SilentObserver(), nothing, "heading")
 
 
 @pytest.mark.usefixtures("silent_craft")

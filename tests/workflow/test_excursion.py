@@ -71,9 +71,7 @@ def test_a_boat_that_would_leave_its_space_turns_around_as_on_the_water_and_come
 
 
 def test_of_several_craft_the_worst_counts_and_what_every_one_needs_is_known():
-    craft = [
-        assumed_plant(FIRMWARE["ardurover"], {}, 0.5, 1.2, like) for like in assumed_crafts(under_way=True, skid=False)
-    ]
+    craft = [assumed_plant(FIRMWARE["ardurover"], {}, 0.5, 1.2, like) for like in assumed_crafts("rudder")]
     radii = [1.2 / one.yaw.steady_velocity(1.0) for one in craft]
     assert max(radii) == pytest.approx(6.7) and min(radii) == pytest.approx(3.0)
     worst = worst_of([Excursion(50.0, 20.0, turn_rate=0.2), Excursion(40.0, 35.0, turn_rate=0.5)])
@@ -127,14 +125,14 @@ def pull_out(like: AssumedCraft) -> Preview:
 
 
 def test_an_rov_takes_long_to_stop_turning_for_its_drag_goes_by_the_square():
-    usual, slow, quick = (pull_out(like).seconds for like in assumed_crafts(under_way=False, skid=False)[:3])
+    usual, slow, quick = (pull_out(like).seconds for like in assumed_crafts("rov")[:3])
     assert quick < usual < slow
     assert slow > 1.3 * quick  # with drag by the speed alone 1.06
 
 
 def test_an_rov_that_is_fast_and_heavy_coasts_furthest():
     far = []
-    for like in assumed_crafts(under_way=False, skid=False)[:4]:
+    for like in assumed_crafts("rov")[:4]:
         craft = assumed_plant(FIRMWARE["ardusub"], {}, 0.0, 0.0, like)
         ahead = OpenLoopProgramme("ahead", lambda t: {"X": 1.0 if t < 8.0 else 0.0}, 30.0, force="X")
         far.append(preview(ahead, craft, NO_LIMITS, floats=False).away)

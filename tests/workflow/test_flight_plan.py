@@ -101,8 +101,8 @@ def test_what_is_wrong_with_a_plan_is_said_by_name_and_place(text: str, words: s
 
 
 def fly(harness: SitlHarness, read: FlightPlan, operator: Any = None, **changes: Any) -> Any:
-    watcher = operator or Ear(harness.said)
-    return fly_plan(read, replace(harness.common(), **changes), operator or Unattended(), watcher, WHEN)
+    observer = operator or Ear(harness.said)
+    return fly_plan(read, replace(harness.common(), **changes), operator or Unattended(), observer, WHEN)
 
 
 THREE = ZIG_ZAG + ZIG_ZAG.replace("10", "15") + '[[run]]\nmanoeuvre = "doublets"\nduration = 12\nsteering = 0.4\n'

@@ -45,10 +45,10 @@ class Stops(Ear):
 
 def flown(harness: SitlHarness, options: dict[str, float] = PAIR, name: str = "zig-zag", **more: Any) -> Any:
     common = {k: more.pop(k) for k in ("throttle", "envelope", "simulated") if k in more}
-    watcher, operator = more.pop("watcher", None), more.pop("operator", None)
+    observer, operator = more.pop("observer", None), more.pop("operator", None)
     only_preview = more.pop("only_preview", False)
     settings = FlySettings(name, harness.common(**common), options, **more)
-    ear = watcher or Ear(harness.said)
+    ear = observer or Ear(harness.said)
     return fly(settings, operator or Unattended(), ear, WHEN, only_preview=only_preview)
 
 
@@ -160,9 +160,9 @@ def test_an_rov_zigzags_by_its_yaw_moment_and_is_held_at_its_depth(tmp_path: Pat
 @pytest.mark.parametrize("phase", ["pulse", "execute 2"])
 def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(phase: str, tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    watcher = Stops(harness.said, phase)
+    observer = Stops(harness.said, phase)
     with pytest.raises(OperatorStopped):
-        flown(harness, watcher=watcher, operator=watcher)
+        flown(harness, observer=observer, operator=observer)
     harness.assert_neutral()
     assert not harness.vehicle.autopilot.armed
     assert harness.mode == harness.found

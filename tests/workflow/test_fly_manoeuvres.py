@@ -110,7 +110,7 @@ def test_relays_on_the_set_point_tell_the_loop_alike_with_noise_and_without_and_
         def update(self, progress: Any) -> None:
             modes.add(harness.mode)
 
-    result = flown(harness, {}, "set-point-relay", watcher=Modes(harness.said))
+    result = flown(harness, {}, "set-point-relay", observer=Modes(harness.said))
     assert modes == {"GUIDED"}
     true = flown(calm(SitlHarness(tmp_path / "calm", "blueboat")), {}, "set-point-relay").sheets[0]
     (sheet,) = result.sheets

@@ -10,6 +10,7 @@ import pytest
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.manoeuvres import Envelope, ThrottleSteps
 from gcs_autotune.trial import Channel, Trial
@@ -55,7 +56,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     def fly(relay: Any, stage: str) -> Any:
         relays.append(relay)
-        return SimpleNamespace(trial=flown(relay.name))
+        return flown(relay.name)
 
     class Relays:
         keep_still = True
@@ -77,7 +78,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
     context.settings = SimpleNamespace(relay_output=None, structure=None, most_relays=2)
     context.log = SimpleNamespace(say=lambda text: None, fit=None)
     context.craft = SimpleNamespace(firmware=SimpleNamespace(needs_way=False), least_period=0.0)
-    context.axis = SimpleNamespace(dof="yaw")
+    context.axis = FIRMWARE["ardusub"].axes["heading"]
     context.await_worker = None
     context.throttle = 0.0
     context.turn_around = lambda before, ahead: False
@@ -192,7 +193,7 @@ def test_a_way_out_that_tells_no_model_by_itself_ends_nothing_and_the_boat_is_fl
 
     def fly(manoeuvre: ThrottleSteps, stage: str) -> SimpleNamespace:
         flown.append(manoeuvre.name)
-        return SimpleNamespace(trial=manoeuvre.name)
+        return manoeuvre.name
 
     context = SimpleNamespace(
         settings=SimpleNamespace(structure=None, delay=None),

@@ -9,15 +9,15 @@ import pytest
 
 from gcs_autotune.craft import Observation
 from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.observer import Progress
 from gcs_autotune.report.toolkit.live import describe_progress
-from gcs_autotune.watch import Progress
 from gcs_autotune.workflow import Connection, TuneSettings
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.excursion import Excursion
 from gcs_autotune.workflow.itinerary import Itinerary, legs_of_experiment, legs_of_tune, pace_of
 
-RUDDER, THRUSTERS = (pace_of(under_way=True, skid=skid) for skid in (False, True))
-ROV = pace_of(under_way=False, skid=False)
+RUDDER, THRUSTERS = (pace_of("rudder"), pace_of("thrusters"))
+ROV = pace_of("rov")
 TURN = RUDDER.turn
 
 
@@ -55,7 +55,7 @@ def test_what_a_craft_takes_that_never_comes_to_rest_is_told_beside_the_usual_ti
     """ArduSub's stock ROV hunts in its thrusters' dead band: told 2 min, it took 5 min 30 s."""
     usual, patient = (
         Itinerary(legs_of_tune(settings("depth", **how), "heave", p, moving=False, given=False, dives=True))
-        for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of(under_way=False, skid=False, restless=True)))
+        for how, p in (({}, ROV), ({"stop_rule": "settled"}, pace_of("rov", restless=True)))
     )
     assert how_long(usual, patient.seconds).startswith("take about 110 s of the vehicle's time, up to 7 min if ")
     assert "up to" not in how_long(patient, patient.seconds)

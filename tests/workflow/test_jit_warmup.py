@@ -10,11 +10,11 @@ from numba import config
 from gcs_autotune.clock import WallClock
 from gcs_autotune.design.laws.kernel import fly
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import jit_warmup
 
 
-class Listener(SilentWatcher):
+class Listener(SilentObserver):
     def __init__(self) -> None:
         self.said: list[str] = []
 

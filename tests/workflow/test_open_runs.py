@@ -109,7 +109,7 @@ def heard_from(at_work: bool, component: int = 30) -> SimpleNamespace:
     stations = OtherStations(session)
     message = our_heartbeat(at_work=at_work)
     frame: Any = SimpleNamespace(name="HEARTBEAT", message=message, system=255, component=component)
-    stations._on_foreign(frame)
+    stations._on_other_station(frame)
     return SimpleNamespace(session=session, other_stations=stations, parameters=None)
 
 

@@ -13,10 +13,10 @@ from gcs_autotune.axes import AXES
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.identify import Doubt, Reading
 from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report import recheck_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.seatrials import Figure, Sheet
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, recheck
 from gcs_autotune.workflow.recheck import LastTune, LoopNumbers, Recheck, last_tune, verdict_of
 
@@ -35,7 +35,7 @@ def sheet(zeta: tuple[float, float], over: tuple[float, float], *doubts: Doubt, 
 
 
 def judged(of: Sheet | None, tune: LoopNumbers | None = None, **more: Any) -> Any:
-    check = Recheck(AXES["heading"], Path("runs"), SilentWatcher())
+    check = Recheck(AXES["heading"], Path("runs"), SilentObserver())
     check.sheet = of
     check.tune = None if tune is None else LastTune(Path("runs/a"), WHEN, tune, {})
     for name, value in more.items():

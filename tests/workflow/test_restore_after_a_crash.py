@@ -19,7 +19,7 @@ from benchmarks.faults.vehicle import Condition
 from gcs_autotune.errors import LinkLost, NotAsFound, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Commands, Journal, JournalState, Parameters, ParameterTransaction, Session
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import Unattended, restore_run
 from gcs_autotune.workflow import restore as restore_module
 from gcs_autotune.workflow.restore import _Restoring, is_settled, link_of
@@ -57,7 +57,7 @@ def borrow(vehicle: VehicleAsFound, path: Path, faults: tuple[Fault, ...] = (), 
 
 
 def restore(vehicle: VehicleAsFound, path: Path, *faults: Fault, answer: bool = True, **acts: Any) -> Any:
-    return restore_run(vehicle.connection(faults, **acts), path, Unattended(answer), SilentWatcher())
+    return restore_run(vehicle.connection(faults, **acts), path, Unattended(answer), SilentObserver())
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_killed_at_any_moment_of_borrowing_and_again_of_restoring(path: Path) ->
     with Session(connection.open()):
         pass
     borrow(whole, path)
-    restore_run(restore_link, path, Unattended(), SilentWatcher())
+    restore_run(restore_link, path, Unattended(), SilentObserver())
     counts = dict(restore_link.opened[0].sent)
     moments = [("PARAM_SET", n, after) for n in (1, 2, 3) for after in (0.0, 0.021, 0.05)]
     moments += [("COMMAND_LONG", n, after) for n in (2, 3) for after in (0.0, 0.05)]
@@ -209,7 +209,7 @@ def test_a_person_decides_about_what_another_operator_did_and_the_journal_is_set
     vehicle.server.vehicle.autopilot.set_mode(3)
     vehicle.server.vehicle.parameters.preset("ATC_STR_RAT_P", 0.77)
     person = Person(overrules=overrules)
-    restore_run(vehicle.connection(), path, person, SilentWatcher())
+    restore_run(vehicle.connection(), path, person, SilentObserver())
     now = vehicle.condition()
     assert len([q for q in person.asked if "Another operator" in q]) == 3, "mode, armed state, a gain"
     assert (now.mode, now.armed) == ((4, False) if overrules else (3, True))

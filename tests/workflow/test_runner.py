@@ -8,28 +8,29 @@ from typing import Any
 import pytest
 
 from gcs_autotune.errors import PreconditionFailed
-from gcs_autotune.manoeuvres import Envelope, Flown, Outcome
+from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 
 MANOEUVRE: Any = SimpleNamespace(name="sign-check", purpose="check", in_manual=True)
-SLOW, FINE = Outcome("aborted", "it makes only 0.57 m/s"), Outcome("completed", "it answers")
+SLOW = Trial("run", {}, ending="aborted", reason="it makes only 0.57 m/s")
+FINE = Trial("run", {}, ending="completed", reason="it answers")
 
 
-def runner_of(pauses: list[float], outcomes: list[Outcome], said: list[str]) -> ManoeuvreRunner:
+def runner_of(pauses: list[float], flown: list[Trial], said: list[str]) -> ManoeuvreRunner:
     """A runner whose manoeuvres end so in turn, this computer having paused so long [s] in each."""
     clock = SimpleNamespace(now=lambda: 0.0)
     craft: Any = SimpleNamespace(clock=clock, armed=True, longest_pause=lambda since: pauses.pop(0))
     runner = ManoeuvreRunner(craft, Envelope(), SimpleNamespace(say=said.append), lambda trial: None)  # type: ignore[arg-type]
     sequencer: Any = runner._sequencer
-    sequencer.fly = lambda manoeuvre, stage, envelope: Flown(Trial("run", {}), outcomes.pop(0))
+    sequencer.fly = lambda manoeuvre, stage, envelope: flown.pop(0)
     return runner
 
 
 def test_a_manoeuvre_that_fails_while_this_computer_pauses_is_flown_again() -> None:
     said: list[str] = []
     flown = runner_of([0.9], [SLOW, FINE], said).attempt(MANOEUVRE, "sign check")
-    assert flown.outcome == FINE
+    assert flown is FINE
     assert said[0].startswith("it makes only 0.57 m/s. But this computer paused for 0.9 s without sending commands")
     assert said[1] == "continuing: sign check is flown again from its start"
 
@@ -41,5 +42,5 @@ def test_a_computer_that_pauses_again_and_again_is_the_reason() -> None:
 
 def test_without_a_pause_what_failed_is_returned_as_it_is() -> None:
     said: list[str] = []
-    assert runner_of([0.1], [SLOW], said).attempt(MANOEUVRE, "sign check").outcome == SLOW
+    assert runner_of([0.1], [SLOW], said).attempt(MANOEUVRE, "sign check") is SLOW
     assert not said

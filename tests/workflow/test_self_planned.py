@@ -25,13 +25,13 @@ from .sitl_harness import QUICK, SLOW_LOOP, WHEN, Ear, SitlHarness
 from .test_fly import Stops
 
 
-def trial(harness: SitlHarness, until: str, minutes: float = 10.0, watcher: Any = None, **common: Any) -> Any:
+def trial(harness: SitlHarness, until: str, minutes: float = 10.0, observer: Any = None, **common: Any) -> Any:
     settings = harness.common(**common)
     asked = precision_of(until, "", 60.0 * minutes)
     first = first_run(asked, settings)
     plan = FlightPlan(first.kind.name, FlightPlan.of(first).runs, until=asked)
-    ear = watcher or Ear(harness.said)
-    return fly_plan(plan, settings, watcher or Unattended(), ear, WHEN)
+    ear = observer or Ear(harness.said)
+    return fly_plan(plan, settings, observer or Unattended(), ear, WHEN)
 
 
 def assert_as_found(harness: SitlHarness) -> None:
@@ -197,9 +197,9 @@ def test_stopped_in_a_run_that_it_chose_itself_the_vehicle_is_left_as_found(tmp_
         def update(self, progress: Any) -> None:
             self.wants = self.wants or any(text.startswith("next: ") for text in said)
 
-    watcher = StopsInSecond(said, "")
+    observer = StopsInSecond(said, "")
     with pytest.raises(OperatorStopped):
-        trial(harness, "N_r 0.001%", watcher=watcher)
+        trial(harness, "N_r 0.001%", observer=observer)
     assert_as_found(harness)
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from gcs_autotune.errors import AutotuneError, LinkLost, OperatorStopped
+from gcs_autotune.observer import SilentObserver
 from gcs_autotune.trial import Trial
-from gcs_autotune.watch import SilentWatcher
 from gcs_autotune.workflow.tune_log import TuneLog
 
 from .sitl_harness import SitlHarness
@@ -85,7 +85,7 @@ def test_what_was_disarmed_in_a_silence_stays_disarmed_when_the_operator_says_no
 
 
 def test_the_page_shows_the_trial_that_was_flown_again_not_the_interrupted_one(tmp_path: Any) -> None:
-    log = TuneLog(SitlHarness(tmp_path).settings(), "now", SilentWatcher())
+    log = TuneLog(SitlHarness(tmp_path).settings(), "now", SilentObserver())
     for ending in ("aborted", "completed"):
         log.flown(Trial("step-before", {}, ending=ending))
     shown = log.story().step_before

@@ -18,8 +18,8 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import Relay, RelaySettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.simulation import simulate
+from gcs_autotune.observer import Fact, SilentObserver
 from gcs_autotune.trial import Channel, Mark, Trial
-from gcs_autotune.watch import Fact, SilentWatcher
 from gcs_autotune.workflow import stop_rule
 from gcs_autotune.workflow.stop_rule import Assessment, DesignQuestion, KnownDesign, assess
 
@@ -174,7 +174,7 @@ def test_a_relay_ends_once_the_design_has_been_known_twice_running() -> None:
 
 
 def test_what_the_gains_promise_by_then_is_told_with_its_worst() -> None:
-    class Ear(SilentWatcher):
+    class Ear(SilentObserver):
         told: ClassVar[list[Fact]] = []
 
         def note(self, fact: Fact) -> None:

@@ -12,8 +12,9 @@ import pytest
 from gcs_autotune.errors import NotAsFound, PreconditionFailed
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import MemoryLink, Session, open_craft
-from gcs_autotune.manoeuvres import Envelope, Flown, Sequencer, ThrustCheck
-from gcs_autotune.watch import SilentWatcher
+from gcs_autotune.manoeuvres import Envelope, Sequencer, ThrustCheck
+from gcs_autotune.observer import SilentObserver
+from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.preflight import check_throttle_is_free, sign_check_for
 from sitl import open_vehicle
 from sitl.effects import parse_effect
@@ -24,7 +25,7 @@ WORKING = 0.8
 """Throttle that a tune of Charlie's speed goes up to; the check tries half of it, then all."""
 
 
-def pulse(*, effect: str = "", stuck: float = 0.0, **parameters: float) -> tuple[ThrustCheck, Flown]:
+def pulse(*, effect: str = "", stuck: float = 0.0, **parameters: float) -> tuple[ThrustCheck, Trial]:
     """Fly the check; for its first *stuck* seconds the throttle output stands at its upper stop."""
     flying_since: list[float] = []
 
@@ -42,28 +43,28 @@ def pulse(*, effect: str = "", stuck: float = 0.0, **parameters: float) -> tuple
     check = sign_check_for("surge", craft, WORKING, needs_speed=False)
     assert isinstance(check, ThrustCheck)
     flying_since.append(server.now)
-    return check, Sequencer(craft, Envelope(), SilentWatcher(), lambda trial: None).fly(check)
+    return check, Sequencer(craft, Envelope(), SilentObserver(), lambda trial: None).fly(check)
 
 
-def pulses(flown: Flown) -> list[float]:
-    return [float(mark.detail["X"]) for mark in flown.trial.marks if mark.kind == "pulse"]
+def pulses(flown: Trial) -> list[float]:
+    return [float(mark.detail["X"]) for mark in flown.marks if mark.kind == "pulse"]
 
 
 def test_free_thrust_passes_on_the_first_half_pulse() -> None:
     check, flown = pulse()
-    assert flown.outcome.ending == "completed"
+    assert flown.ending == "completed"
     assert check.answer is not None
     assert check.answer.command == WORKING / 2
     assert check.answer.obeyed == pytest.approx(1.0, abs=0.02)
     assert check.answer.moved > 0.2
-    assert flown.outcome.reason.endswith("X acts in the right direction")
+    assert flown.reason.endswith("X acts in the right direction")
 
 
 @pytest.mark.slow
 def test_thrust_that_saturates_below_the_pulse_but_drives_passes_with_less_speed_gained() -> None:
     free, _ = pulse()
     check, flown = pulse(effect="saturation@throttle.limit=0.3")
-    assert flown.outcome.ending == "completed"
+    assert flown.ending == "completed"
     assert free.answer is not None
     assert check.answer is not None
     assert 0.06 < check.answer.moved < 0.75 * free.answer.moved
@@ -78,30 +79,30 @@ def test_thrust_that_saturates_too_low_to_drive_is_refused_after_both_pulses_wit
     limit: float,
 ) -> None:
     check, flown = pulse(effect=f"saturation@throttle.limit={limit}")
-    assert flown.outcome.ending == "aborted"
+    assert flown.ending == "aborted"
     assert pulses(flown) == [WORKING / 2, WORKING]
     assert check.answer is not None
     assert check.answer.moved < 0.06
-    assert re.search(r"though SERVO3 went to 1(889|890) us\. The thruster is dead or too weak", flown.outcome.reason)
+    assert re.search(r"though SERVO3 went to 1(889|890) us\. The thruster is dead or too weak", flown.reason)
 
 
 @pytest.mark.slow
 def test_throttle_that_the_autopilot_cuts_off_is_refused_with_what_cuts_it() -> None:
     check, flown = pulse(MOT_THR_MAX=10.0)
-    assert flown.outcome.ending == "aborted"
+    assert flown.ending == "aborted"
     assert check.answer is not None
     assert check.answer.obeyed == pytest.approx(0.25, abs=0.02)
-    assert "commanded +0.40 of full X, but the outputs show +0.10: SERVO3 is limited" in flown.outcome.reason
-    assert "MOT_THR_MAX" in flown.outcome.reason
+    assert "commanded +0.40 of full X, but the outputs show +0.10: SERVO3 is limited" in flown.reason
+    assert "MOT_THR_MAX" in flown.reason
 
 
 @pytest.mark.slow
 def test_a_throttle_that_stands_at_its_stop_unasked_is_refused_before_any_pulse() -> None:
     check, flown = pulse(stuck=4.0)
-    assert flown.outcome.ending == "aborted"
+    assert flown.ending == "aborted"
     assert check.answer is None
     assert pulses(flown) == []
-    assert "X is at +0.96 of full output without any command: SERVO3 is saturated" in flown.outcome.reason
+    assert "X is at +0.96 of full output without any command: SERVO3 is saturated" in flown.reason
 
 
 @pytest.mark.slow

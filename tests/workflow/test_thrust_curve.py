@@ -151,10 +151,10 @@ def test_a_speed_controllers_neutral_band_is_told_from_slack_by_the_step_that_dw
     assert "acts at once beyond" in thrust_curve_told(found, plain, step)
 
 
-@pytest.mark.parametrize(("dof", "needs_speed"), [("yaw", True), ("surge", False)])
-def test_the_step_of_a_boats_turn_rate_tune_stays_out_of_its_model(dof: str, needs_speed: bool):
+@pytest.mark.parametrize("axis", ["yaw", "speed"])
+def test_the_step_of_a_boats_turn_rate_tune_stays_out_of_its_model(axis: str):
     found = Identified(SimpleNamespace(), ())
-    context = SimpleNamespace(axis=SimpleNamespace(dof=dof, needs_speed=needs_speed))
+    context = SimpleNamespace(axis=FIRMWARE["ardurover"].axes[axis])
     assert again_with_step(context, found, dying_swing(0.0, 0.0)) is found
 
 
@@ -165,9 +165,8 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
     def run_in_background(work: Callable[..., object], *args: object, **named: object) -> None:
         asked.append((work, args, named))
 
-    axis = SimpleNamespace(dof="yaw", needs_speed=False)
     context = SimpleNamespace(
-        axis=axis,
+        axis=FIRMWARE["ardusub"].axes["heading"],
         settings=SimpleNamespace(structure=None),
         run_in_background=run_in_background,
         log=SimpleNamespace(say=asked.append),

@@ -20,8 +20,8 @@ from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.trial import Mark, Trial
 from gcs_autotune.workflow import Unattended
 from gcs_autotune.workflow import autopilot_loop as autopilot_loop_module
+from gcs_autotune.workflow.accompanying_step import Compared
 from gcs_autotune.workflow.autopilot_loop import _AutopilotLoop, _offer_of
-from gcs_autotune.workflow.beside import Compared
 from gcs_autotune.workflow.itinerary import Itinerary, Leg
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.record import RunDirectory
@@ -108,7 +108,7 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
         law=SimpleNamespace(free_overshoot=0.0, controls_velocity=False),
         runner=SimpleNamespace(come_to_rest=lambda stage, axis: done.append(f"rest in {stage}")),
         turn_around=lambda name, ahead, last: done.append(f"back for {name}"),
-        fly=lambda manoeuvre, stage: done.append(stage) or SimpleNamespace(trial=recorded(context.flies, 8.0, 7.0)),
+        fly=lambda manoeuvre, stage: done.append(stage) or recorded(context.flies, 8.0, 7.0),
     )
     monkeypatch.setattr(autopilot_loop_module, "ParameterTransaction", Loan)
     read.clear()
@@ -136,8 +136,8 @@ def test_a_craft_is_watched_by_its_own_axis_while_it_comes_to_rest_and_a_boat_fl
 ) -> None:
     flown: list[str] = []
     craft: Any = SimpleNamespace(firmware=FIRMWARE[firmware], armed=False)
-    watcher: Any = SimpleNamespace(say=print)
-    runner = ManoeuvreRunner(craft, Envelope(), watcher, print)
+    observer: Any = SimpleNamespace(say=print)
+    runner = ManoeuvreRunner(craft, Envelope(), observer, print)
     monkeypatch.setattr(
         runner, "attempt", lambda manoeuvre, stage: flown.append(f"{manoeuvre.signal} {manoeuvre.force}")
     )
@@ -245,7 +245,7 @@ def test_gains_whose_turn_rates_oscillate_go_back_though_headings_are_better(
     swinging = replace(step(0.5), oscillation=0.3)
     compared = Compared(step(1.0), swinging, is_followed(step(1.0), swinging, {}, "turn rates"))
     beside = SimpleNamespace(compared=lambda context: compared)
-    monkeypatch.setattr(autopilot_loop_module.StepBeside, "flown", lambda context, known: beside)
+    monkeypatch.setattr(autopilot_loop_module.AccompanyingStep, "flown", lambda context, known: beside)
     tuned(context, _offer_of(proposed(0.5, [CHANGE]), step(1.0)))
     assert done[-2:] == ["given back", "restored"]
     better, reasons = context.log.verdict
@@ -259,7 +259,7 @@ def test_gains_that_hold_headings_as_well_as_before_are_kept_for_turn_rates_that
 ) -> None:
     compared = Compared(step(1.0), step(0.1), is_followed(step(1.0), step(0.1), {}, "turn rates"))
     beside = SimpleNamespace(compared=lambda context: compared)
-    monkeypatch.setattr(autopilot_loop_module.StepBeside, "flown", lambda context, known: beside)
+    monkeypatch.setattr(autopilot_loop_module.AccompanyingStep, "flown", lambda context, known: beside)
     context.flies = 1.02
     tuned(context, _offer_of(proposed(0.9, [CHANGE]), step(1.0)))
     assert done[-3:] == ["kept", "kept", "left"]

@@ -172,10 +172,9 @@ def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> li
     base = _get(settings, "MOT_SPD_SCA_BASE")
     if is_skid(settings):
         return [
-            f"steered by two thrusters: the autopilot does not scale their difference with speed, so the gains are "
+            "steered by two thrusters: the autopilot does not scale their difference with speed, so the gains are "
             f"valid at {speed or 0.0:.2f} m/s and this throttle. If thrust grows with the square of the pulse, "
-            f"steering "
-            "is stronger at more throttle and weaker at less, unless MOT_THST_EXPO linearises it"
+            "steering is stronger at more throttle and weaker at less, unless MOT_THST_EXPO linearises it"
         ]
     if vectored_angle(settings) > 0.0:
         known = settings.get(THROTTLE, 0.0) > 0.0

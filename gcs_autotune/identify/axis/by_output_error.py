@@ -144,9 +144,9 @@ def _signals(
 def _check_that_input_explains(records: Sequence[Segment], chosen: Selection) -> None:
     """Compare with a straight line per stretch (position) or a constant (velocity), by the same criterion."""
     solution = chosen.solution
-    n = solution.n / chosen.correlation
+    n = solution.samples / chosen.correlation
     gain = 0.0
-    for r in solution.residuals:
+    for r in solution.rests:
         degree = 1 if r.signal == records[0].dof.position else 0
         t = r.t - r.t[0]
         line = r.measured - np.polyval(np.polyfit(t, r.measured, degree), t)
@@ -188,7 +188,7 @@ def _assembled(
         _admit_unresolved_inertia(covariance, model.alpha)
     parameters = named_parameters(model, covariance, _status(case, chosen))
     _check_that_something_is_known(records, parameters)
-    main = solution.residuals[0].signal
+    main = solution.rests[0].signal
     rms, fit_percent = solution.rms(main), fit_percents(solution).get(main, 0.0)
     findings = Findings(
         case, model, chosen.structure, parameters, decision, solution.noise[main], fit_percent, solution.white
@@ -203,8 +203,8 @@ def _assembled(
         "delay_evidence": chosen.delay_evidence,
         "time_shift": solution.shift,
         "whiteness_p": min(whiteness(s) for s in solution.scores),
-        "sigma": {k: law.sigma for k, law in solution.models.items()},
-        "quantum": {k: law.quantum for k, law in solution.models.items()},
+        "sigma": {k: law.sigma for k, law in solution.noise_models.items()},
+        "quantum": {k: law.quantum for k, law in solution.noise_models.items()},
     }
     return AxisFit(
         dof=records[0].dof.name,
@@ -307,7 +307,7 @@ def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
     tried = chosen.with_delay
     if tried is None or "delay" in chosen.solution.free:
         return None
-    ratio = chosen.delay_evidence + math.log(tried.n / chosen.correlation)
+    ratio = chosen.delay_evidence + math.log(tried.samples / chosen.correlation)
     change = float(chosen.solution.theta[0] / tried.theta[0]) - 1.0
     spread = (
         3.0 * math.sqrt(explicit_covariance(chosen.solution, raised=False)[0, 0]) / abs(float(chosen.solution.theta[0]))
@@ -361,7 +361,7 @@ def _model_lacking(chosen: Selection, odd: Sequence[OddRun]) -> Doubt:
 
 def _solved(chosen: Selection, bounds: Bounds, which: Sequence[int]) -> Solution | None:
     """Fit some of the stretches, structure, delay and noise as in the common fit."""
-    common, segments = chosen.solution, [chosen.records[i].only(tuple(chosen.solution.models)) for i in which]
+    common, segments = chosen.solution, [chosen.records[i].only(tuple(chosen.solution.noise_models)) for i in which]
     measured = {n for s in segments for n in s.signals}
     free = [n for n in common.free if n != "delay"]
     problem = Problem(common.form, [replace(s, dating=0.0) for s in segments], None, bounds.limits, free)

@@ -60,7 +60,7 @@ def choose(
 def disadvantage(solution: Solution, rival: Solution, correlation: float, penalty: float) -> float:
     """Return by how much the *rival*'s criterion is larger, with *penalty* per parameter (2: Akaike's)."""
     fit = 2.0 * (rival.log_likelihood - solution.log_likelihood) / correlation
-    return penalty * (rival.parameters - solution.parameters) - fit
+    return penalty * (rival.unknowns - solution.unknowns) - fit
 
 
 def possible_second_drag(

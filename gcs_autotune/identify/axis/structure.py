@@ -216,8 +216,8 @@ def _candidate(record: Segment, structure: Structure, solution: Solution, bic: f
     return StructureFit(
         structure=structure,
         model=model_of(record, solution.theta),
-        rms=solution.rms(solution.residuals[0].signal),
+        rms=solution.rms(solution.rests[0].signal),
         log_likelihood=solution.log_likelihood,
-        free_parameters=solution.parameters,
+        free_parameters=solution.unknowns,
         bic=bic,
     )

@@ -52,7 +52,7 @@ def explicit_covariance(solution: Solution, *, raised: bool = True) -> Array:
     """Return the covariance (5, 5) of (b, a, c, d, T), zero where not fitted; *raised* for coloured residuals."""
     covariance, k = np.zeros((len(EXPLICIT),) * 2), len(solution.free)
     places = [EXPLICIT.index(n) for n in solution.free]
-    covariance[np.ix_(places, places)] = solution.covariance if raised else solution.whole[:k, :k]
+    covariance[np.ix_(places, places)] = solution.raised_covariance if raised else solution.whole[:k, :k]
     return covariance
 
 
@@ -88,7 +88,7 @@ def cramer_rao(
     segments = [s.only(tuple(given)) for s in records]
     quanta = {n: q for n, q in steps.items() if q > 0.0}
     found = _with_states_fitted(model, segments, given, quanta)
-    noise = {n: _noise_model(given[n], steps.get(n, 0.0), found, n) for n in found.models}
+    noise = {n: _noise_model(given[n], steps.get(n, 0.0), found, n) for n in found.noise_models}
     dated = found.shift_std > 0.0
     wanted = [n for n in PHYSICAL if n in free]
     nuisance = ["delay"] if dated and "delay" not in wanted else []
@@ -124,7 +124,7 @@ def _with_states_fitted(
 def _noise_model(sigma: float, quantum: float, found: Solution, name: str) -> NoiseModel:
     if quantum <= 0.0:
         return Gaussian(sigma)
-    return Rounded(sigma, quantum, max(float(np.ptp(r.measured)) for r in found.residuals if r.signal == name))
+    return Rounded(sigma, quantum, max(float(np.ptp(r.measured)) for r in found.rests if r.signal == name))
 
 
 def _explicit_by_physical(theta: Array) -> Array:

@@ -90,7 +90,7 @@ def fit_of(
     model = CoupledModel(form, dict(zip(names, solution.theta.tolist(), strict=True)))
     covariance, bounds = np.zeros((len(names),) * 2), {}
     places = [names.index(n) for n in solution.free]
-    covariance[np.ix_(places, places)] = solution.covariance
+    covariance[np.ix_(places, places)] = solution.raised_covariance
     for i, name in enumerate(solution.free):
         bounds[name] = float(np.sqrt(solution.whole[i, i]))
     parameters = {}
@@ -119,7 +119,7 @@ def fit_of(
         traces=traces_of(records, solution),
         extra={
             "signals": list(solution.noise),
-            "rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise},
+            "rounding": {n: rounding_error(solution.rests, n) for n in solution.noise},
             "std_inflation": float(solution.factors.max(initial=1.0)),
             "residual_correlation_time": solution.correlation,
             "log_likelihood": solution.log_likelihood,
@@ -135,7 +135,7 @@ def _doubts(case: CoupledCase, chosen: Delayed, limits: Limits) -> tuple[Doubt, 
     """Return what is doubtful about the chosen fit, what the records already said first."""
     solution, records = chosen.local.solution, chosen.local.records
     notes = [doubt for record in case.records for doubt in record.notes]
-    std = np.sqrt(np.maximum(np.diag(solution.covariance), 0.0)).tolist()
+    std = np.sqrt(np.maximum(np.diag(solution.raised_covariance), 0.0)).tolist()
     values = dict(zip(solution.form.parameters, solution.theta.tolist(), strict=True))
     of_its_own = (
         _pieces(chosen.local),

@@ -123,7 +123,7 @@ def fit_with_delay(form: Form, records: Sequence[Segment], limits: Limits, *, ro
     plain = local_fit(form, whole, limits, robust=robust)
     solution = plain.solution
     hint, gain = _one_step(solution, plain.records)
-    price = math.log(max(solution.n, 2))
+    price = math.log(max(solution.samples, 2))
     if solution.white and gain < price:
         return Delayed(plain, gain - price)
     pairs: list[LocalCost] = []
@@ -158,7 +158,7 @@ def _one_step(plain: Solution, records: Sequence[Segment]) -> tuple[float, float
     form = plain.form.freeing("delay")
     theta = np.array([*plain.theta[: len(plain.form.free)], plain.shift, *plain.theta[len(plain.form.free) :]])
     objective = Objective(Problem(form, records, None, Limits({}, {})), theta, plain.initial)
-    local = objective.at(objective.pack(), plain.models)
+    local = objective.at(objective.pack(), plain.noise_models)
     if local is None:
         return 0.0, 0.0
     step = -inverse_of(local.curvature) @ local.gradient
@@ -177,7 +177,7 @@ def _lagged(form: Form, without: LocalCost, limits: Limits, hint: float, robust:
     scored = []
     for theta, initial in starts:
         objective = Objective(Problem(freed, records, None, limits), theta, initial)
-        local = objective.at(objective.pack(), plain.models)
+        local = objective.at(objective.pack(), plain.noise_models)
         scored.append(np.inf if local is None else local.cost)
     best: Solution | None = None
     for i in np.argsort(scored)[:2]:

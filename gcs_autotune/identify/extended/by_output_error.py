@@ -17,8 +17,10 @@ from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
 from gcs_autotune.identify.doubts import once
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
 from gcs_autotune.identify.first_look import quanta_of
+from gcs_autotune.identify.fitted import Fitted
+from gcs_autotune.identify.free_numbers import label_of
 from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.problem import Fitted, Problem, label_of
+from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
 from gcs_autotune.identify.reweighting import rounding_error
 from gcs_autotune.identify.solution import Solution, fit_percent_of, solution_of, solve, traces_of
@@ -130,7 +132,7 @@ def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, solution: Soluti
             "inputs": dict(problem.data_summary.inputs),
             "swing": dict(problem.data_summary.full),
             "largest": dict(problem.data_summary.amplitude),
-            "rounding": {n: rounding_error(solution.residuals, n) for n in solution.noise},
+            "rounding": {n: rounding_error(solution.rests, n) for n in solution.noise},
             "std_inflation": float(solution.factors.max(initial=1.0)),
             "residual_correlation_time": solution.correlation,
             "log_likelihood": solution.log_likelihood,
@@ -158,13 +160,13 @@ def _parameters(data_summary: DataSummary, solution: Solution) -> tuple[Mapping[
                 learnt.append(label)
     names = list(values)
     covariance = np.zeros((len(names),) * 2)
-    places = [names.index(n) for n in solution.free]
-    covariance[np.ix_(places, places)] = solution.covariance
-    bounds = dict(zip(solution.free, np.sqrt(np.diag(solution.whole)).tolist(), strict=False))
+    places = [names.index(n) for n in solution.names]
+    covariance[np.ix_(places, places)] = solution.raised_covariance
+    bounds = dict(zip(solution.names, np.sqrt(np.diag(solution.whole)).tolist(), strict=False))
     parameters = {}
     for i, name in enumerate(names):
         status: Status = "fixed"
-        if name in solution.free or name in learnt:
+        if name in solution.names or name in learnt:
             status = "at_bound" if name in solution.at_bound else "fitted"
         std = float("nan") if name in learnt else float(np.sqrt(covariance[i, i]))
         parameters[name] = Parameter(name, values[name], units[name], std, status, bounds.get(name, float("nan")))

@@ -1,4 +1,4 @@
-"""Effects asked for by name: ``dead-zone``, ``dead-zone@N``; and what their parameters are called in a fit."""
+"""Effects to be fitted, by name: ``dead-zone``, ``dead-zone@N``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
-__all__ = ["EffectSpec", "effect_spec_of", "label_of"]
+__all__ = ["EffectSpec", "effect_spec_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +49,3 @@ def effect_spec_of(text: str) -> EffectSpec:
     """
     slug, _, place = text.strip().partition("@")
     return EffectSpec(lookup(EFFECTS, slug, "effect").slug, place or None)
-
-
-def label_of(own: EffectInstance, name: str) -> str:
-    """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
-    return f"{own.slug}@{own.place}.{name}"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify.free_numbers import ModelFit
-from gcs_autotune.identify.kalman.noisy_objective import ProcessNoise, log_density
-from gcs_autotune.models import Form
+from gcs_autotune.identify.kalman.noisy_objective import log_density
+from gcs_autotune.identify.kalman.process_noise import ProcessNoise
 
 __all__ = ["NoisyFit", "Tangent"]
 
@@ -26,26 +26,17 @@ WIDEST = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoisyFit(ModelFit):
-    """A fit: ``theta`` (p,) of ``form.free``, effects with their values, the noise, and the innovations.
+    """A fit with process noise: ``theta`` (p,) are the form's free parameters only.
 
-    ``log_likelihood``: (records,) of each record. ``free_effects``: (index, name) fitted; ``covariance`` (q, q) of the
-    base's parameters, then the effects', then the logarithms of the noise's unknowns. ``innovations``: per record
-    stamps, innovation and its variance.
+    ``noise`` as fitted; ``log_likelihood``: (records,) of each record. ``covariance`` (q, q) of the base's parameters,
+    then the effects', then the logarithms of the noise's unknowns. ``innovations``: per record stamps, innovation and
+    its variance.
     """
 
-    form: Form
-    theta: Array
-    effects: tuple[EffectInstance, ...]
     noise: ProcessNoise
     log_likelihood: Array
-    free_effects: tuple[tuple[int, str], ...]
     covariance: Array
     innovations: tuple[tuple[Array, Array, Array], ...]
-
-    @property
-    def free(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Names of the base parameters fitted."""
-        return self.form.free
 
     @property
     def total(self) -> float:

@@ -1,47 +1,34 @@
 """One degree of freedom with process noise: wind, wake and current as a drifting force, fitted with the model.
 
-The equation of motion, with whatever effects stand in it, is driven besides by a force that is an Ornstein-Uhlenbeck
-process: its standard deviation and time constant are unknowns beside the model's and the noise of the sensor. The
-filter carries that force as a parameter that decays (:class:`.filter_bank.Levels`), so initial states and what the
-force did are integrated out; what is left is the likelihood of the innovations (Ljung1999, chapter 7). Gusts come in
-bursts: innovations may follow Student's law of *freedom* degrees instead of the normal one, its variance the filter's.
-
-Derivatives by the unknowns are those of ``noisy_objective``; steps and covariance come from the expected information.
+The likelihood is that of the innovations of :mod:`.noise_filter`. Gusts come in bursts: innovations may follow
+Student's law of *freedom* degrees instead of the normal one, its variance the filter's. Derivatives by the unknowns are
+those of ``noisy_objective``; steps and covariance come from the expected information.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
-from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.clock import spend
-from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, in_order
-from gcs_autotune.identify.free_numbers import ModelProblem
-from gcs_autotune.identify.kalman.days import RunSays, integrate_out
-from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, FilterResult, Levels, Prior
-from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, linear_terms
+from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
+from gcs_autotune.identify.kalman.days import RunSays
+from gcs_autotune.identify.kalman.noise_filter import DRIFTING_FORCE, NoiseFilter
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
-from gcs_autotune.identify.kalman.noisy_objective import NoisyObjective, Point, ProcessNoise
-from gcs_autotune.identify.kalman.thinning import smoothed_drive
+from gcs_autotune.identify.kalman.noisy_objective import NoisyObjective, Point
+from gcs_autotune.identify.kalman.process_noise import ProcessNoise
 from gcs_autotune.identify.kalman.waves import waves_ahead
 from gcs_autotune.identify.least_squares import Local, Rules, descend, step_of
-from gcs_autotune.identify.limits import Limits
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.kept_results import recalled
-from gcs_autotune.models import Form, Simulator, states_of
-from gcs_autotune.sname import DOFS
+from gcs_autotune.models import Simulator
 
 __all__ = ["NoisyProblem"]
 
 Array = NDArray[np.float64]
-
-WANDERS, OF_THE_DAY = "gust", "day"
-"""Inputs, always 1, whose gains are the drifting force and a run's own constant force."""
 
 KNOWN_WITHIN = 0.2
 """Chosen: share of thrust, and of the largest commanded force, within which a run is asked for what it has of its own:
@@ -56,233 +43,13 @@ MOST_TRIALS = 10_000
 ENOUGH = 2e-2
 """Expected gain of the log-likelihood at which a search ends."""
 
-LINEAR_STATES = 3
-"""Position, velocity and the force: what a sample of the linear filter counts as work, as in a filter bank."""
 
-MOST_KEPT = 60
-"""Commands as effects make them that are kept, at most."""
-
-Made = TypeVar("Made")
-
-
-class NoisyProblem(ModelProblem):
-    """A form of one degree of freedom and segments with its position, ready to fit with any effects.
-
-    As of :class:`.ModelProblem`; the form is per unit of inertia: its inertia known as one.
-    """
-
-    def __init__(self, form: Form, segments: Sequence[Segment], data_summary: DataSummary, limits: Limits) -> None:
-        super().__init__(form, segments, data_summary, limits)
-        self.dof = DOFS[form.dofs[0]]
-        self.interval = float(np.median(np.concatenate([np.diff(s.stamps) for s in self.segments])))
-        self._banks: dict[tuple[object, ...], FilterBank] = {}
-        self._drives: dict[tuple[object, ...], tuple[Drive, ...]] = {}
-        self._terms: dict[tuple[tuple[str, str], ...], LinearTerms | None] = {}
-        self._priors = self._first()
-
-    @property
-    def runs(self) -> int:
-        """How many runs the segments are of."""
-        return len({s.run for s in self.segments})
+class NoisyProblem(NoiseFilter):
+    """A form of one degree of freedom and segments with its position, ready to fit with any effects."""
 
     def on(self, segments: Sequence[Segment]) -> NoisyProblem:
         """Return the same problem on other segments."""
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
-
-    def _first(self) -> tuple[Array, Array]:
-        """Return first position and velocity (records, 2) and their standard deviations, wide."""
-        states, spread = [], []
-        for s in self.segments:
-            own = next(iter(s.signals.values()))
-            rate = float(np.sqrt(np.mean(np.diff(own.values) ** 2 / np.diff(own.t) ** 2)))
-            few = min(5, len(own.t))
-            slope = float(np.polyfit(own.t[:few], own.values[:few], 1)[0])
-            states.append([own.values[0], slope])
-            spread.append([max(10.0 * rate * self.interval, 1e-6), max(rate, 1e-9)])
-        order = [0, 1] if states_of(self.form)[0] == self.dof.position else [1, 0]
-        return np.array(states)[:, order], np.array(spread)[:, order]
-
-    # -- passes
-
-    def _kept(
-        self,
-        effects: Sequence[EffectInstance],
-        noise: ProcessNoise,
-        kept: dict[tuple[object, ...], Made],
-        make: Callable[[Sequence[EffectInstance], ProcessNoise], Made],
-    ) -> Made:
-        """Return what *make* returns, made once for as long as *effects* do the same to the commands."""
-        early = [e for e in effects if EFFECTS[e.slug].acts_on & {"commands"}]
-        key: tuple[object, ...] = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
-        key = (
-            *key,
-            *((e.slug, e.place) for e in effects),
-            noise.smoothing,
-            noise.day_force > 0.0,
-            noise.day_thrust > 0.0,
-        )
-        if key not in kept:
-            if len(kept) > MOST_KEPT:
-                kept.clear()
-            kept[key] = make(effects, noise)
-        return kept[key]
-
-    def bank(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> FilterBank:
-        """Return the records as *effects* make them of the commands.
-
-        In the state is the drifting force; where runs differ, the constant force of each, and its gain.
-        """
-        return self._kept(effects, noise, self._banks, self._new_bank)
-
-    def _formed(self, effects: Sequence[EffectInstance]) -> tuple[Form, list[str]]:
-        """Return the form with the inputs that *effects* add, and the derivatives they add."""
-        more = [n for e in effects for n in EFFECTS[e.slug].inputs(e)]
-        added = [n for e in effects for n in EFFECTS[e.slug].derivatives(e)]
-        inputs = {**self.form.inputs, **{n: () for n in more if n not in self.form.inputs}}
-        return replace(self.form, inputs=inputs), list(dict.fromkeys(added))
-
-    def _new_bank(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> FilterBank:
-        form, added = self._formed(effects)
-        ones = (WANDERS, OF_THE_DAY) if noise.differs else (WANDERS,)
-        names = [f"{self.dof.force}_{n}" for n in ones]
-        form = replace(form, inputs={**form.inputs, **dict.fromkeys(ones, ())})
-        form = form.freeing(*(n for n in (*added, *names) if n not in self.form.parameters))
-        records = []
-        for segment, drive in zip(self.segments, self._driven(effects, noise), strict=True):
-            table = {n: np.ones(len(drive.t)) if n in ones else drive.channels[n] for n in form.inputs}
-            records.append(segment.driven(drive.t, table))
-        gain = (self.form.free[0],) if noise.day_thrust > 0.0 else ()
-        return FilterBank(form, records, (*names, *gain), per_run=True)
-
-    def _driven(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> tuple[Drive, ...]:
-        """Return what *effects*, and a smoother of the signal, make of the commands, segment by segment."""
-        return self._kept(effects, noise, self._drives, self._new_drives)
-
-    def _new_drives(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> tuple[Drive, ...]:
-        found, smoothing = [], noise.smoothing
-        for segment in self.segments:
-            passage = segment.passage
-            drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
-            for effect in effects:
-                drive = EFFECTS[effect.slug].drive(effect, drive)
-            if smoothing > 0.0:
-                end = float(segment.stamps[-1])
-                drive = smoothed_drive(drive, smoothing, end, self.data_summary.interval, self.form.inputs)
-            found.append(drive)
-        return tuple(found)
-
-    @cached_property
-    def _tracks(self) -> tuple[FilterRecord, ...]:
-        """The segments' stamps and samples, whatever drives them."""
-        return FilterBank(self.form, self.segments, ()).tracks
-
-    def _linear(self, effects: Sequence[EffectInstance]) -> LinearTerms | None:
-        """Return the equation's terms where it is linear in its velocity with *effects*, else None."""
-        key = tuple((e.slug, e.place) for e in effects)
-        if key not in self._terms:
-            self._terms[key] = linear_terms(*self._formed(effects))
-        return self._terms[key]
-
-    def ease(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> bool:
-        """Return whether the filter's steps were finer than they need be: see :meth:`.filter_bank.FilterBank.ease`."""
-        return self._linear(effects) is None and self.bank(effects, noise).ease()
-
-    def afresh(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> None:
-        """Forget how fine the filter's steps were: see :meth:`.filter_bank.FilterBank.afresh`."""
-        if self._linear(effects) is None:
-            self.bank(effects, noise).afresh()
-
-    def run(
-        self, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise, *, full: bool = False
-    ) -> tuple[FilterBank, FilterResult, Levels] | None:
-        """Pass the filter over all records; None when it runs away."""
-        bank = self.bank(effects, noise)
-        every = self.theta_of(bank.form, theta, effects)
-        decay = 1.0 / noise.memory
-        begin, std, states = [0.0], [noise.size], len(bank.states)
-        if noise.differs:
-            begin, std = [0.0, 0.0], [noise.size, noise.day_force]
-        if noise.day_thrust > 0.0:  # the gain itself is in the state: a thrust of the day is a share of it
-            begin, std = [*begin, theta[0]], [*std, noise.day_thrust * abs(theta[0])]
-        constant = np.zeros(len(begin) - 1)
-        levels = Levels(
-            np.array([noise.sensor**2]),
-            np.zeros(states),
-            np.append(2.0 * decay * noise.size**2, constant),
-            np.append(decay, constant),
-            noise.waves,
-        )
-        prior = Prior(*self._priors, np.array(begin), np.diag(np.square(std)))
-        with np.errstate(all="ignore"):
-            result = bank.run(every, prior, levels, full=full)
-        return None if result is None else (bank, result, levels)
-
-    def theta_of(self, form: Form, theta: Array, effects: Sequence[EffectInstance]) -> Array:
-        """Return all parameters of *form*, the effects' derivatives added to the base's."""
-        values = self._values(theta, effects)
-        return np.array([values.get(n, 0.0) for n in form.parameters])
-
-    def _values(self, theta: Array, effects: Sequence[EffectInstance]) -> dict[str, float]:
-        values = dict(zip(self.form.free, theta.tolist(), strict=True)) | dict(self.form.known)
-        for effect in effects:
-            for n, v in EFFECTS[effect.slug].derivatives(effect).items():
-                values[n] = values.get(n, 0.0) + v
-        return values
-
-    # -- likelihood
-
-    def innovations_at(
-        self, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise
-    ) -> tuple[tuple[Array, Array, Array], ...] | None:
-        """Return stamps, innovations and their variances of every segment, (n,) each; None where the filter fails."""
-        terms = self._linear(effects)
-        if terms is not None:
-            return self._linear_innovations(terms, theta, effects, noise)
-        done = self.run(theta, effects, noise)
-        if done is None:
-            return None
-        bank, result, _ = done
-        found = []
-        for track, history in zip(bank.tracks, result.histories, strict=True):
-            seen = ~np.isnan(history.S[:, 0])
-            found.append((track.stamps[seen], history.e[seen, 0], history.S[seen, 0]))
-        return tuple(found)
-
-    def _linear_innovations(
-        self, terms: LinearTerms, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise
-    ) -> tuple[tuple[Array, Array, Array], ...] | None:
-        """Do as :meth:`innovations_at` with exact transitions."""
-        values = self._values(theta, effects)
-        states, spread = self._priors
-        order = [states_of(self.form).index(n) for n in (self.dof.velocity, self.dof.position)]
-        found = []
-        drives = self._driven(effects, noise)
-        run, mean, cov = None, np.zeros(2), np.zeros((2, 2))
-        for track, drive, start, std in zip(self._tracks, drives, states[:, order], spread[:, order], strict=True):
-            rows, damping = terms.rows(values, drive.channels)
-            forces = [rows]
-            if noise.differs:
-                forces.append(np.ones(len(rows)))
-            if noise.day_thrust > 0.0:
-                forces.append(terms.share_of(self.form.free[0], values, drive.channels))
-            if track.record.run != run:
-                run, mean, cov = track.record.run, np.zeros(2), np.diag([noise.day_force**2, noise.day_thrust**2])
-            y = track.Y[:, 0]
-            seen = ~np.isnan(y)
-            e, S = np.zeros((3 if noise.differs else 1, len(y))), np.zeros(len(y))
-            of_velocity = self.dof.velocity in track.record.signals
-            spend(len(y) * LINEAR_STATES)
-            finite = linear_pass(
-                drive.t, np.stack(forces), damping, track.stamps, y, of_velocity, noise.size, noise.memory,
-                noise.sensor, noise.waves, start, std, e, S,
-            )  # fmt: skip
-            own, S = e[0, seen], S[seen]
-            if not finite or not np.all(np.isfinite(own)) or not np.all(S > 0.0):
-                return None
-            if noise.differs:
-                integrate_out(e[1:, seen], mean, cov, own, S)
-            found.append((track.stamps[seen], own, S))
-        return tuple(found)
 
     def says(self, fit: NoisyFit) -> tuple[RunSays, ...] | None:
         """Return what each run says of its own constant force and thrust at *fit*; None where the filter fails."""
@@ -366,8 +133,8 @@ class NoisyProblem(ModelProblem):
 
     def _fit_at(self, objective: NoisyObjective, here: Point, covariance: Array) -> NoisyFit:
         theta, effects, noise = objective.unpack(here.x)
-        free = objective.free_effects
-        return NoisyFit(self.form, theta, effects, noise, here.each, free, covariance, here.innovations)
+        fitted = (self.form.free, objective.free_effects)
+        return NoisyFit(self.form, theta, effects, *fitted, noise, here.each, covariance, here.innovations)
 
     def tangent(self, fit: NoisyFit) -> Tangent | None:
         """Return how the innovations of *fit* move with its unknowns; None where it is about to run away."""
@@ -418,7 +185,7 @@ class NoisyProblem(ModelProblem):
         theta = self.theta_of(bank.form, fit.theta, fit.effects)
         theta[names.index(bank.free[0])] = 1.0
         own = [names.index(n) for n in bank.free[1:]]
-        gust = list(bank.form.inputs).index(WANDERS)
+        gust = list(bank.form.inputs).index(DRIFTING_FORCE)
         simulator, errors, waves = Simulator(bank.form), [], fit.noise.waves
         for track, history in zip(bank.tracks, result.histories, strict=True):
             signal = next(iter(track.record.signals.values()))

@@ -1,1 +1,1 @@
-"""The vehicle's parameters: asked for, written and read back; changed for a while, with a journal on disk."""
+"""The vehicle's parameters: read, write and verify; temporary changes with a journal on disk."""

@@ -1,12 +1,13 @@
-"""The vehicle's parameters: read by name, written and read back, watched for others' hands.
+"""The vehicle's parameters: read by name, write and verify, monitor for changes by others.
 
-ArduPilot packs every value as a float (C cast), says nothing about unknown names, echoes what it stored and
-saves at once. So: ask by name, repeat, compare the echo, read back, and treat a difference as a refusal. What is read
-to be reckoned with is checked (``firmware.values``); what is only compared or put back is taken ``as_is``.
+ArduPilot packs every value as a float (C cast), ignores unknown names, echoes the stored value and saves at once. So
+every request is repeated until answered, the echo is compared, the value is read back, and a difference counts as a
+rejection. Values used in computations are checked (``firmware.values``); values only compared or restored are read
+``as_is``.
 
-What is to be put back later must have been there, so it is read until confirmed. A stale duplicate, or a value forged
-under the vehicle's id, comes beside the right answers, not instead of them: a value counts when it was heard twice, and
-more often than any other, since we began to ask.
+A value to be restored later is read until confirmed. A stale duplicate, or a forged value with the vehicle's id,
+arrives in addition to the right answers. So a value is accepted once it was received twice, and more often than any
+other, since the request.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ from gcs_autotune.untrusted_text import quoted
 __all__ = ["Intrusion", "Parameters", "read_confirmed", "same_float32"]
 
 PACKED = "@PARAM/param.pck?withdefaults=1"
-"""ArduPilot's packed parameters, on its MAVLink FTP server."""
+"""The file of ArduPilot's packed parameters on its MAVLink FTP server."""
 _ROUNDS = 8
-"""Chosen: askings before contradicting answers are given up on."""
+"""Requests after which contradicting answers are reported. Chosen."""
 _ENOUGH = 2
 
 
@@ -67,7 +68,7 @@ def read_confirmed(parameters: Parameters, names: Iterable[str]) -> dict[str, fl
             if not pending:
                 break
             if k == 0 and len(pending) <= IN_FLIGHT // 2:  # both answers in one round trip: a write waits for them
-                parameters.ask_besides(pending)
+                parameters.request_also(pending)
             parameters.read_all(pending, as_is=True)
     finally:
         stop()
@@ -86,7 +87,7 @@ def _decided(name: str, votes: Mapping[float, int]) -> float:
 
 
 def _winner(votes: Mapping[float, int]) -> float | None:
-    """Return the value heard at least twice and more often than any other; None while there is none."""
+    """Return the value received at least twice and more often than any other, or None."""
     ranked = sorted(votes.items(), key=lambda item: -item[1])
     if not ranked or ranked[0][1] < _ENOUGH or (len(ranked) > 1 and ranked[1][1] == ranked[0][1]):
         return None
@@ -127,7 +128,7 @@ class Parameters:
         return self.read_all([name])[name]
 
     def read_all(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
-        """Return the values of several parameters, asked for without waiting for each.
+        """Return the values of several parameters, requested in parallel.
 
         Raises
         ------
@@ -152,8 +153,8 @@ class Parameters:
             )
         return found
 
-    def ask_besides(self, names: Iterable[str]) -> None:
-        """Ask for several parameters once more, beside a reading to come; do not wait."""
+    def request_also(self, names: Iterable[str]) -> None:
+        """Request several parameters in addition to a pending read; do not wait."""
         for name in names:
             self._exchange.request(name)
 
@@ -195,7 +196,7 @@ class Parameters:
         return read_confirmed(self, names)
 
     def _check_answers(self, missing: Collection[str]) -> None:
-        """Tell a vehicle that has no such parameter from one that has stopped answering, or is none."""
+        """Distinguish a missing parameter from a vehicle that no longer answers."""
         if not self.known and self.session.contested:
             raise NoReply(
                 f"{self.session.contested}. That one answers no parameter requests "
@@ -209,7 +210,7 @@ class Parameters:
             )
 
     def read_first(self, names: Iterable[str]) -> tuple[str, float]:
-        """Return the first of several alternative names that exists, with its value.
+        """Return the name and value of the first of several alternative names that exists.
 
         Raises
         ------
@@ -230,11 +231,10 @@ class Parameters:
         raise ParameterMissing(f"{self.session.vehicle} has none of {', '.join(wanted)}", name=wanted[0])
 
     def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
-        """Return, of each group of alternative names, the one that exists (the first, if several) with its value.
+        """Return, for each group of alternative names, the existing one (the first, if several) with its value.
 
-        A group is not asked for again once one of its names has answered, so names this vehicle does not have cost no
-        waiting. Groups of which nothing exists are missing in the answer; ``PreconditionFailed`` for a value that no
-        vehicle can mean.
+        Once a name of a group has answered, the group is not requested again, so missing names cost no waiting. Groups
+        without an existing name are absent from the result. ``PreconditionFailed``: a value that no vehicle can have.
         """
         wanted, heard = [list(dict.fromkeys(group)) for group in groups], self._exchange
         heard.forget(name for group in wanted for name in group)
@@ -244,7 +244,7 @@ class Parameters:
         return checked_all({name: heard.fresh[name] for name in found if name is not None})
 
     def read_full(self, timeout: float = 120.0) -> dict[str, float]:
-        """Return every parameter: the whole list, then what was lost of it by index.
+        """Return all parameters: the whole list, then missing ones by index.
 
         Raises
         ------
@@ -254,7 +254,7 @@ class Parameters:
         return read_list(self.session, self._exchange, timeout)
 
     def read_whole(self) -> PackedParameters:
-        """Return every parameter: by MAVLink FTP in a second, with the firmware's defaults, else as :meth:`read_full`.
+        """Return all parameters, by MAVLink FTP within a second including defaults, else as :meth:`read_full`.
 
         Raises
         ------
@@ -271,7 +271,7 @@ class Parameters:
     # --- writing ------------------------------------------------------------------------------------------
 
     def write(self, name: str, value: float) -> None:
-        """Set one parameter, read it back and make sure that it is set.
+        """Set one parameter, read it back and verify it.
 
         Raises
         ------
@@ -305,7 +305,7 @@ class Parameters:
         )
 
     def _set(self, name: str, value: float) -> bool:
-        """Send PARAM_SET until its echo carries *value*; return whether it did."""
+        """Send PARAM_SET until the echo equals *value*; return whether it did."""
         heard = self._exchange
         for _ in range(_TRIES):
             heard.set(name, value)
@@ -330,9 +330,9 @@ class Parameters:
     # --- watching -----------------------------------------------------------------------------------------
 
     def watch(self, values: Mapping[str, float]) -> None:
-        """From now on, note in :attr:`intrusions` when one of these changes without us."""
+        """Monitor these parameters: record in :attr:`intrusions` when another station changes one."""
         self._watch.add(values)
 
     def unwatch(self, names: Collection[str]) -> None:
-        """Stop watching these."""
+        """Stop monitoring these parameters."""
         self._watch.drop(names)

@@ -1,7 +1,7 @@
-"""Questions about parameters, and the answers heard to them: PARAM_REQUEST_READ, PARAM_VALUE, PARAM_ERROR.
+"""Parameter requests and their answers: PARAM_REQUEST_READ, PARAM_VALUE, PARAM_ERROR.
 
-One by one, or the whole list, then what was lost of it by index; and what is heard unasked: that somebody else wrote a
-parameter that we rely on.
+Reads single parameters, or the whole list and then missing entries by index. Unrequested values show that another
+station has written a parameter that we rely on.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _NAME = 16
 
 
 def same_float32(a: float, b: float) -> bool:
-    """Whether two numbers are the same 32-bit float, give or take its last bits."""
+    """Return whether two numbers are the same 32-bit float, up to its last bits."""
     if a == b or (math.isnan(a) and math.isnan(b)):
         return True
     return math.isfinite(a) and math.isfinite(b) and abs(a - b) <= 4.0 * 2.0**-24 * max(abs(a), abs(b))
 
 
 def encoded(name: str) -> bytes:
-    """Return *name* as it goes on the wire.
+    """Return *name* as it is sent.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def encoded(name: str) -> bytes:
 
 
 def as_float32(name: str, value: float) -> float:
-    """Return *value* as the parameter called *name* would hold it.
+    """Return *value* as the parameter *name* would store it.
 
     Raises
     ------
@@ -70,9 +70,9 @@ def as_float32(name: str, value: float) -> float:
 
 
 REPLY = 1.0
-"""Chosen: seconds to wait for one answer."""
+"""Seconds to wait for one answer. Chosen."""
 IN_FLIGHT = 10
-"""Chosen: requests outstanding at once; a slow radio's buffer holds about that many."""
+"""Requests outstanding at once. Chosen: about what the buffer of a slow radio holds."""
 _NO_INDEX = 65535
 
 
@@ -109,17 +109,17 @@ class ParamExchange:
         self.refused.add(str(message.param_id))
 
     def forget(self, names: Iterable[str]) -> None:
-        """From now on only what is heard anew of *names* counts."""
+        """Discard previous answers for *names*."""
         for name in names:
             self.fresh.pop(name, None)
             self.refused.discard(name)
 
     def settled(self, name: str) -> bool:
-        """Whether *name* has been answered, with a value or a refusal."""
+        """Return whether *name* was answered, by a value or an error."""
         return name in self.fresh or name in self.refused
 
     def any_settled(self, group: Sequence[str]) -> bool:
-        """Whether one of alternative names has a value, or all of them were refused."""
+        """Return whether one of several alternative names has a value, or all have errors."""
         return any(n in self.fresh for n in group) or all(n in self.refused for n in group)
 
     def first(self, names: Iterable[str]) -> str | None:
@@ -127,7 +127,7 @@ class ParamExchange:
         return next((name for name in names if name in self.fresh), None)
 
     def ask(self, names: Sequence[str]) -> None:
-        """Ask for *names*, a few at a time, and give each group a second after its last answer."""
+        """Request *names*, a few at a time; wait a second after the last answer of each group."""
         for start in range(0, len(names), IN_FLIGHT):
             group = names[start : start + IN_FLIGHT]
             for name in group:
@@ -135,7 +135,7 @@ class ParamExchange:
             self._session.wait_for(partial(self._all_settled, group), REPLY)
 
     def ask_any(self, groups: Sequence[Sequence[str]]) -> None:
-        """Ask for one name of each of *groups* of alternative ones, likewise."""
+        """Request one name of each of *groups* of alternative names, in the same way."""
         for start in range(0, len(groups), IN_FLIGHT // 2):
             batch = groups[start : start + IN_FLIGHT // 2]
             for name in (name for group in batch for name in group):
@@ -149,19 +149,19 @@ class ParamExchange:
         return True if all(self.any_settled(group) for group in groups) else None
 
     def request(self, name: str) -> None:
-        """Ask for one parameter; do not wait."""
+        """Request one parameter; do not wait."""
         self._request(encoded(name), -1)
 
     def request_index(self, index: int) -> None:
-        """Ask for the parameter in one place of the list; do not wait."""
+        """Request the parameter at one index of the list; do not wait."""
         self._request(b"", index)
 
     def request_list(self) -> None:
-        """Ask for all of them; do not wait."""
+        """Request the whole list; do not wait."""
         self._session.send(mavlink.MAVLink_param_request_list_message(*self._vehicle()))
 
     def set(self, name: str, value: float) -> None:
-        """Send PARAM_SET, and forget what was answered about *name* before; do not wait."""
+        """Send PARAM_SET and discard previous answers for *name*; do not wait."""
         vehicle = self._vehicle()
         self.forget([name])
         self._session.send(
@@ -179,7 +179,7 @@ class ParamExchange:
 
 
 _QUIET = 1.5
-"""Chosen: seconds without anything new after which what is missing is asked for."""
+"""Seconds without new values after which missing ones are requested. Chosen."""
 
 
 def read_list(session: Session, exchange: ParamExchange, timeout: float) -> dict[str, float]:
@@ -218,11 +218,11 @@ def _fill_gaps(exchange: ParamExchange) -> None:
 
 
 Intrusion = tuple[str, float, float]
-"""(name, the value we left there, the value somebody else wrote)."""
+"""(name, value that we wrote, value written by another station)."""
 
 
 class ParamWatch:
-    """``intrusions`` : watched parameters that somebody else changed."""
+    """Monitor of parameters; ``intrusions``: those changed by another station."""
 
     def __init__(self, session: Session, exchange: ParamExchange) -> None:
         self._exchange = exchange
@@ -233,7 +233,7 @@ class ParamWatch:
         session.listen("PARAM_VALUE", self._on_value)
 
     def add(self, values: Mapping[str, float]) -> None:
-        """From now on these are to stay what they are said to be; one watched already at another value was changed."""
+        """Monitor these values; a parameter already monitored with another value counts as changed."""
         for name, value in values.items():
             before = self._watched.get(name, value)
             if not same_float32(before, value):
@@ -241,14 +241,14 @@ class ParamWatch:
         self._watched.update(values)
 
     def drop(self, names: Collection[str]) -> None:
-        """These are watched no more."""
+        """Stop monitoring these."""
         for name in names:
             self._watched.pop(name, None)
             self._suspected.pop(name, None)
 
     @contextmanager
     def writing(self, name: str) -> Iterator[None]:
-        """While inside, *name* is being written by us."""
+        """Context in which we write *name*."""
         self._busy.add(name)
         try:
             yield
@@ -256,7 +256,7 @@ class ParamWatch:
             self._busy.discard(name)
 
     def wrote(self, name: str, value: float) -> None:
-        """We have written *name*: if it is watched, this is what it is to stay."""
+        """Record that we wrote *name*; if monitored, this is its new expected value."""
         if name in self._watched:
             self._watched[name] = value
 
@@ -266,7 +266,7 @@ class ParamWatch:
             self._judge(name, float(message.param_value))
 
     def _judge(self, name: str, value: float) -> None:
-        """A late echo of our own looks like an intrusion; only one that is confirmed by asking counts."""
+        """Count a change only if another read confirms it: a late echo of our own write looks the same."""
         expected = self._watched[name]
         if same_float32(value, expected):
             self._suspected.pop(name, None)

@@ -59,12 +59,12 @@ class JournalState:
 
     @property
     def is_settled(self) -> bool:
-        """Whether there is nothing left to put back."""
+        """Whether nothing is left to restore."""
         return not self.opened or (self.closed and not self.debts)
 
 
 def read_journal(path: Path) -> JournalState:
-    """Return what the journal at *path* says; damage at its end, as a power cut leaves it, is ignored.
+    """Return the state recorded in the journal at *path*; damage at its end, as after a power cut, is ignored.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def read_journal(path: Path) -> JournalState:
 
 
 def good_length(data: bytes) -> int:
-    """Return how many bytes of a journal are whole lines, the last one perhaps without its end."""
+    """Return the number of bytes in complete lines; the last may lack its line end."""
     good = position = 0
     for line in data.split(b"\n"):
         position += len(line)
@@ -99,7 +99,7 @@ def good_length(data: bytes) -> int:
 
 
 def _event(line: bytes) -> dict[str, Any] | None:
-    """Return the event of a line; None when it is damaged or empty."""
+    """Return the event of a line, or None if it is damaged or empty."""
     try:
         event = parse(line)
     except Refused:
@@ -176,7 +176,7 @@ _Event = (
 
 @dataclass(slots=True)
 class _Orders:
-    """What we ordered, as far as the events have come."""
+    """Our orders according to the events read so far."""
 
     modes: tuple[str, ...] = ()
     armed: bool = False
@@ -184,7 +184,7 @@ class _Orders:
     stamp: str = ""
 
     def take(self, event: _Ordering | _Ordered | _Yielded) -> None:
-        """Go on to *event*."""
+        """Process *event*."""
         match event:
             case _Ordering():
                 self.boot, self.stamp = event.boot, event.time
@@ -262,7 +262,7 @@ except ImportError:  # pragma: no cover - Windows has neither locks of this kind
 
 SCHEMA = 1
 _ANCESTORS = 3
-"""Folders whose entries are forced to the disk: the run's, and those that may have been made for it."""
+"""Number of parent folders that are synced to disk: the run's, and those created for it."""
 
 
 def _wall_stamp() -> str:
@@ -314,7 +314,7 @@ class Journal:
 
     @classmethod
     def resume(cls, path: Path, stamp: Callable[[], str] = _wall_stamp) -> Self:
-        """Go on with the journal of a run that was cut off; a last line cut short is taken away.
+        """Continue the journal of an interrupted run; a truncated last line is removed.
 
         Raises
         ------
@@ -355,7 +355,7 @@ class Journal:
             raise self._unwritable(error) from error
 
     def _mend(self) -> None:
-        """Take away what a power cut left of a last line; end a whole one that lacks only its end."""
+        """Remove a truncated last line, or complete one that lacks only its line end."""
         try:
             data = self._path.read_bytes()
             length = good_length(data)
@@ -369,11 +369,11 @@ class Journal:
 
     @property
     def path(self) -> Path:
-        """Where it is."""
+        """Path of the journal."""
         return self._path
 
     def record(self, event: str, **details: Any) -> None:
-        """Append one event and force it to the disk; either the whole line is there, or none of it.
+        """Append one event and sync it to disk, completely or not at all.
 
         Raises
         ------
@@ -396,14 +396,14 @@ class Journal:
             raise self._unwritable(error) from error
 
     def close(self) -> None:
-        """Record that we are done, and close the file."""
+        """Record the end and close the file."""
         try:
             self.record("closed")
         finally:
             self.leave()
 
     def leave(self) -> None:
-        """Close the file as it is: what is still owed is for ``gcs-autotune restore``. Leaving twice does nothing."""
+        """Close the file without an end, so that ``gcs-autotune restore`` restores the rest. May be called twice."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)
@@ -416,12 +416,12 @@ class Journal:
 
     @staticmethod
     def open_debts(path: Path) -> dict[str, float]:
-        """Return name -> old value of everything written and neither returned nor kept."""
+        """Return name -> old value of everything written but neither restored nor kept."""
         return dict(read_journal(path).debts)
 
     @staticmethod
     def read(path: Path) -> JournalState:
-        """Return what the journal at *path* says; what a power cut left of its last line is ignored.
+        """Return the state recorded in the journal at *path*; a truncated last line is ignored.
 
         Raises
         ------
@@ -432,7 +432,7 @@ class Journal:
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether another program has the journal at *path* open; False where the system has no such locks."""
+    """Return whether another program is writing the journal at *path*; False where locks are unsupported."""
     if fcntl is None:
         return False
     try:
@@ -456,7 +456,7 @@ def _sync(descriptor: int) -> None:
 
 
 def _sync_folders(path: Path) -> None:
-    """Make the new file's name, and its folders' names, survive a power cut too, where the system can."""
+    """Sync the new file's name and its folders to disk, where the system supports it."""
     if os.name != "posix":
         return
     for folder in list(path.absolute().parents)[:_ANCESTORS]:

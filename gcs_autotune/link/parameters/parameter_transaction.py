@@ -1,4 +1,4 @@
-"""Parameters changed for a while: the old values are on disk first, and go back in reverse order unless kept."""
+"""Temporary parameter changes: old values are saved to disk first and restored in reverse order unless kept."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gcs_autotune.link.parameters.journal import Journal
 __all__ = ["ParameterTransaction"]
 
 _PATIENCE = 30.0
-"""Chosen: seconds that giving back waits for a vehicle that has fallen silent; a boat behind a pier comes out again."""
+"""Seconds to wait for a silent vehicle before restoring fails. Chosen: a boat may be behind a pier."""
 _ROUNDS = 3
-"""Chosen: a write of ours that was long under way may land after the old value was put back, so look and repeat."""
+"""Rounds of restoring and verifying. Chosen: a delayed write of ours may arrive after the old value was restored."""
 
 
 class _Changed(AutotuneError):
-    """It was put back, and then changed again: a write that was long under way, or other hands."""
+    """The parameter changed after it was restored: by a delayed write of ours, or by another station."""
 
 
 class ParameterTransaction:
@@ -44,7 +44,7 @@ class ParameterTransaction:
         self._left: dict[str, float] = {}
 
     def lend(self, names: Iterable[str]) -> dict[str, float]:
-        """Read and journal the values of *names* as found; return them.
+        """Read and journal the original values of *names*; return them.
 
         Raises
         ------
@@ -62,7 +62,7 @@ class ParameterTransaction:
         return {name: self.old[name] for name in wanted}
 
     def set(self, values: Mapping[str, float]) -> None:
-        """Write all of *values*, or, on any failure, put everything back as found and raise.
+        """Write all of *values*; on any failure restore everything and raise.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class ParameterTransaction:
             raise NotAsFound(f"{error}; and {failure}", differences=failure.differences) from error
 
     def keep(self) -> dict[str, float]:
-        """Leave the new values in the vehicle for good, after reading them once more; return them.
+        """Keep the new values, after verifying them once more; return them.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class ParameterTransaction:
         self._release()
 
     def _leave_overwritten(self) -> None:
-        """Leave what another station has written since, where the vehicle confirms that it holds it."""
+        """Keep what another station has written since, if the vehicle confirms it."""
         names = {name for name, _, _ in self._parameters.intrusions if name in self._left}
         try:
             held = self._parameters.read_confirmed(names) if names else {}
@@ -168,7 +168,7 @@ class ParameterTransaction:
                 self._journal.record("returned", name=name, value=value, by="another station")
 
     def _put_back(self) -> dict[str, AutotuneError]:
-        """Write what differs and look again, until nothing differs; return what could not be done."""
+        """Write differing values and verify, until none differs; return what failed."""
         failures: dict[str, AutotuneError] = {}
         owed = list(reversed(self.written))
         for _ in range(_ROUNDS):
@@ -187,7 +187,7 @@ class ParameterTransaction:
         return failures
 
     def _looked_at(self, names: list[str]) -> dict[str, AutotuneError]:
-        """Read *names* once more and return what does not hold the old value."""
+        """Read *names* again and return those without the old value."""
         try:
             held = self._parameters.read_confirmed(names)
         except AutotuneError as error:
@@ -196,7 +196,7 @@ class ParameterTransaction:
         return {n: _Changed(f"it changed to {v:g} again after it was restored") for n, v in changed.items()}
 
     def _note_return(self, name: str) -> None:
-        """A journal that has become unwritable must not stop us from giving back; it only says too much then."""
+        """Record a restored value; a full disk must not stop the restore."""
         try:
             self._journal.record("returned", name=name, value=self.old[name])
         except PreconditionFailed as error:

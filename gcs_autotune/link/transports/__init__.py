@@ -27,7 +27,7 @@ __all__ = ["BACKENDS", "TRANSPORTS", "LinkOptions", "open_link"]
 
 @dataclass(frozen=True, slots=True)
 class LinkOptions:
-    """What a connection string may leave open: serial speed [baud] and the simulator's noise seed."""
+    """Defaults for a connection string: serial speed [baud] and noise seed of the simulator."""
 
     baud: int = 115200
     seed: int | None = None
@@ -96,10 +96,10 @@ TRANSPORTS: Mapping[str, Opener] = {
     "serial_flowcontrol": lambda rest, options: SerialPort(_flow_controlled(rest, options)),
     "sitl": _sitl,
 }
-"""Scheme -> what opens it, with our own sockets and ports."""
+"""Scheme -> function that opens it, with our own sockets and ports."""
 
 OFFERED = "gcs_autotune.transports"
-"""Entry points of other packages that are looked at for schemes not in the table."""
+"""Entry-point group of other packages that provide further schemes."""
 
 MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "udpin": lambda rest, _: MavsdkLink("udpin", parse_host_port(rest)),
@@ -110,7 +110,7 @@ MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "serial_flowcontrol": lambda rest, options: MavsdkLink("serial", _flow_controlled(rest, options)),
     "sitl": _no_lockstep,
 }
-"""The same over MAVSDK."""
+"""The same with MAVSDK."""
 
 BACKENDS: Mapping[str, Mapping[str, Opener]] = {"pymavlink": TRANSPORTS, "mavsdk": MAVSDK_TRANSPORTS}
 """What carries the frames: our own sockets and ports with pymavlink's messages, or MAVSDK."""

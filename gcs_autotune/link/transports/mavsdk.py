@@ -31,15 +31,15 @@ __all__ = ["HOST", "Complain", "MavsdkHost", "MavsdkLink"]
 _SWITCH_INTERVAL = 1e-4
 _WARNING = 2
 _NOISE = ("Sending message failed", "Connection using ")
-"""What MAVSDK complains of in ordinary use: a peer that has not called yet, an old form of URL."""
+"""Messages that MAVSDK logs in ordinary use: a peer that has not called yet, an old form of URL."""
 _NEWS = ("TCP connection closed", "TCP client disconnected")
-"""What it holds to be no error, and is one to us."""
+"""Messages that MAVSDK logs as information and that are errors for us."""
 
 Complain = Callable[[str], None]
 
 
 class MavsdkHost:
-    """Counts the open links; the first to come sets the process up, the last to leave puts it back."""
+    """Counter of open links; the first one sets up the process, the last one restores it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -47,7 +47,7 @@ class MavsdkHost:
         self._usual_interval = 0.0
 
     def join(self, module: Any, complain: Complain) -> None:
-        """Call *complain* with every complaint, on MAVSDK's thread; *module* is the imported ``mavsdk``."""
+        """Call *complain* with every warning, on MAVSDK's thread; *module* is the imported ``mavsdk``."""
         with self._lock:
             self._listeners.append(complain)
             if len(self._listeners) == 1:
@@ -56,7 +56,7 @@ class MavsdkHost:
                 module.log_subscribe(self._take)
 
     def leave(self, module: Any, complain: Complain) -> None:
-        """End what :meth:`join` began."""
+        """Undo :meth:`join`."""
         with self._lock:
             self._listeners.remove(complain)
             if not self._listeners:
@@ -71,19 +71,19 @@ class MavsdkHost:
 
 
 HOST = MavsdkHost()
-"""The one of this process."""
+"""The instance of this process."""
 
 _SYSTEM, _COMPONENT = 245, 190
 """MAVSDK's usual ids for a ground station."""
 _HEADS = {0xFD: 5, 0xFE: 3}
-"""Start byte -> where the system id is in the frame."""
+"""Start byte -> index of the system id in the frame."""
 _CONNECT_PATIENCE = 0.3
-"""Chosen: seconds in which a refused TCP call is complained of; MAVSDK itself goes on trying without an end."""
+"""Seconds in which MAVSDK reports a rejected TCP connection; it then retries forever. Chosen."""
 _REFUSED = "Connect error"
 _BROKEN = ("write failure", "read failure")
 _NO_REOPENING = " (MAVSDK does not reopen a disconnected serial port; --backend pymavlink does)"
 _FRESH = 30.0
-"""Chosen: seconds for which a complaint is held to have to do with a silence."""
+"""Seconds for which a warning is related to a silence. Chosen."""
 _INSTALL = "python3 -m pip install 'mavsdk>=4'"
 
 _CAUSES = {
@@ -99,7 +99,7 @@ _CAUSES = {
 
 
 class MavsdkLink(Transport):
-    """A connection that MAVSDK keeps. A lost peer is silence here, and MAVSDK looks for it by itself.
+    """A connection carried by MAVSDK. MAVSDK reconnects by itself, so a lost peer appears as silence.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class MavsdkLink(Transport):
 
     @property
     def trouble(self) -> str:
-        """What MAVSDK complained of lately."""
+        """Recent warnings of MAVSDK."""
         while not self._complaints.empty():
             self._trouble, self._troubled_at = self._complaints.get_nowait(), self._clock.now()
         if self._clock.now() - self._troubled_at > _FRESH:
@@ -159,7 +159,7 @@ class MavsdkLink(Transport):
             self._see_refusal(where)
 
     def _see_refusal(self, where: str) -> None:
-        """MAVSDK calls in the background and never gives up: what it complains of at first is the answer."""
+        """Raise an early warning as an error: MAVSDK connects in the background and never gives up."""
         try:
             said = self._complaints.get(timeout=_CONNECT_PATIENCE)
         except queue.Empty:
@@ -167,12 +167,11 @@ class MavsdkLink(Transport):
         if said.startswith(_REFUSED):
             raise CannotOpenLink(
                 f"cannot connect to {where}: MAVSDK reported: {said}. Check that the vehicle or simulator is running, "
-                f"and "
-                "its port"
+                "and its port"
             )
 
     def _hear(self, data: bytes) -> None:
-        """On MAVSDK's thread: one frame to be handed to us."""
+        """Receive one frame, on MAVSDK's thread."""
         at = _HEADS.get(data[0]) if data else None
         if at is not None and data[at : at + 2] == bytes((_SYSTEM, _COMPONENT)):
             return
@@ -214,7 +213,7 @@ def _import_mavsdk() -> Any:
 
 
 def _url(scheme: str, address: HostPort | SerialName) -> str:
-    """Return the URL as MAVSDK wants it, with a numeric IPv4 address."""
+    """Return the URL for MAVSDK, with a numeric IPv4 address."""
     if isinstance(address, SerialName):
         flow = "_flowcontrol" if address.flow_control else ""
         return f"serial{flow}://{address.path}:{address.baud}"

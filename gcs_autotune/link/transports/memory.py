@@ -1,6 +1,6 @@
-"""A link inside this process, to an object that plays the vehicle. Time is simulated.
+"""A link inside this process to an object that simulates the vehicle. Time is simulated.
 
-It delivers reliably and in order unless told otherwise; it does not model bandwidth.
+It delivers reliably and in order unless configured otherwise; bandwidth is not modelled.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ __all__ = ["MemoryLink", "Peer"]
 
 
 class Peer(Protocol):
-    """The other end: takes bytes at its present time, runs to a time, returns what it sent meanwhile."""
+    """The other end: receives bytes at its present time, runs to a time, returns the bytes sent on the way."""
 
     def receive(self, data: bytes) -> object:
-        """Take in bytes that arrive now."""
+        """Receive bytes that arrive now."""
         ...
 
     def advance_to(self, t: float) -> bytes:
@@ -28,7 +28,7 @@ class Peer(Protocol):
 
 
 class MemoryLink(SteppedTransport):
-    """Join a :class:`Peer` by memory.
+    """A link to a :class:`Peer` in memory.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ __all__ = ["SerialPort", "cause_and_cure"]
 
 _WRITE_TIMEOUT = 2.0
 _LONGEST_QUEUE = 0.5
-"""Chosen: seconds of unsent bytes after which a message is dropped, as by a radio: a command must not come late."""
+"""Seconds of unsent bytes after which a message is dropped, since a late command is harmful. Chosen."""
 _BITS_PER_BYTE = 10
 
 _CURES = {
@@ -29,7 +29,7 @@ _CURES = {
 
 
 class SerialPort(ReconnectingTransport):
-    """A serial port, opened for us alone. When its device goes and comes back under the same name, it is reopened.
+    """A serial port, opened exclusively. If its device disappears and returns under the same name, it is reopened.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class SerialPort(ReconnectingTransport):
 
     @property
     def trouble(self) -> str:
-        """That messages were dropped."""
+        """Report of dropped messages."""
         return f"{self.dropped} messages did not fit on the serial line. Use a higher baud rate" if self.dropped else ""
 
     def _send(self, data: bytes) -> None:
@@ -64,7 +64,7 @@ class SerialPort(ReconnectingTransport):
             self._port.write(data)
 
     def _unsent(self) -> int:
-        """Return the bytes that the driver holds; 0 where it does not tell."""
+        """Return the bytes waiting in the driver; 0 if it does not report them."""
         try:
             return int(self._port.out_waiting)
         except OSError:
@@ -98,7 +98,7 @@ def _open(name: SerialName) -> Any:
 
 
 def cause_and_cure(error: OSError | ValueError) -> str:
-    """Return why a serial port could not be opened, and what to do about it."""
+    """Return why a serial port could not be opened, and the remedy."""
     number = error.errno if isinstance(error, OSError) else None
     if number is None and "lock" in str(error):
         number = errno.EAGAIN

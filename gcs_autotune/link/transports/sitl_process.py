@@ -22,11 +22,11 @@ __all__ = ["SitlArguments", "SitlProcess", "open_sitl"]
 
 _HEAD = struct.Struct("<dI")
 _PATIENCE = 30.0
-"""Chosen: wall seconds a step may take before the child is held to be stuck (a first import is slow)."""
+"""Wall seconds after which a step of the child counts as stuck (a first import is slow). Chosen."""
 _GRACE = 2.0
 _VEHICLE_FILE = ".toml"
 _USAGE = 2
-"""The child's exit code for a wrong command line: an unknown vehicle, effect or parameter, a file it cannot fly."""
+"""The child's exit code for a wrong command line: an unknown vehicle, effect or parameter, an unusable file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +68,10 @@ class SitlArguments:
 
 
 class SitlProcess(SteppedTransport):
-    """Start *command* and grant it time. It gets a session of its own, so Ctrl-C at the terminal spares it."""
+    """Start *command* and grant it time. It has its own session, so Ctrl-C at the terminal does not reach it."""
 
     repeat_period = 0.1
-    """Nothing is lost or late here, and every repetition is a grant of its own that costs time."""
+    """Repeat period of commands: nothing is lost or late here, and every repetition costs a grant of time."""
 
     def __init__(self, command: Sequence[str], description: str, *, quantum: float = 0.1) -> None:
         super().__init__(description, quantum)
@@ -184,10 +184,10 @@ def open_sitl(rehearsal: SitlArguments) -> SitlProcess:
 
 
 def _see_vehicle(name: str) -> None:
-    """See that the simulator has a data file for the vehicle *name*, without starting or importing it.
+    """Verify that the simulator has a data file for the vehicle *name*, without starting or importing it.
 
-    It knows best and says so itself, but a process that only says no takes twice as long as all before it. What is no
-    plain name (the path of a file), or a simulator whose files cannot be seen, is left to it.
+    The simulator reports this itself, but starting a process only for an error doubles the time. A path of a file, or a
+    simulator whose files are not accessible, is left to it.
 
     Raises
     ------

@@ -17,11 +17,11 @@ _CONNECT_TIMEOUT = 5.0
 _RECONNECT_TIMEOUT = 0.5
 _WRITE_TIMEOUT = 2.0
 _DEAF = 3.0
-"""Chosen: seconds of silence after which another caller takes the place of the one we have."""
+"""Seconds of silence after which another client replaces the present one. Chosen."""
 
 
 class _TcpStream(ReconnectingTransport):
-    """What both kinds share: reading, writing and losing one connection."""
+    """Common part: reading, writing and losing one connection."""
 
     _connection: socket.socket | None = None
     _heard_at = 0.0
@@ -59,7 +59,7 @@ class _TcpStream(ReconnectingTransport):
 
 
 class TcpOut(_TcpStream):
-    """A client of somebody else's server, e.g. ArduPilot's simulator on port 5760."""
+    """A TCP client, e.g. of ArduPilot's simulator on port 5760."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"tcp:{address}")
@@ -81,9 +81,9 @@ class TcpOut(_TcpStream):
 
 
 class TcpIn(_TcpStream):
-    """A server for one caller at a time. What is written before anybody called is dropped, as on a radio.
+    """A TCP server for one client at a time. Data written before a client connects is dropped, as on a radio.
 
-    A new caller is let in when the one before has closed, or has been silent for 3 s.
+    A new client is accepted when the previous one has closed, or has been silent for 3 s.
     """
 
     def __init__(self, address: HostPort) -> None:
@@ -103,7 +103,7 @@ class TcpIn(_TcpStream):
 
     @property
     def port(self) -> int:
-        """The port that is really bound (useful after asking for port 0)."""
+        """The bound port (useful after requesting port 0)."""
         return int(self._server.getsockname()[1])
 
     def _receive(self, timeout: float) -> bytes:

@@ -1,8 +1,8 @@
-"""What every connection has in common: bytes in within a deadline, bytes out, a clock.
+"""Common part of all connections: bytes in within a deadline, bytes out, a clock.
 
-A backend supplies three small methods; deadlines, closing and error texts live here. The clock belongs to
-the transport because only it knows whether time is the machine's or a simulator's. Streams whose other end may go and
-come back, and links whose other end waits for our grants of time (decision 1), are two kinds of their own.
+A backend supplies three small methods; deadlines, closing and error texts are here. The clock belongs to the transport
+because only it knows whether time is real or simulated. Two subclasses: streams that reconnect, and links whose other
+end waits for our grants of time (decision 1).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["ReconnectingTransport", "SteppedTransport", "Transport", "idle"]
 
 
 def idle(seconds: float) -> None:
-    """Let real time pass on a link that has nothing to wait on."""
+    """Let real time pass on a link without a file descriptor to wait on."""
     time.sleep(seconds)
 
 
@@ -34,14 +34,14 @@ class Transport(ABC):
     """
 
     is_simulated = False
-    """True when the link's time is simulated, so that a record may be repeated to the last bit."""
+    """Whether the link's time is simulated, so that a record is reproducible bit for bit."""
 
     origin = ""
-    """Where what the last :meth:`read` returned came from, on links that have several senders; else empty."""
+    """Sender of the bytes returned by the last :meth:`read`, on links with several senders; else empty."""
 
     repeat_period = 0.04
-    """Seconds after which a command in force is sent again: 25 Hz, a dozen in the half second after which ArduRover
-    without a receiver takes its pilot for lost."""
+    """Seconds after which a command in force is repeated: 25 Hz, i.e. twelve within the half second after which
+    ArduRover without a receiver assumes that its pilot is lost."""
 
     def __init__(self, description: str, clock: Clock | None = None) -> None:
         self._description = description
@@ -55,21 +55,21 @@ class Transport(ABC):
 
     @property
     def description(self) -> str:
-        """The connection as a person would write it."""
+        """The connection in the usual notation."""
         return self._description
 
     @property
     def carrier(self) -> str:
-        """What carries the bytes when it is not this package itself, e.g. ``MAVSDK 4.1.0``; else empty."""
+        """The library that carries the bytes, if not this package, e.g. ``MAVSDK 4.1.0``; else empty."""
         return ""
 
     @property
     def trouble(self) -> str:
-        """What the carrier last complained of, for the error that tells of silence; empty when it did not."""
+        """The carrier's last warning, for the error about a silence; empty if there is none."""
         return ""
 
     def read(self, timeout: float) -> bytes:
-        """Return what arrives within *timeout* [s of the link's clock]; ``b""`` when nothing does.
+        """Return the bytes that arrive within *timeout* [s of the link's clock]; ``b""`` if there are none.
 
         Returns as soon as there is something.
 
@@ -104,10 +104,10 @@ class Transport(ABC):
         """
 
     def hold(self, origin: str) -> None:  # noqa: B027 - a link with one other end has nobody else to talk to
-        """From now on talk to the sender at *origin* alone, as long as it is heard; empty: to everybody again."""
+        """From now on send only to *origin*, as long as it sends; empty: to all again."""
 
     def close(self) -> None:
-        """Let go of the port, socket or process. Closing twice does nothing."""
+        """Release the port, socket or process. May be called twice."""
         if not self._closed:
             self._closed = True
             self._close()
@@ -125,7 +125,7 @@ class Transport(ABC):
             raise LinkLost(f"the link {self._description} has been closed")
 
     def lost(self, cause: str, cure: str) -> LinkLost:
-        """Return the error that says this link is gone, why, and what to try."""
+        """Return the error for a lost link, with reason and remedy."""
         return LinkLost(f"link {self._description} lost: {cause}. To fix it: {cure}")
 
     @abstractmethod
@@ -138,18 +138,18 @@ class Transport(ABC):
 
     @abstractmethod
     def _close(self) -> None:
-        """Release what the backend holds."""
+        """Release the backend's resources."""
 
 
 _RETRY = 1.0
-"""Chosen: seconds between two looks for the other end."""
+"""Seconds between two attempts to reconnect. Chosen."""
 
 
 class ReconnectingTransport(Transport):
-    """A transport that says a loss once and then looks for the other end again.
+    """A transport that reports a loss once and then reconnects.
 
-    The read or write that finds the stream broken raises ``LinkLost``. Later reads wait, and try once a second to have
-    the stream back; writes are dropped meanwhile, as by a radio. So a session can await the vehicle's return.
+    The read or write that finds the stream broken raises ``LinkLost``. Later reads wait and try to reconnect once a
+    second; writes are dropped, as on a radio. So a session can wait for the vehicle to return.
     """
 
     def __init__(self, description: str) -> None:
@@ -201,22 +201,22 @@ class ReconnectingTransport(Transport):
 
     @abstractmethod
     def _hang_up(self) -> None:
-        """Release this end of a broken or finished stream; doing so twice does nothing."""
+        """Release this end of a broken or finished stream; may be called twice."""
 
     @abstractmethod
     def _call_again(self) -> bool:
-        """Try to have the stream back; return whether that worked."""
+        """Try to reconnect; return whether it succeeded."""
 
     @abstractmethod
     def _loss(self, error: Exception) -> LinkLost:
-        """Return what to tell when the stream broke with *error*."""
+        """Return the message for a stream broken with *error*."""
 
 
 _ROUNDING = 1e-6
 
 
 class SteppedTransport(Transport):
-    """A transport that owns its time.
+    """A transport with its own time.
 
     ``quantum`` [s] is the control period: one grant never runs past its next multiple (counted from ``phase``),
     so what is decided on a message reaches the vehicle at the tick at which that message was sent.
@@ -252,7 +252,7 @@ class SteppedTransport(Transport):
 
     @abstractmethod
     def _step(self, grant: float, outgoing: bytes) -> tuple[float, bytes]:
-        """Hand over *outgoing*, run to *grant* [s]; return the time reached and what was sent meanwhile."""
+        """Send *outgoing*, run to *grant* [s]; return the time reached and the bytes received."""
 
 
 def _round_up(t: float) -> float:

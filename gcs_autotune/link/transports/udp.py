@@ -18,18 +18,18 @@ __all__ = ["UdpIn", "UdpOut"]
 
 _DATAGRAM = 65535
 _AT_ONCE = 256
-"""Chosen: datagrams taken in one read; a parameter list comes as a thousand of them."""
+"""Datagrams read at once. Chosen: a parameter list arrives as a thousand of them."""
 _ROOM = 1 << 20
-"""Chosen: bytes asked of the system for what arrives while we compute; it may give less."""
+"""Receive buffer requested from the system [bytes]; it may grant less. Chosen."""
 _REMEMBERED = 10.0
-"""Chosen: seconds after which one who has gone silent is not answered any more, unless nobody else is there."""
+"""Seconds after which a silent peer is no longer answered, unless it is the only one. Chosen."""
 _MOST_PEERS = 8
 _GONE = 3.0
-"""Chosen [s]: so long after the last word of the one held to, everybody is talked to again: it may have moved."""
+"""Silence of the selected sender after which we send to all peers again, since it may have moved [s]. Chosen."""
 
 
 class _UdpSocket(Transport):
-    """What both kinds share."""
+    """Common part of both kinds."""
 
     def __init__(self, description: str, address: HostPort) -> None:
         super().__init__(description)
@@ -65,7 +65,7 @@ class _UdpSocket(Transport):
 
 
 class UdpIn(_UdpSocket):
-    """Bind a port, wait for whoever talks, answer everybody who talked lately (vehicle and relays alike)."""
+    """Bind a port, wait for senders, and answer all recent ones (vehicle and relays alike)."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"udpin:{address}", address)
@@ -84,15 +84,15 @@ class UdpIn(_UdpSocket):
 
     @property
     def port(self) -> int:
-        """The port that is really bound (useful after asking for port 0)."""
+        """The bound port (useful after requesting port 0)."""
         return int(self._socket.getsockname()[1])
 
     def hold(self, origin: str) -> None:
-        """From now on talk to the sender at *origin* alone, as long as it is heard; empty: to everybody again."""
+        """From now on send only to *origin*, as long as it sends; empty: to all again."""
         self._held = next((peer for peer in self._peers if _named(peer) == origin), None)
 
     def _read_available(self, timeout: float) -> bytes:
-        """Return what has come from one sender, up to where another one's begins."""
+        """Return the bytes of one sender, up to the first datagram of another."""
         if not self._inbox:
             super()._read_available(timeout)
         data = bytearray()
@@ -127,13 +127,13 @@ class UdpIn(_UdpSocket):
 
 
 def _named(peer: Any) -> str:
-    """Return an address as a person would write it."""
+    """Return an address in the usual notation."""
     host, port = str(peer[0]), int(peer[1])
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 class UdpOut(_UdpSocket):
-    """Send to a fixed address and listen for its answers."""
+    """Send to a fixed address and receive its answers."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"udpout:{address}", address)

@@ -1,1 +1,1 @@
-"""The vehicle as manoeuvres fly it: handshake, telemetry in, set-points out, and watch over both."""
+"""The vehicle as manoeuvres see it: handshake, telemetry, set-points, and monitors of both."""

@@ -1,7 +1,7 @@
-"""Does the vehicle take our overrides, and do its outputs do what we say? Are they neutral when they should be?
+"""Verify that the vehicle takes our overrides, that its outputs follow, and that they are neutral when required.
 
-Every way of being deaf is silent in MAVLink: a wrong system id, an option bit, a switch, another station's stream, a
-safety button. So both halves of the way are looked at, and the cause of a failure is asked for and said.
+MAVLink reports none of the possible faults: a wrong system id, an option bit, a switch, another station's stream, a
+safety button. So both halves of the path are checked, and the cause of a failure is read from the vehicle and reported.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ __all__ = ["TWITCH", "await_neutral", "check_outputs_follow", "check_overrides_t
 _TRIES = 10
 _WAIT = 0.5
 _ENOUGH = 2
-"""Chosen: the second message is used; the first may have been under way before what we look for."""
+"""The second message is used; the first may have been sent before the change. Chosen."""
 
 
 def read_outputs(session: Session, servos: ServoMap) -> dict[str, float]:
-    """Return the measured force fractions; empty when SERVO_OUTPUT_RAW is not heard within 5 s of asking."""
+    """Return the measured force fractions; empty if no SERVO_OUTPUT_RAW arrives within 5 s of a request."""
     heard: list[Message] = []
     stop = session.listen("SERVO_OUTPUT_RAW", lambda m: heard.append(m) if m.port == 0 else None)
     try:
@@ -46,15 +46,15 @@ def read_outputs(session: Session, servos: ServoMap) -> dict[str, float]:
 
 
 _NEUTRAL = 0.03
-"""Chosen: fraction of full output that still counts as neutral; a trim offset of a few microseconds."""
+"""Fraction of full output that still counts as neutral: a trim offset of a few microseconds. Chosen."""
 _TIMEOUT = 5.0
 _STALE_OUTPUTS = 0.5
-"""Chosen: seconds without any outputs after which they are asked for one by one."""
+"""Seconds without outputs after which single messages are requested. Chosen."""
 _SERVO_OUTPUT_RAW = message_number("SERVO_OUTPUT_RAW")
 
 
 def await_neutral(session: Session, telemetry: Telemetry) -> None:
-    """Wait for neutral outputs; an autopilot that has restarted must be asked for them again.
+    """Wait for neutral outputs; after a restart the autopilot must be asked for them again.
 
     Raises
     ------
@@ -87,14 +87,14 @@ def _is_neutral(telemetry: Telemetry, begun: int) -> bool | None:
 
 
 TWITCH = 0.05
-"""Chosen: fraction of full output by which the steering is moved, without thrust ahead, to see that it obeys."""
+"""Fraction of full output by which the steering is moved, without thrust ahead, to verify that it follows. Chosen."""
 _LEVELS = (TWITCH, -TWITCH, TWITCH, -TWITCH, 0.0)
 
 
 def check_overrides_taken(
     session: Session, streamer: SetpointStreamer, rc_monitor: RcMonitor, parameters: Parameters, firmware: Firmware
 ) -> None:
-    """Send overrides that are as good as neutral and yet known again, and look for them in RC_CHANNELS.
+    """Send nearly neutral but recognisable overrides and verify that RC_CHANNELS shows them.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def check_overrides_taken(
 def check_outputs_follow(
     streamer: SetpointStreamer, telemetry: Telemetry, observe: Callable[[], object], mode: str
 ) -> None:
-    """Twitch the steering by 5 % each way, without thrust, and look for that in SERVO_OUTPUT_RAW.
+    """Twitch the steering by 5 % each way, without thrust, and verify that SERVO_OUTPUT_RAW follows.
 
     observe : waits for the next control tick; commands go out on ticks, so that the loop is timed as it will be used.
 

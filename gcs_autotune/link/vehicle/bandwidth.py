@@ -1,7 +1,7 @@
-"""How to share what a link carries among the messages we want: in order of need, and not all of it.
+"""Share the capacity of a link among the requested messages, in order of need.
 
-A 57600 baud telemetry radio has room for three to four kilobytes a second at best, half of that on a bad day. When it
-is full, something is lost, and it is not for chance to decide what.
+A 57600 baud telemetry radio carries three to four kilobytes a second at best, half of that on a bad day. A full link
+loses messages at random; this decides which ones to reduce.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ __all__ = ["CHATTER", "FASTER", "USUAL_SIZE", "Demand", "least", "plan", "shortf
 
 FASTER = "Use a faster link (a higher baud rate, a better radio), or close other programs on this one"
 USUAL_SIZE = 40.0
-"""Bytes of a message that has not come yet: it may not exist aboard, or had no room."""
+"""Assumed size of a message that has not arrived yet [bytes]."""
 
 _SHARE = 0.8
-"""Chosen: of what a full link was seen to carry; the rest is for commands, parameters and its bad moments."""
+"""Share of a full link's measured capacity that is used; the rest is for commands, parameters and fading. Chosen."""
 
 _ORDER = (
     "ATTITUDE",
@@ -30,7 +30,7 @@ _ORDER = (
     "SYS_STATUS",
     "VFR_HUD",
 )
-"""Most needed first: what we steer by, what we did, where we are, who else steers, the battery, the speed."""
+"""Messages in order of need: control, outputs, position, other stations, battery, speed."""
 
 _FLOORS: Mapping[str, float] = {
     "ATTITUDE": 5.0,
@@ -41,7 +41,7 @@ _FLOORS: Mapping[str, float] = {
     "SYS_STATUS": 0.5,
     "VFR_HUD": 1.0,
 }
-"""Message -> Hz that are given to it before any gets more. Chosen: a relay needs five attitudes a second, its
+"""Message -> rate [Hz] granted to it before any gets more. Chosen: a relay needs five attitudes a second, its
 switchings are dated by the outputs; a boat at 2 m/s moves a metre between two positions; a stick is noticed in two
 seconds."""
 
@@ -75,12 +75,12 @@ CHATTER = frozenset(
         "VIBRATION",
     }
 )
-"""Messages that ArduPilot streams by default and that a tune can do without for its few minutes."""
+"""Messages that ArduPilot streams by default and a tune can do without for a few minutes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """A message that is wanted at ``rate`` [Hz] and takes ``size`` bytes; ``needed`` [Hz] is the least that will do."""
+    """A requested message: ``rate`` [Hz], ``size`` [bytes], and ``needed`` [Hz], the lowest useful rate."""
 
     name: str
     rate: float
@@ -89,12 +89,12 @@ class Demand:
 
     @property
     def floor(self) -> float:
-        """What it gets before any other gets more [Hz]."""
+        """Rate granted before any other message gets more [Hz]."""
         return min(self.rate, max(self.needed, _FLOORS.get(self.name, _FLOOR)))
 
 
 def least(demands: Sequence[Demand]) -> float:
-    """Return the bytes per second that the floors of *demands* take: with less room nothing can be flown."""
+    """Return the bytes per second for the floors of *demands*; with less, nothing can be flown."""
     return sum(d.floor * d.size for d in demands)
 
 

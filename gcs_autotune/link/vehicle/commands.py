@@ -1,4 +1,4 @@
-"""Commands to the autopilot, repeated until answered, their effect confirmed by its heartbeat."""
+"""Commands to the autopilot, repeated until answered, and confirmed by its heartbeat."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ _REPLY = 1.5
 _TRIES = 3
 _IN_PROGRESS_PATIENCE = 10.0
 _HEARTBEAT_PATIENCE = 3.5
-"""Chosen: three heartbeats; a mode change shows in the next one or not at all."""
+"""Three heartbeats [s]; a mode change shows in the next one or not at all. Chosen."""
 _KNOWN = 2.0
-"""Chosen [s]: four askings for a HEARTBEAT, before an order that was not answered is sent again."""
+"""Time for four requests of a HEARTBEAT before an unanswered order is repeated [s]. Chosen."""
 _TEXT_DELAY = 0.5
-"""Chosen: the STATUSTEXT that explains a refusal may come after the COMMAND_ACK."""
+"""The STATUSTEXT that explains a rejection may follow the COMMAND_ACK by this time [s]. Chosen."""
 _EXPLAINS = ("Arm:", "PreArm:")
 _KEPT = 20
 _COPIES = 5.0
-"""Chosen [s]: a copy of an order that comes later than this was held back by no link we know."""
+"""Longest delay of a duplicated order on any known link [s]. Chosen."""
 
 
 class Commands:
-    """The commands we give.
+    """Commands to the vehicle.
 
     Parameters
     ----------
@@ -54,22 +54,22 @@ class Commands:
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
     def _on_acknowledgement(self, ack: Message) -> None:
-        """Note an answer to us that nothing here waits for: a copy of a mode order has arrived late."""
+        """Record an answer to us that nothing is waiting for: a copy of a mode order has arrived late."""
         to_us = int(getattr(ack, "target_system", 0)) == self._session.port.system
         if to_us and ack.command == mavlink.MAV_CMD_DO_SET_MODE != self._in_progress:
             self._copies.append(self._session.clock.now())
 
     def has_ordered_mode(self, number: int, now: float) -> bool:
-        """Whether we ordered the mode of that *number* so lately that a late copy may arrive at link time *now* [s]."""
+        """Return whether we ordered mode *number* so recently that a copy may still arrive (*now*: link time [s])."""
         return any(mode == number for t, mode in self._ordered if t >= now - _COPIES)
 
     def copy_arrived(self, number: int, now: float) -> bool:
-        """Whether the vehicle answered an order of ours for mode *number* twice, lately at link time *now* [s]."""
+        """Return whether the vehicle recently answered one order of mode *number* twice (*now*: link time [s])."""
         return self.has_ordered_mode(number, now) and any(t >= now - _COPIES for t in self._copies)
 
     @property
     def mode(self) -> str:
-        """The vehicle's present mode, by name."""
+        """Present mode of the vehicle, by name."""
         return self._firmware.mode_name(self._session.custom_mode)
 
     def command_long(
@@ -78,11 +78,11 @@ class Commands:
         *values: float,
         timeout: float = _REPLY,
         tries: int = _TRIES,
-        in_vain: Callable[[], bool] = lambda: False,
+        is_done: Callable[[], bool] = lambda: False,
     ) -> None:
         """Send COMMAND_LONG until it is answered; ``IN_PROGRESS`` is waited on.
 
-        in_vain : asked before it is sent again: True where it must not be.
+        is_done : asked before it is sent again: True where it must not be.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class Commands:
         self._in_progress = command
         try:
             for confirmation in range(tries):
-                if confirmation and in_vain():
+                if confirmation and is_done():
                     break
                 self._session.send(self._message(command, confirmation, values))
                 if self._session.wait_for(lambda: True if answers else None, timeout):
@@ -159,7 +159,7 @@ class Commands:
             self.command_long(
                 mavlink.MAV_CMD_DO_SET_MODE,
                 *values,
-                in_vain=lambda: not self._session.ask_state(_KNOWN) or self._session.custom_mode != before,
+                is_done=lambda: not self._session.ask_state(_KNOWN) or self._session.custom_mode != before,
             )
         except NoReply:
             if self._session.custom_mode != number:
@@ -193,7 +193,7 @@ class Commands:
         """
         begun, count = self._session.clock.now(), self._session.texts.count
         try:
-            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, in_vain=lambda: self._session.armed)
+            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, is_done=lambda: self._session.armed)
         except NoReply:
             if not self._session.armed:
                 raise
@@ -204,7 +204,7 @@ class Commands:
             raise self._arming_refused(count, begun)
 
     def arm_patiently(self, patience: float, pause: float, check: Callable[[], None] = lambda: None) -> None:
-        """Arm, trying for *patience* [s] and waiting *pause* [s] between, while the pre-arm checks settle.
+        """Arm, retrying for *patience* [s] every *pause* [s] while the pre-arm checks settle.
 
         check : called before every attempt; what it raises ends them.
 
@@ -233,7 +233,7 @@ class Commands:
             The vehicle will not disarm (it may be moving).
         """
         try:
-            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, in_vain=lambda: not self._session.armed)
+            self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, is_done=lambda: not self._session.armed)
         except NoReply:
             if self._session.armed:
                 raise

@@ -1,13 +1,12 @@
-"""Does anything wait on the way? The round trip of TIMESYNC tells: it grows while a queue does.
+"""Detect queues on the link by the round trip of TIMESYNC, which grows with a queue.
 
-*Down*: nothing was answered; has the vehicle no such thing, or had the answer no room? An autopilot sends what it
-streams by default before anybody asks for less. A line of 4800 baud is full with it: the answers wait behind seconds of
-telemetry or are dropped, and a vehicle looks as if it lacked what it has.
+*Down*: an unanswered request means that the vehicle lacks the item, or that the answer had no room. An autopilot
+streams its defaults before a station asks for less. That fills a line of 4800 baud: answers wait behind seconds of
+telemetry or are dropped, and the vehicle seems to lack what it has.
 
-*Up*: is there room for all that will be said? Asked before anything is armed. A radio, a serial port or a router that
-is given more than it passes holds the rest back, seconds of it, before anything is lost: commands come late, then not
-at all. So the busiest minute is rehearsed: neutral overrides, as many bytes a second as targets and overrides together
-will take, while telemetry comes down at the rates that will be flown with.
+*Up*: is there room for all commands? Checked before arming. An overloaded radio, serial port or router delays seconds
+of data before it loses any: commands arrive late, then not at all. So the busiest minute is rehearsed: neutral
+overrides at the byte rate of targets and overrides together, while telemetry comes down at its final rates.
 """
 
 from __future__ import annotations
@@ -28,21 +27,21 @@ from gcs_autotune.link.vehicle.setpoint_streamer import SetpointStreamer
 __all__ = ["DRAIN", "QUEUE", "UplinkLoad", "await_empty", "check_answers_come", "check_uplink", "is_queueing"]
 
 QUEUE = 0.25
-"""Chosen [s]: a round trip that is longer by this than the quickest known waits in a queue; jitter is mostly less."""
+"""Excess over the shortest round trip that indicates a queue [s]. Chosen; jitter is mostly smaller."""
 DRAIN = 10.0
-"""Chosen [s]: what still waits after so long is not worth waiting for."""
+"""Longest wait for a queue to empty [s]. Chosen."""
 
 
 def is_queueing(latency: Latency, since: float) -> bool:
-    """Whether all that was asked at or after *since* [s of link time] came back later than it does without a queue."""
+    """Return whether all requests since *since* [s of link time] were answered later than without a queue."""
     trips = [trip for _, trip in latency.trips(since)]
     return bool(trips) and min(trips) - latency.quickest > QUEUE
 
 
 def await_empty(session: Session, latency: Latency) -> bool:
-    """Wait until what was held back has come through, at most ``DRAIN``; return whether it has.
+    """Wait until the queue is empty, at most ``DRAIN``; return whether it is.
 
-    A vehicle that answers no TIMESYNC is taken to have no queue.
+    A vehicle that does not answer TIMESYNC counts as having no queue.
     """
     deadline = Deadline.after(session.clock, DRAIN)
     while latency.answered and not deadline.expired:
@@ -55,18 +54,18 @@ def await_empty(session: Session, latency: Latency) -> bool:
 
 
 _LATE = 1.0
-"""Chosen [s]: no radio or mobile network of use takes so long there and back without a queue."""
+"""Longest round trip of a usable radio or mobile network without a queue [s]. Chosen."""
 _ASKING = 0.5
 _SECONDS = 4.0
-"""Chosen: what is heard in so long is what the link carries, to a few per cent."""
+"""Time in which the received bytes show the link's capacity to a few per cent [s]. Chosen."""
 _PATIENCE = 20.0
-"""Chosen [s]: what an autopilot's buffer of 2 kB takes at 1200 baud."""
+"""Time in which an autopilot's buffer of 2 kB empties at 1200 baud [s]. Chosen."""
 
 
 def check_answers_come(
     session: Session, wanted: Mapping[str, float], first: Mapping[str, float], error: AutotuneError
 ) -> None:
-    """Return when the link has room for answers, or when that cannot be told.
+    """Return if the link has room for answers, or if that cannot be determined.
 
     Parameters
     ----------
@@ -103,10 +102,10 @@ def check_answers_come(
 
 
 _UPLINK_SECONDS = 2.0
-"""Chosen: with a tenth less room than bytes the queue grows by more than ``QUEUE`` in so long."""
+"""Duration of the rehearsal: with a tenth too little capacity the queue grows by more than ``QUEUE`` [s]. Chosen."""
 _UPLINK_ASKING = 0.2
 _UPLINK_FIRST = 0.3
-"""Chosen [s]: two askings, before a queue has grown by more than what it is told by."""
+"""Time of the first two round trips, before the queue has grown [s]. Chosen."""
 _LATE_HALF = 0.5
 
 
@@ -122,12 +121,12 @@ class UplinkLoad:
 
     @property
     def is_enough(self) -> bool:
-        """Whether no queue was left standing."""
+        """Whether no queue remained."""
         return not self.grown > QUEUE
 
 
 def check_uplink(session: Session, streamer: SetpointStreamer, latency: Latency) -> None:
-    """Rehearse with neutral overrides; where they do not fit send fewer from now on.
+    """Rehearse with neutral overrides; if they do not fit, send fewer from now on.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The vehicle's own fence, read over MAVLink: the polygons and circles its autopilot keeps it in, or out of.
+"""Read the vehicle's own fence over MAVLink: the polygons and circles that its autopilot stays in, or out of.
 
 Polygons and circles come by the mission protocol with MAV_MISSION_TYPE_FENCE; the circle of FENCE_RADIUS about home is
 a parameter and HOME_POSITION. A fence that is not enabled (FENCE_ENABLE) is none.
@@ -103,7 +103,7 @@ def _shapes(items: Sequence[Message]) -> list[FenceItem]:
 
 
 def _ask(session: Session, send: Callable[[], None], name: str, seq: int | None = None) -> Message | None:
-    """Send until the vehicle answers with a message called *name* (of that *seq*); None when it does not."""
+    """Send until the vehicle answers with message *name* (of that *seq*); None without an answer."""
     heard: list[Message] = []
 
     def take(message: Message) -> None:

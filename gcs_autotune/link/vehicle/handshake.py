@@ -1,7 +1,7 @@
-"""From an open link to a craft that can be flown: find it, learn how it is wired, ask for telemetry; and know it again.
+"""Turn an open link into a craft: discover it, read its configuration, request telemetry, and recognise it later.
 
-A vehicle is known again best by the unique id of its board; else by parameters that hardly two vehicles share. Those
-are what a calibration left behind and which sensors were found: no tuning changes them.
+A vehicle is recognised by the unique id of its board, else by parameters that two vehicles hardly share: results of a
+calibration and the sensors found. No tuning changes these.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ FINGERPRINT = (
     "SERVO3_FUNCTION",
     "BATT_CAPACITY",
 )
-"""Chosen: accelerometer calibration and device ids, which are a board's own; then what an owner sets once."""
+"""Accelerometer calibration and device ids, which belong to a board; then settings made once by the owner. Chosen."""
 
 _SAME_KIND = ("system", "autopilot", "vehicle_type")
 
 
 def fingerprint_of(parameters: Parameters) -> dict[str, float]:
-    """Return the parameters to know this vehicle again by; none when its board has told a unique id."""
+    """Return the parameters to recognise this vehicle by; none if its board reports a unique id."""
     vehicle = parameters.session.vehicle
     return {} if vehicle is not None and vehicle.uid else parameters.read_existing(FINGERPRINT, as_is=True)
 
@@ -62,7 +62,7 @@ def fingerprint_of(parameters: Parameters) -> dict[str, float]:
 def difference(
     known: Mapping[str, Any], fingerprint: Mapping[str, float], found: VehicleIdentity, parameters: Parameters
 ) -> str:
-    """Return in words why the vehicle on this link is not the *known* one; empty when it is, as far as can be told.
+    """Return in words why the vehicle on this link is not the *known* one; empty if it is, as far as is known.
 
     known : identity as in a journal. fingerprint : its parameters, as from :func:`fingerprint_of`.
     """
@@ -94,16 +94,16 @@ WANTED_RATES: Mapping[str, float] = {
     "VFR_HUD": 5.0,
     "SYS_STATUS": 1.0,
 }
-"""Message -> Hz asked for. ATTITUDE sets the control period."""
+"""Message -> requested rate [Hz]. ATTITUDE sets the control period."""
 
 NEEDED_RATES: Mapping[str, float] = {"ATTITUDE": 5.0, "SERVO_OUTPUT_RAW": 5.0}
 """Message -> Hz without which no relay can be flown."""
 
 _FINE_STEP = 0.01
-"""Chosen: divides the period of every autopilot loop from 50 to 100 Hz, so a message's tick is met exactly."""
+"""Divides the period of every autopilot loop from 50 to 100 Hz, so that ticks of messages are met exactly. Chosen."""
 
 _LATE = 0.03
-"""Chosen [s]: a gyro filter's lag that is worth a word."""
+"""Lag of a gyro filter that is reported [s]. Chosen."""
 _FULL_SPEED, _LOOP_RATE, _GYRO_FILTER = "WP_SPEED", "SCHED_LOOP_RATE", "INS_GYRO_FILTER"
 
 
@@ -118,7 +118,7 @@ def open_craft(
     spare_rates: Mapping[str, float] | None = None,
     arm_patience: float = 10.0,
 ) -> MavlinkCraft:
-    """Discover the vehicle on *session* and return it, ready to be watched and commanded.
+    """Discover the vehicle on *session* and return it, ready to be observed and commanded.
 
     Adopts the ground-station id that the vehicle obeys; reads its wiring; requests and measures telemetry.
     Nothing is written to the vehicle but message rates; ``craft.rates.restore()`` puts those back. *first_rates*: what
@@ -171,7 +171,7 @@ def open_craft(
 
 
 def _read_config(session: Session, parameters: Parameters, firmware: Firmware) -> VehicleConfig:
-    """Ask the vehicle whom it obeys, what it is and how it is wired."""
+    """Read which ground station the vehicle obeys, its type and its wiring."""
     assert session.vehicle is not None
     misfit = firmware.misfit(parameters.read_existing(case.parameter for case in firmware.unsuited))
     if misfit:
@@ -202,7 +202,7 @@ def _servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
 
 
 def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
-    """Let simulated time be granted from ATTITUDE to ATTITUDE; find its phase in small steps first."""
+    """Grant simulated time from ATTITUDE to ATTITUDE, after finding its phase in small steps."""
     if rate <= 0.0:
         return
     transport, seen = craft.session.transport, craft.telemetry.ticks
@@ -231,7 +231,7 @@ def _firmware(identity: VehicleIdentity) -> Firmware:
 
 
 def _adopt_gcs_id(session: Session, parameters: Parameters, firmware: Firmware) -> None:
-    """Send as the system that the vehicle takes overrides from; from any other it ignores them silently."""
+    """Send with the system id whose overrides the vehicle accepts; it ignores others without notice."""
     try:
         name, value = parameters.read_first(firmware.gcs_id_parameters)
     except ParameterMissing:

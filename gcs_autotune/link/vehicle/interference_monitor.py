@@ -1,4 +1,4 @@
-"""Others at work on the vehicle while it is ours: whose doing it is, and that we let go at once.
+"""Detect interference by others while we control the vehicle: find the cause, and release the vehicle at once.
 
 A change of mode or armed state that we did not order ends what is flown, and nothing here undoes it. An
 acknowledgement goes only to the station that ordered, so that no other station is heard proves nothing. What did not
@@ -33,30 +33,30 @@ from gcs_autotune.untrusted_text import quoted
 __all__ = ["InterferenceMonitor", "RateKeeper"]
 
 _LOOK_BACK = 5.0
-"""Chosen [s]: an order this old may be the cause of what is seen now; heartbeats show a mode a second late."""
-_OWN_DOING = "failsafe"
-"""ArduPilot names every one of its own accord so: "EKF failsafe", "Radio Failsafe", "Battery 1 low failsafe"."""
+"""Age up to which an order may cause a change seen now [s]; heartbeats show a mode a second late. Chosen."""
+_OWN_CAUSE = "failsafe"
+"""Word in the text of each failsafe of ArduPilot: "EKF failsafe", "Radio Failsafe", "Battery 1 low failsafe"."""
 _AHEAD = 1.5
-"""A simulation whose time goes faster than the clock by this is said to run ahead."""
+"""Relative pace above which a simulation is reported to run faster than the clock."""
 _SLACK = 0.3
-"""Chosen [s]: what a pause of ours may seem longer to the vehicle: the way takes different times, one may be lost."""
-_WORTH_A_WORD = 0.4
-"""Chosen [s of the vehicle's time]: a pause of ours that is told although it is not the cause."""
+"""How much longer a pause of ours may appear to the vehicle [s]: delays vary and one message may be lost. Chosen."""
+_LEAST_REPORTED = 0.4
+"""Pause of ours that is reported although it is not the cause [s of the vehicle's time]. Chosen."""
 _MODE_ORDERS = frozenset({"SET_MODE", "MAV_CMD_DO_SET_MODE", "MAV_CMD_NAV_RETURN_TO_LAUNCH", "MAV_CMD_MISSION_START"})
 _ARM_ORDERS = frozenset({"MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION"})
 _STICK_ORDERS = frozenset({"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"})
 _MANY = 20
 _LATE = 0.8
-"""Chosen [s]: there and back; sooner than that, what we sent shows within what is waited for anyway."""
+"""Round trip below which our commands show within the usual waiting time [s]. Chosen."""
 _MIDDLE, _DEFLECTED = 1500, 50
-"""Chosen [us]: a stick that is no further from the middle may be anybody's at rest."""
+"""Deflection below which a stick may be at rest, and above which it counts as moved [us]. Chosen."""
 _ANSWER = 2.5
-"""Chosen [s]: two askings of TIMESYNC, one a second; their answers, or that none come, tell a late link."""
+"""Time for two TIMESYNC requests, one a second [s]; their answers, or none, show a late link. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    """A change that we did not order: in words, what orders would do it, and what a failsafe would have ended in."""
+    """A change not ordered by us: in words, orders that cause it, and failsafe actions that end in it."""
 
     what: str
     kinds: frozenset[str]
@@ -66,7 +66,7 @@ class _Change:
 
 
 class InterferenceMonitor:
-    """What is expected of the vehicle while it is ours, and a check of it at every tick.
+    """The expected state of the vehicle while we control it, compared at every tick.
 
     Parameters
     ----------
@@ -116,39 +116,39 @@ class InterferenceMonitor:
         self.found: Intervention | None = None
 
     def take_over(self) -> None:
-        """From now on it is ours, as it is; nothing changes where it is so already."""
+        """Start monitoring: expect the present state until we order a change."""
         if not self.is_ours:
             self.is_ours = True
             self.accept()
 
     def accept(self) -> None:
-        """Take it as it is now, whatever was done to it."""
+        """Accept the present state, whatever caused it."""
         self.modes, self.armed, self.found = frozenset({self._session.custom_mode}), self._session.armed, None
 
     def give_back(self) -> None:
-        """It is its owner's again."""
+        """Stop monitoring."""
         self.is_ours, self.modes, self.armed, self.found = False, frozenset(), None, None
 
     def order_mode(self, number: int) -> None:
-        """The mode of that *number* is about to be ordered by us: until it is confirmed both may be seen."""
+        """Expect either mode until our order of mode *number* is confirmed."""
         self.modes = frozenset({*self.modes, number}) if self.is_ours else frozenset()
 
     def doubt_mode(self, number: int, before: frozenset[int]) -> None:
-        """The order of the mode of that *number* was never answered: what was expected *before* still is."""
+        """Our order of mode *number* was not answered: keep expecting the mode *before*, too."""
         if self.is_ours:
             self.modes = before
             self._unanswered.add(number)
 
     def confirm_mode(self, number: int) -> None:
-        """The order of the mode of that *number* was accepted: from now on no other is expected."""
+        """Our order of mode *number* was accepted: expect only that mode."""
         self._unanswered.clear()
         self.modes = frozenset({number}) if self.is_ours else frozenset()
 
     def look(self) -> Intervention | None:
-        """Return the first change of mode or armed state that we did not order, by the last heartbeat.
+        """Return the first change of mode or armed state not ordered by us, by the last heartbeat.
 
-        The first time it is seen the sticks are made neutral, and two heartbeats more, the vehicle's clock and its
-        texts are waited for, a second or so: they tell the cause.
+        At its first detection the sticks are set to neutral. Then two more heartbeats, the vehicle's clock and its
+        texts are awaited, about a second: they identify the cause.
 
         Raises
         ------
@@ -166,7 +166,7 @@ class InterferenceMonitor:
         return self.found
 
     def _take(self, judged: Sequence[tuple[str, Intervention]]) -> None:
-        """Find what was *judged*: a failsafe may disarm it just when another station orders a mode."""
+        """Record what was *judged*: a failsafe may disarm it just when another station orders a mode."""
         self._guard, told = max(judged, key=lambda j: j[1].stands)
         self.found = replace(
             told,
@@ -179,7 +179,7 @@ class InterferenceMonitor:
             self.on_yield({**mode, **({"armed": self._session.armed} if self.found.armed_stands else {})})
 
     def check_state(self) -> None:
-        """Raise what there is to be said of :meth:`look`.
+        """Raise the result of :meth:`look`.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class InterferenceMonitor:
             raise GuardTripped(found.what, guard=self._guard)
 
     def check(self) -> None:
-        """The same, and the sticks and parameters that we have in our hands."""
+        """Check mode and armed state, and the sticks and parameters under our control."""
         self._check_parameters()
         self.check_state()
         self._check_sticks()
@@ -224,7 +224,7 @@ class InterferenceMonitor:
         return found
 
     def _judge(self, change: _Change, seen: float) -> tuple[str, Intervention]:
-        """Return the guard and the intervention of a *change* first *seen* at that link time [s]."""
+        """Return the guard and the intervention for a *change* first *seen* at that link time [s]."""
         if self._watchdog.has_restarted:
             return "restart", Intervention(str(self._watchdog.fault), mode_stands=False, armed_stands=False)
         if change.guard == "mode" and self._commands.copy_arrived(change.mode, seen):
@@ -253,7 +253,7 @@ class InterferenceMonitor:
         pause = self._longest_pause()
         short = (
             f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe does this after it)"
-            if pause > _WORTH_A_WORD and not self._is_own_doing()
+            if pause > _LEAST_REPORTED and not self._is_own_cause()
             else ""
         )
         who = self._lost_on_the_way(named, change) or self._who(change.kinds)
@@ -268,7 +268,7 @@ class InterferenceMonitor:
         )
 
     def _named(self, change: _Change) -> SetFailsafe | None:
-        """Return the failsafe for want of overrides that has named itself and ends in this *change*."""
+        """Return the failsafe for missing overrides whose text was received and that ends in this *change*."""
         said = [text.casefold() for text in self._recent_texts()]
         return next((f for f in self._fitting(change) if any(f.says in text for text in said)), None)
 
@@ -277,7 +277,7 @@ class InterferenceMonitor:
         return [f for f in self.failsafes if change.outcome in f.outcomes and not (f.by_overrides and has_receiver)]
 
     def _lost_on_the_way(self, named: SetFailsafe | None, change: _Change) -> str:
-        """Return in words that the failsafe *named* itself although we went on sending; empty where another did it."""
+        """Return in words that the failsafe *named* itself although we kept sending; empty if another cause fits."""
         since = self._session.clock.now() - _LOOK_BACK
         if named is None or self._other_stations.has_ordered(change.kinds, since):
             return ""
@@ -289,9 +289,9 @@ class InterferenceMonitor:
         )
 
     def _want_of_overrides(self, change: _Change) -> tuple[SetFailsafe, float, str, str] | None:
-        """Return (failsafe, seconds without overrides, why, cure) where that time was long enough for it."""
+        """Return (failsafe, seconds without overrides, reason, remedy) if that time was long enough for it."""
         pause, pace = self._longest_pause(), max(self._send_rate.pace, 1.0)
-        silence = self._session.liveness.longest(_LOOK_BACK + self._session.liveness.unheard) * pace
+        silence = self._session.liveness.longest(_LOOK_BACK + self._session.liveness.actual_silence) * pace
         gap = max(pause, silence)
         for failsafe in self._fitting(change):
             if gap + _SLACK < failsafe.needs:
@@ -305,7 +305,7 @@ class InterferenceMonitor:
         return None
 
     def _longest_pause(self) -> float:
-        """The longest pause between two overrides lately [s of the vehicle's time]."""
+        """Longest recent pause between two overrides [s of the vehicle's time]."""
         since = self._session.clock.now() - _LOOK_BACK
         return self._send_rate.pause_since(since) * max(self._send_rate.pace, 1.0)
 
@@ -334,10 +334,10 @@ class InterferenceMonitor:
             )
 
     def _check_late(self, channel: int, sent: int, shown: int) -> None:
-        """Raise ``GuardTripped`` (guard ``late``) where our own commands arrive late; the sticks are neutral then.
+        """Raise ``GuardTripped`` (guard ``late``) if our own commands arrive late; the sticks are neutral then.
 
-        Where the link is prompt again by now it had stalled, for nobody else deflects a stick by what we sent. A stick
-        in the middle is anybody's.
+        If the link is prompt again it had stalled, because no other station deflects a stick exactly as we did. A stick
+        in the middle proves nothing.
         """
         if not self._rc_monitor.was_sent(channel, shown):
             return
@@ -356,7 +356,7 @@ class InterferenceMonitor:
         )
 
     def _whose_stick(self) -> str:
-        """Return in words whose stick a channel is that we do not drive and that has moved."""
+        """Return in words who moved a stick that we do not drive."""
         steering = self._other_stations.steering
         if steering is not None and steering.is_receiver:
             return "a pilot, since the vehicle reports that its own RC receiver steers it (MANUAL_INPUT_STATUS)"
@@ -375,12 +375,12 @@ class InterferenceMonitor:
                 f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us, by a switch of the "
                 "transmitter, or overrides other than ours"
             )
-        if self._is_own_doing() and not name and not ordered:
+        if self._is_own_cause() and not name and not ordered:
             return "it was the vehicle's own failsafe. Fix its cause, and start again"
         return self._other_stations.culprit(kinds, since, name)
 
-    def _is_own_doing(self) -> bool:
-        words = (_OWN_DOING, *(failsafe.says for failsafe in self.failsafes))
+    def _is_own_cause(self) -> bool:
+        words = (_OWN_CAUSE, *(failsafe.says for failsafe in self.failsafes))
         return any(word in text.casefold() for text in self._recent_texts() for word in words)
 
     def _recent_texts(self) -> list[str]:
@@ -393,15 +393,15 @@ class InterferenceMonitor:
 
 _VITAL = ("ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS")
 _WINDOW = 2.0
-"""Chosen [s of the vehicle's time]: long enough to tell a lost message from a changed rate."""
+"""Counting window: long enough to distinguish a lost message from a changed rate [s of the vehicle's time]. Chosen."""
 _LOW = 0.6
-"""Chosen: share of the rate measured at the handshake below which it is asked for again."""
+"""Share of the rate at the handshake below which it is requested again. Chosen."""
 _REQUESTS = frozenset({"REQUEST_DATA_STREAM", "MAV_CMD_SET_MESSAGE_INTERVAL"})
 _RATES_LOOK_BACK = 10.0
 
 
 class RateKeeper:
-    """Counts what we cannot do without, and asks again when it thins out. Call :meth:`start` once rates are known."""
+    """Monitor of essential message rates; requests them again on a drop. Call :meth:`start` once rates are known."""
 
     def __init__(self, session: Session, rates: Rates, other_stations: OtherStations) -> None:
         self._session = session
@@ -412,7 +412,7 @@ class RateKeeper:
         self._noted: set[str] = set()
 
     def start(self) -> None:
-        """From now on the rates last measured are kept."""
+        """Start keeping the rates measured last."""
         for name in _VITAL:
             self._session.listen(name, partial(self._on_message, name))
         self._session.every(1.0, self._look)

@@ -1,9 +1,9 @@
-"""How late things are on this link: there and back, from command to actuator, and round the whole loop.
+"""Measure the delays of this link: round trip, command to actuator, and the whole loop.
 
-Three times, because three things go wrong. The *round trip* of TIMESYNC is the radio's own. *Command to servo* is the
-way up: from our sending an override to the autopilot's output moving, in the vehicle's own time. The *loop* is what a
-relay closed over the link has to live with: from the stamp of the attitude we acted on to the moment the output moved
-because of it. No clock has to be synchronised for the last one: both stamps are the vehicle's.
+The *round trip* of TIMESYNC is the radio's own. *Command to servo* is the way up: from sending an override to the
+autopilot's output moving, in the vehicle's own time. The *loop* is the delay in a relay closed over the link: from the
+stamp of the attitude used to the output's reaction. The loop needs no synchronised clock: both stamps are the
+vehicle's.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ __all__ = ["Latency", "LinkTimes", "least_period"]
 
 _KEPT = 200
 _TRUSTED = 5
-"""Chosen: answers among which the clocks are compared; at one a second no clock drifts by a millisecond meanwhile."""
+"""Answers used to compare the clocks. Chosen; at one a second no clock drifts by a millisecond in that time."""
 _STEP = 0.04
-"""Chosen: fraction of full output by which a command must change to be timed; keepers' small corrections do not."""
+"""Smallest command change that is timed, as a fraction of full output. Chosen: above corrections by hold loops."""
 _MOVED_SHARE, _MOVED_MOST = 0.3, 0.03
-"""Chosen: an output has moved when it has gone this share of the way, at most this far: a slewed throttle counts."""
+"""Share of a change, and its cap, after which an output has moved. Chosen: a slew-limited throttle counts."""
 _NEVER = 2.0
-"""Chosen [s]: a command that has shown no effect for so long was lost or limited, and is not timed."""
+"""A command without effect for this time was lost or limited, and is not timed [s]. Chosen."""
 _REAL_TIME = 0.02
-"""A vehicle's clock this close to ours runs at our pace; a simulator on double speed does not."""
+"""Tolerance of the vehicle's pace relative to ours; a simulator on double speed is outside it."""
 _LAG_SHARE = 8.0
-"""Chosen: an oscillation must take this many times the loop's delay (a relay on a bare integrator behind a delay
-swings in four: there half of every quarter is the craft's own)."""
+"""Shortest period that can be evaluated, in multiples of the loop's delay. Chosen: a relay on an integrator with delay
+oscillates in four, so the craft then contributes half."""
 _SAMPLES = 8.0
-"""Chosen: attitudes per oscillation below which its amplitude is guesswork."""
+"""Fewest attitudes per oscillation that determine its amplitude. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +59,11 @@ class LinkTimes:
     override_gap: float = math.nan
 
     def to_dict(self) -> dict[str, float]:
-        """Return what is known as plain data for JSON."""
+        """Return the known values as plain data for JSON."""
         return {name: value for name, value in asdict(self).items() if math.isfinite(value)}
 
     def __str__(self) -> str:
-        """The loop first, with the part of it that is known; a message and its answer go another way round."""
+        """Return the loop delay first, with its known parts; the round trip takes another path."""
         parts = [
             _part("whole loop", self.loop, self.loop_90),
             _part("of it command to servo", self.command_to_servo, self.command_to_servo_90),
@@ -88,7 +88,7 @@ class _Pending:
 
 
 class Latency:
-    """Times everything that can be timed on a session, in passing.
+    """Measures the delays on a session in passing.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Latency:
     # --- there and back -----------------------------------------------------------------------------------
 
     def ask(self) -> None:
-        """Send one TIMESYNC; the answer is taken when it comes."""
+        """Send one TIMESYNC; its answer is processed on arrival."""
         now = self._session.clock.now()
         stamp = round(now * 1e9) + 1
         if stamp not in self._open:
@@ -119,7 +119,7 @@ class Latency:
             self._session.send(mavlink.MAVLink_timesync_message(0, stamp))
 
     def _on_timesync(self, m: Message) -> None:
-        """Requests (tc1 0) of the vehicle's own and answers to other stations are not for us."""
+        """Process a TIMESYNC; the vehicle's own requests (tc1 0) and answers to other stations are ignored."""
         sent = self._open.pop(int(m.ts1), None) if m.tc1 else None
         if sent is not None:
             self.answered += 1
@@ -130,7 +130,7 @@ class Latency:
 
     @property
     def lateness(self) -> float:
-        """Return how late [s] answers are now: of the last one, or of one that has not come; 0 before any was asked."""
+        """Return the delay of answers [s]: of the last one, or of one still missing; 0 before any request."""
         waiting = [self._session.clock.now() - asked for asked in self._open.values()]
         answered = max((sent for sent, _, _ in self._trips), default=-math.inf)
         unanswered = [age for age in waiting if self._session.clock.now() - age > answered]
@@ -139,8 +139,8 @@ class Latency:
     def vehicle_time(self, t: float) -> float:
         """Return the vehicle's time [s since boot] at link time *t* [s]; NaN before any answer.
 
-        Of the last few answers the quickest is trusted: the less time it took, the less can be wrong about its middle.
-        Of the last few only, because a simulator on a busy machine falls behind.
+        The quickest of the last few answers is used, since it has the smallest error. Only the last few count, because
+        a simulator on a busy machine falls behind.
         """
         if not self._trips:
             return math.nan
@@ -148,7 +148,7 @@ class Latency:
         return stamp + self._pace() * (t - sent - 0.5 * trip)
 
     def _pace(self) -> float:
-        """Return seconds of the vehicle's time per second of ours: 1, but for simulators on another speed."""
+        """Return seconds of the vehicle's time per second of ours: 1, except for simulators."""
         (t0, trip0, stamp0), (t1, trip1, stamp1) = self._trips[0], self._trips[-1]
         span = t1 + 0.5 * trip1 - t0 - 0.5 * trip0
         if span < 0.5:
@@ -159,7 +159,7 @@ class Latency:
     # --- command to servo ---------------------------------------------------------------------------------
 
     def commanded(self, wanted: Mapping[str, float], outputs: Mapping[str, float], seen: float) -> None:
-        """Take note of a command sent now.
+        """Record a command sent now.
 
         wanted, outputs : force -> fraction of full output, as commanded and as last measured.
         seen : the vehicle's stamp [s] of the attitude that the command answers.
@@ -177,12 +177,12 @@ class Latency:
                 self._pending[force] = _Pending(measured, value, seen, self.vehicle_time(now), seen)
 
     def forget(self) -> None:
-        """Whatever comes now is not the effect of what we commanded last."""
+        """Stop attributing new outputs to the last command."""
         self._pending.clear()
         self._wanted.clear()
 
     def moved(self, t: float, outputs: Mapping[str, float]) -> None:
-        """Take note of outputs measured; *t* [s] is when they changed to these values, by the vehicle's clock."""
+        """Record measured outputs; *t* [s]: when they changed, by the vehicle's clock."""
         for force, pending in list(self._pending.items()):
             change = pending.wanted - pending.before
             gone = math.copysign(1.0, change) * (outputs.get(force, pending.before) - pending.before)
@@ -199,16 +199,16 @@ class Latency:
 
     @property
     def loop(self) -> float:
-        """Median time [s] from an attitude's stamp to the output that answers it; NaN when not measured."""
+        """Median time [s] from an attitude's stamp to the output that reacts to it; NaN if not measured."""
         return _quantile(self._round, 0.5)
 
     def trips(self, since: float) -> tuple[tuple[float, float], ...]:
-        """Return (link time asked, round trip), both [s], of every answer to what was asked at or after *since* [s]."""
+        """Return (link time of request, round trip), both [s], of every answer to requests since *since* [s]."""
         return tuple((sent, trip) for sent, trip, _ in self._trips if sent >= since)
 
     @property
     def quickest(self) -> float:
-        """Least round trip ever seen [s of link time]; NaN before any answer."""
+        """Shortest round trip so far [s of link time]; NaN before any answer."""
         return self._quickest
 
     @property
@@ -219,7 +219,7 @@ class Latency:
         return self._middle
 
     def times(self, override_rate: float = math.nan, override_gap: float = math.nan) -> LinkTimes:
-        """Return everything measured so far."""
+        """Return all results so far."""
         trips = [trip for _, trip, _ in self._trips]
         loop, late = _quantile(self._round, 0.5), _quantile(self._round, 0.9)
         return LinkTimes(
@@ -236,7 +236,7 @@ class Latency:
 
 
 def least_period(loop: float, rate: float) -> float:
-    """Return the shortest oscillation [s] that can be flown and still tell about the craft; 0 if nothing is known.
+    """Return the shortest oscillation [s] that can be flown and still be identified; 0 if nothing is known.
 
     loop : its delay [s], NaN when not measured. rate : of the attitudes it is controlled at [Hz].
     """

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from gcs_autotune.clock import Clock
-from gcs_autotune.craft import Actuate, Command, Intervention, Observation
+from gcs_autotune.craft import Actuate, Command, Intervention, Observation, SteeredBy
 from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, ModeRefused, NoReply, NotAsFound
 from gcs_autotune.firmware import Firmware, ServoMap, SetFailsafe
 from gcs_autotune.link.parameters.client import Parameters
@@ -31,14 +31,14 @@ from gcs_autotune.trial import Mark, Trial
 __all__ = ["MavlinkCraft", "VehicleConfig", "read_failsafes"]
 
 _FRESH = 3.5
-"""Chosen [s]: three heartbeats; a vehicle that sends none in that time is not given another mode."""
+"""Three heartbeats; a vehicle silent for this time gets no new mode [s]. Chosen."""
 _GLANCE = 0.5
-"""Chosen [s]: the same before an order to rest, which is not kept waiting."""
+"""The same before an order of the rest mode, which must not wait [s]. Chosen."""
 _PATIENCE = 30.0
-"""Chosen: seconds that making neutral waits for a vehicle that has fallen silent."""
+"""Seconds for which making neutral waits for a silent vehicle. Chosen."""
 _WARM_UP = 1.0
-"""Seconds between two attempts to arm. Neutral overrides have flowed before the first: without an RC receiver Rover
-arms only when they do."""
+"""Seconds between two attempts to arm. Neutral overrides flow before the first: a Rover without an RC receiver arms
+only then."""
 
 
 class MavlinkCraft:
@@ -105,23 +105,23 @@ class MavlinkCraft:
         self._mode_is_changing = False
 
     def keep_rates(self) -> None:
-        """Rates have been fitted to the link: keep them, whatever other stations ask for, and spare a full link."""
+        """Keep the rates fitted to the link against requests of other stations, and send less on a full link."""
         RateKeeper(self.session, self.rates, self.other_stations).start()
         if math.isfinite(self.rates.capacity):
             self._streamer.spare_the_link()
 
     def learn_failsafes(self) -> None:
-        """Read which failsafes act when nothing is heard of us, after how long, and what they do."""
+        """Read which failsafes act without a ground station, after which time, and how."""
         self._interference.failsafes = read_failsafes(self.parameters, self._firmware)
 
     @property
     def firmware(self) -> Firmware:
-        """What kind of autopilot it is."""
+        """The autopilot's firmware."""
         return self._firmware
 
     @property
     def servos(self) -> ServoMap:
-        """How its servo outputs make forces."""
+        """How servo outputs make forces."""
         return self._config.servos
 
     @property
@@ -144,32 +144,39 @@ class MavlinkCraft:
         self.session.await_heartbeat()
 
     def take_over(self) -> None:
-        """From now on, until :meth:`give_back`, a change of mode or armed state that we do not order is noticed."""
+        """Monitor changes of mode or armed state not ordered by us, until :meth:`give_back`."""
         self._is_taken_over = True
         self._interference.take_over()
 
     def give_back(self) -> None:
-        """End that."""
+        """Stop monitoring."""
         self._is_taken_over = False
         self._interference.give_back()
 
     def intervention(self) -> Intervention | None:
-        """Ask for mode and armed state, and return the first change that we did not order since :meth:`take_over`."""
+        """Request mode and armed state, and return the first change not ordered by us since :meth:`take_over`."""
         if self._interference.is_ours and self._interference.found is None:
             with suppress(LinkLost):
                 self.session.ask_state(_FRESH)
         return self._interference.look()
 
-    def see_restart(self) -> None:
-        """Ask for the vehicle's time since boot, for a second; the watchdog then has what there is to be said of it."""
+    def check_restart(self) -> None:
+        """Request the vehicle's time since boot, for a second; the watchdog then detects a restart."""
         watchdog = self.telemetry.watchdog
         seen = watchdog.stamps
         self.session.request_message(message_number("SYSTEM_TIME"))
         self.session.wait_for(lambda: True if watchdog.has_restarted or watchdog.stamps > seen else None, 1.0)
 
     def accept_intervention(self) -> None:
-        """Go on from mode and armed state as they are now: the operator has been asked."""
+        """Accept the present mode and armed state: the operator has agreed."""
         self._interference.accept()
+
+    @property
+    def steered_by(self) -> SteeredBy:
+        """What turns it, for what is assumed of craft of its kind."""
+        if not self.firmware.needs_way:
+            return "rov"
+        return "thrusters" if self.skid else "rudder"
 
     @property
     def skid(self) -> bool:
@@ -179,7 +186,7 @@ class MavlinkCraft:
     # --- watching -----------------------------------------------------------------------------------------
 
     def observe(self) -> Observation:
-        """Wait for the next ATTITUDE and return everything known at it.
+        """Wait for the next ATTITUDE and return all known values at it.
 
         Raises
         ------
@@ -199,7 +206,7 @@ class MavlinkCraft:
 
     @property
     def link_times(self) -> LinkTimes:
-        """How late things are on this link, as measured so far."""
+        """Delays of this link measured so far."""
         return self.latency.times(self._streamer.send_rate.rate, self._streamer.send_rate.longest)
 
     def longest_pause(self, since: float) -> float:
@@ -214,13 +221,13 @@ class MavlinkCraft:
 
     @property
     def least_period(self) -> float:
-        """Shortest oscillation [s] that can be flown through this link and still tell about the craft; 0 if unknown."""
+        """Shortest oscillation [s] that can be flown over this link and still be identified; 0 if unknown."""
         return least_period(self.latency.loop, self.rates.measured.get("ATTITUDE", 0.0))
 
     # --- commanding ---------------------------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """Put *command* on the wire and keep it in force until another one, :meth:`neutral` or :meth:`release`.
+        """Send *command* and keep it in force until another one, :meth:`neutral` or :meth:`release`.
 
         Raises
         ------
@@ -234,7 +241,7 @@ class MavlinkCraft:
     def set_mode(self, mode: str) -> None:
         """Change the flight mode and wait until the heartbeat confirms it.
 
-        Mode and armed state are asked for first: what another station has ordered since the last heartbeat stands.
+        Mode and armed state are requested first: an order of another station since the last heartbeat stands.
 
         Raises
         ------
@@ -272,7 +279,7 @@ class MavlinkCraft:
         self.on_order("ordering", what if math.isnan(boot) else {**what, "boot": boot})
 
     def _check_fresh(self) -> None:
-        """See that mode and armed state are now as we left them."""
+        """Verify that mode and armed state are as we left them."""
         if not self._interference.is_ours:
             return
         if not self.session.ask_state(_FRESH):
@@ -280,7 +287,7 @@ class MavlinkCraft:
         self._interference.check_state()
 
     def arm(self) -> None:
-        """Arm, with neutral overrides flowing, and make sure that the outputs do what we say.
+        """Arm with neutral overrides, and verify that the outputs follow.
 
         Before: RC_CHANNELS must show our overrides, and the link must have room for all that will be sent. After: in
         manual mode the steering is twitched by 5 % each way, without thrust, and SERVO_OUTPUT_RAW must follow; that
@@ -313,19 +320,19 @@ class MavlinkCraft:
             raise
 
     def _explain_silence(self) -> None:
-        """Wait for a vehicle that has fallen silent; raise ``TelemetryFault`` where it has restarted meanwhile."""
+        """Wait for a silent vehicle; raise ``TelemetryFault`` if it has restarted."""
         with self.session.operator.shielded():
             if not self.session.outlast(_PATIENCE):
                 return
             with suppress(LinkLost):
-                self.see_restart()
+                self.check_restart()
         if self.telemetry.watchdog.has_restarted:
             self.telemetry.watchdog.check()
 
     def _arm(self) -> None:
-        """Arm; between two attempts another station may take the vehicle, and then it is not armed.
+        """Arm; a vehicle taken over by another station between two attempts is not armed.
 
-        Once the order is sent, a vehicle that is armed is armed by us, though the answer be lost.
+        Once the order is sent, an armed vehicle counts as armed by us, even if the answer is lost.
         """
 
         def check() -> None:
@@ -338,7 +345,7 @@ class MavlinkCraft:
         self._interference.armed = True
 
     def disarm(self) -> None:
-        """Disarm, wait until the heartbeat confirms it, and let go of the sticks."""
+        """Disarm, wait until the heartbeat confirms it, and release the sticks."""
         self._interference.armed = None
         self.commands.disarm()
         self._interference.armed = False if self._interference.is_ours else None
@@ -396,7 +403,7 @@ class MavlinkCraft:
                 raise
 
     def _is_taken(self) -> bool:
-        """Let go of the sticks, neutral, where another station has ordered a mode; return whether one has."""
+        """Release the sticks, neutral, if another station has ordered a mode; return whether one has."""
         found = self._interference.look()
         if found is None or not found.mode_stands:
             return False
@@ -409,10 +416,10 @@ class MavlinkCraft:
             self._streamer.rest()
 
     def release(self) -> None:
-        """Hand the sticks back to the RC receiver, and see by RC_CHANNELS that they are its own again.
+        """Return the sticks to the RC receiver, and verify it by RC_CHANNELS.
 
-        Without a receiver there is nothing to see: the vehicle keeps the last value, which was neutral. The operator
-        has to wait.
+        Without a receiver RC_CHANNELS shows nothing: the vehicle keeps the last value, which was neutral. The operator
+        cannot interrupt.
 
         Raises
         ------
@@ -435,18 +442,18 @@ class MavlinkCraft:
         self._streamer.let_go()
 
     def _end_of_hold(self) -> None:
-        """The sticks are not ours any more; the vehicle is, where it was taken over for longer."""
+        """Stop holding the sticks; monitoring continues if it was started separately."""
         if not self._is_taken_over:
             self._interference.give_back()
 
     def shielded(self) -> AbstractContextManager[None]:
-        """While inside, the operator's stop is remembered but not raised."""
+        """Context in which the operator's stop is stored but not raised."""
         return self.session.operator.shielded()
 
     # --- recording ----------------------------------------------------------------------------------------
 
     def start_recording(self, name: str) -> None:
-        """Begin a new trial; everything heard from now on belongs to it."""
+        """Begin a new trial; all messages from now on belong to it."""
         self._recorder.start(name)
 
     def mark(self, mark: Mark) -> None:
@@ -458,11 +465,11 @@ class MavlinkCraft:
         return self._recorder.stop(ending, reason, self._described())
 
     def recorded_so_far(self, settings: Mapping[str, Any]) -> Trial:
-        """Return the running trial as far as it has come, with the *settings* of what is flown among its ``meta``."""
+        """Return the trial so far, with the *settings* of the manoeuvre in its ``meta``."""
         return self._recorder.so_far("", "", {**self._described(), **settings})
 
     def _described(self) -> dict[str, Any]:
-        """Return what every trial tells of the vehicle and the link."""
+        """Return the data of vehicle and link stored in every trial."""
         vehicle = self.session.vehicle
         assert vehicle is not None
         return {
@@ -477,7 +484,7 @@ class MavlinkCraft:
 
 
 def read_failsafes(parameters: Parameters, firmware: Firmware) -> tuple[SetFailsafe, ...]:
-    """Return the failsafes that act when nothing is heard of the ground station, as *parameters* set them."""
+    """Return the failsafes that act without a ground station, as *parameters* set them."""
     values = parameters.read_existing(dict.fromkeys(name for f in firmware.failsafes for name in f.parameters))
     found = (failsafe.set_by(values) for failsafe in firmware.failsafes)
     return tuple(failsafe for failsafe in found if failsafe is not None)

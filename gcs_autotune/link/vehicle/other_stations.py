@@ -1,4 +1,4 @@
-"""Who else is on this link: other stations, and what they were heard to order.
+"""The other stations on this link and the orders received from them.
 
 Nothing that they say is acted on. But when the vehicle does something that we did not ask for, the operator must
 know whose doing it was. Three traces tell: the orders themselves, where a router repeats them to everybody; the
@@ -33,12 +33,12 @@ __all__ = ["Order", "OtherStations"]
 
 _KEPT = 100
 _RECENT = 10.0
-"""Chosen [s]: a station that has said nothing for so long (ten heartbeats) is no suspect any more."""
+"""A station silent for this time (ten heartbeats) is no longer a suspect [s]. Chosen."""
 
 _STICKS = frozenset({"MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"})
 
 _TARGETS = {"MANUAL_CONTROL": "target"}
-"""Message -> field that names whom it is for, where that is not ``target_system``."""
+"""Message -> field with its target, if that is not ``target_system``."""
 
 ORDERS = frozenset(
     {
@@ -54,12 +54,12 @@ ORDERS = frozenset(
         "SET_POSITION_TARGET_LOCAL_NED",
     }
 )
-"""Messages by which a station makes a vehicle do something."""
+"""Messages with which a station commands a vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What somebody else was heard to order: link time [s], sender, message or MAV_CMD, a parameter's name."""
+    """An order of another station: link time [s], sender, message or MAV_CMD, a parameter's name."""
 
     t: float
     system: int
@@ -94,16 +94,16 @@ class OtherStations:
         for name in MANUAL_INPUT_NAMES:
             session.listen(name, self._on_manual_input)
         session.listen("COMMAND_LONG", self._on_asked_for_control)
-        session.routing.overhear(self._on_foreign)
+        session.routing.overhear(self._on_other_station)
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
     def culprit(self, kinds: Collection[str], since: float, name: str = "") -> str:
-        """Return, in words, who ordered any of *kinds* (of the parameter *name*) since link time *since* [s]."""
+        """Return in words who ordered any of *kinds* (of parameter *name*) since link time *since* [s]."""
         steered = self._steered_by() if _STICKS & set(kinds) else ""
         return self._suspect(kinds, since, name) + self._own_word() + steered
 
     def _own_word(self) -> str:
-        """Return, in words, whom the vehicle says it obeys, where that is not us."""
+        """Return in words whom the vehicle reports to obey, if that is not us."""
         told = self.in_control
         if told is None or told.station == self._session.port.system:
             return ""
@@ -111,14 +111,14 @@ class OtherStations:
         return f"; the vehicle reports that {who} is in control of it (CONTROL_STATUS)"
 
     def _steered_by(self) -> str:
-        """Return, in words, whose sticks the vehicle says count, where these are not ours."""
+        """Return in words whose sticks the vehicle reports to use, if these are not ours."""
         told = self.steering
-        if told is None or not (told.is_receiver or self._is_foreign(told)):
+        if told is None or not (told.is_receiver or self._is_other_station(told)):
             return ""
         who = "its own RC receiver" if told.is_receiver else self._called(*told.station)
         return f"; the vehicle reports that {who} steers it (MANUAL_INPUT_STATUS)"
 
-    def _is_foreign(self, told: ManualInput) -> bool:
+    def _is_other_station(self, told: ManualInput) -> bool:
         packer = self._session.port.packer
         return told.station[0] != 0 and told.station != (packer.system, packer.component)
 
@@ -127,7 +127,7 @@ class OtherStations:
         if told is None or told == self.steering:
             return
         self.steering = told
-        if self._is_foreign(told):
+        if self._is_other_station(told):
             self._session.notes.append(
                 f"the vehicle reports that {self._called(*told.station)} steers it (MANUAL_INPUT_STATUS). Release the "
                 "joystick there"
@@ -156,7 +156,7 @@ class OtherStations:
             self._session.notes.append(f"the vehicle reports that {who} in control of it now (CONTROL_STATUS)")
 
     def _on_asked_for_control(self, message: Message) -> None:
-        """The vehicle passes another station's wish for control on to the one that has it."""
+        """Record another station's request for control, which the vehicle forwards to the station in control."""
         if int(message.command) == REQUEST_OPERATOR_CONTROL and message.target_system == self._session.port.system:
             self._session.notes.append(
                 f"{self._called_system(int(message.param4))} requests control of the vehicle; nothing was released"
@@ -176,14 +176,14 @@ class OtherStations:
 
     @property
     def at_work(self) -> str:
-        """The station on which a run of gcs-autotune was going on lately, in words; empty where none is known."""
+        """The station that recently ran gcs-autotune, in words; empty if none is known."""
         ids = self._at_work
         if ids is None or self._session.clock.now() - self._heard[ids] >= _RECENT:
             return ""
         return self._called(*ids)
 
     def has_ordered(self, kinds: Collection[str], since: float) -> bool:
-        """Whether anybody was heard to order any of *kinds* since link time *since* [s]."""
+        """Return whether an order of any of *kinds* was received from others since link time *since* [s]."""
         return bool(self._ordered(kinds, since))
 
     def _ordered(self, kinds: Collection[str], since: float, name: str = "") -> list[Order]:
@@ -193,7 +193,7 @@ class OtherStations:
         kind = self.stations.get((system, component), "")
         return f"{kind or 'station'} (system {system}, component {component})"
 
-    def _on_foreign(self, frame: Frame) -> None:
+    def _on_other_station(self, frame: Frame) -> None:
         if frame.name in ("RADIO_STATUS", "RADIO"):
             self._on_radio(frame.message)
             return
@@ -211,7 +211,7 @@ class OtherStations:
             self._take(*ids, _spelled(frame.name, frame.message), str(getattr(frame.message, "param_id", "")))
 
     def _on_radio(self, m: Message) -> None:
-        """A radio injects these in its own name; signal and noise are its own units, 255 unknown."""
+        """Record RADIO_STATUS, sent with the radio's own id; signal and noise in its own units, 255 unknown."""
         self.radio = (
             f"signal {m.rssi} over noise {m.noise} here, {m.remrssi} over {m.remnoise} on board, {m.txbuf} % of its "
             f"buffer free, {m.rxerrors} packets damaged"
@@ -223,7 +223,7 @@ class OtherStations:
         return vehicle is not None and target in (0, vehicle.system)
 
     def _on_acknowledgement(self, ack: Message) -> None:
-        """The vehicle tells everybody on the link whom it has obeyed."""
+        """Record whose order the vehicle acknowledges; it sends this to all stations."""
         system = int(getattr(ack, "target_system", 0))
         if system not in (0, self._session.port.system) and ack.result == mavlink.MAV_RESULT_ACCEPTED:
             component = self._component(system, int(getattr(ack, "target_component", 0)))
@@ -232,7 +232,7 @@ class OtherStations:
             self._take(system, component, _command_name(int(ack.command)))
 
     def _component(self, system: int, told: int) -> int:
-        """Return the component told, or, where the vehicle names none, the one of that system that was heard."""
+        """Return the component reported, or the known one of that system if the vehicle reports none."""
         known = [component for of, component in self.stations if of == system]
         return known[0] if told == 0 and len(known) == 1 else told
 

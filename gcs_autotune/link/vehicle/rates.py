@@ -1,4 +1,4 @@
-"""Asking for message rates, and measuring what really comes.
+"""Request message rates and measure the actual ones.
 
 ArduPilot denies what its loop cannot send and keeps the old rate; radios have room for a few kilobytes a second and
 lose the rest. So a request is halved until it is granted, the result is measured on the vehicle's own clock, fitted to
@@ -25,20 +25,20 @@ from gcs_autotune.mavlink import Message, mavlink, message_number
 __all__ = ["Granted", "Rates"]
 
 _SLOWEST = 1.0
-"""Hz below which halving gives up."""
+"""Rate at which halving stops [Hz]."""
 _SHORT = 0.8
-"""Chosen: a message that comes at less than this share of what was granted is being lost or held back."""
+"""Share of the granted rate below which a message is lost or delayed. Chosen."""
 _ROUNDS = 3
-"""Chosen: fittings before what is there has to do."""
+"""Most rounds of fitting. Chosen."""
 _OFF = -1
 _ROUNDING = 1e-3
 _ASKED = 2
-"""Chosen: times that a message is asked for by name before it is held not to exist aboard."""
+"""Requests by name after which a message counts as not available. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Granted:
-    """One request: rates [Hz] asked and granted (0: refused), and the interval [us] before (0: default)."""
+    """One request: rates [Hz] requested and granted (0: rejected), and the previous interval [us] (0: default)."""
 
     asked: float
     granted: float
@@ -46,11 +46,11 @@ class Granted:
 
 
 _COUNTED_AGAIN = 5
-"""Chosen: silences in a row after which the link is taken as it is."""
+"""Consecutive silences after which the link is used as it is. Chosen."""
 
 
 class Rates:
-    """The message rates of a session's vehicle.
+    """Message rates of the session's vehicle.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Rates:
         self._chatter: dict[str, float] = {}
 
     def request(self, wanted: Mapping[str, float]) -> dict[str, float]:
-        """Ask for messages at rates [Hz]; return what was granted, 0 for what the vehicle refuses altogether.
+        """Request messages at rates [Hz]; return what was granted, 0 for a rejection.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class Rates:
     def fit(
         self, needed: Mapping[str, float], loop_period: float = 0.0, latency: Latency | None = None
     ) -> dict[str, float]:
-        """Measure, and ask for less, in order of need, until the link carries what is asked for.
+        """Measure, and request less in order of need, until the link carries all requests.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Rates:
         return measured
 
     def quicken(self, wanted: Mapping[str, float], loop_period: float, latency: Latency) -> None:
-        """Ask for messages more often [Hz] where a link has room for all; take it back where it has none for that.
+        """Request higher rates [Hz] if the link has room for all; undo that if it has not.
 
         loop_period, latency : as in :meth:`fit`.
         """
@@ -168,7 +168,7 @@ class Rates:
             self.measure({})
 
     def _once_more(self, floors: Mapping[str, float], latency: Latency | None) -> dict[str, float]:
-        """Measure what is flown with."""
+        """Measure the final rates."""
         begun = self._session.clock.now()
         measured = self.measure({})
         if self._is_holding_back(measured, floors, latency, begun):
@@ -183,7 +183,8 @@ class Rates:
     def _is_holding_back(
         self, measured: Mapping[str, float], floors: Mapping[str, float], latency: Latency | None, begun: float
     ) -> bool:
-        """Whether messages wait on the way, or one that exists found no room: asked for, or given room, it comes."""
+        """Return whether messages are queued, or an existing one found no room: it arrives when requested, or given
+        room."""
         if latency is not None and is_queueing(latency, begun):
             return True
         missing = [n for n, g in self.granted.items() if g.granted > 0.0 and measured.get(n) == 0.0]
@@ -203,7 +204,7 @@ class Rates:
         return bool(came)
 
     def _comes_given_room(self, missing: Collection[str], floors: Mapping[str, float]) -> bool:
-        """Ask while what takes most room comes no faster than it must: what is crowded out by it comes then."""
+        """Reduce the largest messages to their minimum and return whether a crowded-out one now arrives."""
         demands = {d.name: d for d in self._demands(floors) if d.name not in missing}
         spare = {name: (d.rate - d.floor) * d.size for name, d in demands.items()} | self._chatter
         crowding = max(spare, key=lambda name: spare[name], default="")
@@ -227,7 +228,7 @@ class Rates:
         return came
 
     def _is_full(self, measured: Mapping[str, float], loop_period: float) -> bool:
-        """Whether something comes, but less often than granted."""
+        """Return whether a message arrives, but at less than the granted rate."""
         return any(
             0.0 < measured[n] < _SHORT * _at_loops(g.granted, loop_period)
             for n, g in self.granted.items()
@@ -274,7 +275,7 @@ class Rates:
         self._commands.command_long(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_number(name)), float(interval))
 
     def _previous_interval(self, name: str) -> int:
-        """Return the interval [us] in force; 0, which means the default, when the vehicle does not tell."""
+        """Return the interval [us] in force; 0 (default) if the vehicle does not report it."""
         number = message_number(name)
         answers: list[Message] = []
         stop = self._session.listen("MESSAGE_INTERVAL", lambda m: answers.append(m) if m.message_id == number else None)
@@ -306,7 +307,7 @@ class Rates:
         return rates
 
     def _count(self, duration: float, required: Mapping[str, float]) -> dict[str, float]:
-        """Count once more where a silence fell into it that is waited out: it tells nothing about rates."""
+        """Count again if a tolerated silence occurred during the count."""
         for _ in range(_COUNTED_AGAIN):
             begun = self._session.liveness.listened
             found = self._count_once(duration, required)
@@ -353,12 +354,12 @@ class Rates:
             raise TelemetryFault(f"telemetry is too slow: {', '.join(slow)}{room}. {FASTER}")
 
     def _name_loss(self, error: AutotuneError | None = None) -> None:
-        """Raise ``TelemetryFault`` where what looks like too slow a link is one that loses messages."""
+        """Raise ``TelemetryFault`` if the link loses messages rather than being too slow."""
         if lossy := self._session.lossy():
             raise TelemetryFault(f"{lossy}. Nothing was armed") from error
 
     def restore(self) -> None:
-        """Put every interval back as it was. The operator has to wait; what fails is noted, not raised."""
+        """Restore every interval. The operator cannot interrupt; a failure is noted, not raised."""
         with self._session.operator.shielded():
             for name, request in reversed(list(self.granted.items())):
                 try:

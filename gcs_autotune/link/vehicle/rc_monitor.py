@@ -1,4 +1,4 @@
-"""The vehicle's RC input as it shows it, against what we send: are we obeyed, and is anybody else steering?
+"""Compare the vehicle's RC input with what we send: does it obey us, and does another station steer?
 
 RC_CHANNELS shows the overrides in force on channels that are overridden and the receiver's sticks on the others. So
 a driven channel that shows what nobody here has sent is another station's stick. Another channel that moves is a stick
@@ -16,13 +16,13 @@ from gcs_autotune.mavlink import Message
 __all__ = ["RcMonitor"]
 
 _WATCHED = 8
-"""Channels looked at: those a transmitter's sticks and main switches are on."""
+"""Channels monitored: those of a transmitter's sticks and main switches."""
 _SAME = 2
-"""Microseconds: what rounding may change."""
+"""Rounding error of a pulse [us]."""
 _MOVED = 100
-"""Chosen [us]: a deliberate movement of a stick or switch; receivers jitter by a tenth of that."""
+"""Deliberate movement of a stick or switch [us]; receivers jitter by a tenth of that. Chosen."""
 _NO_PULSE = 800
-"""Microseconds below which a channel carries nothing."""
+"""Pulse length below which a channel carries no signal [us]."""
 _JUDGED, _TOO_MANY = 12, 3
 """Chosen: that many of the last messages must disagree; one or two may have crossed our commands on the way. Another
 joystick is seen only in the gaps between our overrides: in step with them, in one message of three."""
@@ -30,9 +30,9 @@ _MEMORY = 1.0
 """Chosen [s of listening: when this machine stalls, nothing is held against the vehicle]: what was sent so long ago may
 still be on its way, beside what the link is known to take."""
 _HISTORY = 8.0
-"""Chosen [s]: a command of ours that shows after so long is taken for nobody's."""
+"""A command of ours that shows up after this time is no longer recognised [s]. Chosen."""
 _PATIENCE = 3.0
-"""Chosen [s]: after that long without having been obeyed once, we are deaf."""
+"""Time without effect after which the vehicle ignores us [s]. Chosen."""
 
 
 class RcMonitor:
@@ -64,7 +64,7 @@ class RcMonitor:
         session.listen("RC_CHANNELS", self._on_rc_channels)
 
     def sent(self, values: Mapping[int, int], slack: float = 0.0) -> None:
-        """Take note of an override sent now: channel -> PWM [us], and of the link's *slack* [s], there and back."""
+        """Record an override sent now: channel -> PWM [us]; *slack*: round trip of the link [s]."""
         now = self._session.liveness.listened
         self.memory = _MEMORY + slack
         if not self._sent:
@@ -79,7 +79,7 @@ class RcMonitor:
             self._sent.popleft()
 
     def forget(self) -> None:
-        """We are not commanding any more."""
+        """End of our commands."""
         self._sent.clear()
         self._history.clear()
         self._verdicts.clear()
@@ -88,7 +88,7 @@ class RcMonitor:
         self._moved, self.obeyed = None, False
 
     def show(self, values: Mapping[int, int]) -> bool:
-        """Whether the last RC_CHANNELS shows these values [us]."""
+        """Return whether the last RC_CHANNELS shows these values [us]."""
         return bool(self.shown) and all(abs(self.shown[n] - pwm) <= _SAME for n, pwm in values.items())
 
     @property
@@ -101,7 +101,7 @@ class RcMonitor:
 
     @property
     def departed(self) -> tuple[int, int, int] | None:
-        """(channel, PWM [us] we sent, PWM shown) when the vehicle keeps showing what we did not send."""
+        """(channel, PWM [us] sent, PWM shown) if the vehicle keeps showing other values than ours."""
         if not self._sent:
             return None
         wrong = [v for v in self._verdicts if v is not None]
@@ -112,7 +112,7 @@ class RcMonitor:
         return channel, self._driven[channel], shown
 
     def was_sent(self, channel: int, pwm: int) -> bool:
-        """Whether *pwm* [us] on *channel* is something we sent a while ago: then it may have come late."""
+        """Return whether we sent *pwm* [us] on *channel* some time ago, so that it may be late."""
         return any(abs(values.get(channel, 0) - pwm) <= _SAME for _, values in self._history)
 
     def _on_rc_channels(self, m: Message) -> None:
@@ -121,7 +121,7 @@ class RcMonitor:
         self.count += 1
         if self._sent:
             self._judge()
-            self._look_for_a_hand()
+            self._check_rc_sticks()
 
     def _judge(self) -> None:
         verdict = next(
@@ -135,7 +135,7 @@ class RcMonitor:
         self.obeyed = self.obeyed or verdict is None
         self._verdicts.append(verdict)
 
-    def _look_for_a_hand(self) -> None:
+    def _check_rc_sticks(self) -> None:
         for channel in range(1, _WATCHED + 1):
             pwm = self.shown[channel]
             if channel in self._driven or pwm < _NO_PULSE:

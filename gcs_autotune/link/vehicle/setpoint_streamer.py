@@ -1,4 +1,4 @@
-"""Overrides and set-points out: what is commanded stays commanded, 25 times a second, until somebody lets go."""
+"""Send overrides and set-points, repeated 25 times a second until released."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _YAW_RATE_ONLY = 0b10000011
 _ONLY_Z = 0b110111111011
 """POSITION_TARGET_TYPEMASK: ignore all but z (the force bit says acceleration, which is ignored)."""
 _HALF = 0.5
-"""Thrust that means "neither up nor down" to ArduSub, should it look."""
+"""Thrust that means "neither up nor down" to ArduSub, if it reads this field."""
 
 
 def _quaternion(psi: float) -> list[float]:
@@ -43,7 +43,7 @@ def _share(speed: float, full_speed: float) -> float:
 
 
 def turn_rate_target(ids: tuple[int, int], target: TurnRateTarget, full_speed: float) -> Message:
-    """Return what asks a Rover in GUIDED for a turn rate and a speed."""
+    """Return the message that commands a Rover in GUIDED to a turn rate and a speed."""
     thrust = _share(target.speed, full_speed)
     nothing = _quaternion(0.0)
     return mavlink.MAVLink_set_attitude_target_message(0, *ids, _YAW_RATE_ONLY, nothing, 0.0, 0.0, target.r, thrust)
@@ -63,7 +63,7 @@ ATTITUDE_TARGETS: Mapping[str, Callable[[tuple[int, int], HeadingTarget, float],
     "boat": _boat,
     "rov": _rov,
 }
-"""Kind of vehicle (``Firmware.kind``) -> how a heading is asked of it."""
+"""Kind of vehicle (``Firmware.kind``) -> how a heading is commanded."""
 
 
 def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
@@ -77,15 +77,15 @@ def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
     )
 
 
-_WORTH_KEEPING = 0.02
-"""Seconds: shorter ones never matter."""
+_LEAST_KEPT = 0.02
+"""Shorter pauses are ignored [s]."""
 _KEPT = 200
 _TELLING = 1.0
-"""Seconds of sending after which the pace of the vehicle's time can be told."""
+"""Seconds of sending after which the pace of the vehicle's time is known."""
 
 
 class SendRate:
-    """Counts what is sent while it should be, on the link's clock.
+    """Measures how regularly commands are sent, on the link's clock.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class SendRate:
         return max((pause for end, pause in self._pauses if end >= t), default=0.0)
 
     def count(self, vehicle_time: float = math.nan) -> None:
-        """One is sent now; the vehicle's last stamp says *vehicle_time* [s]."""
+        """Count a command sent now; *vehicle_time* [s]: the vehicle's last stamp."""
         now = self._clock.now()
         self._keep_pace(now, vehicle_time)
         if not math.isnan(self._last):
@@ -122,7 +122,7 @@ class SendRate:
             self._count += 1
             self._time += pause
             self.longest = max(pause, self.longest) if not math.isnan(self.longest) else pause
-            if pause > _WORTH_KEEPING:
+            if pause > _LEAST_KEPT:
                 self._pauses.append((now, pause))
         self._last = now
 
@@ -134,26 +134,27 @@ class SendRate:
             self.pace = (vehicle_time - then) / (now - begun)
 
     def suspend(self) -> None:
-        """For a while nothing is to be sent."""
+        """Stop counting until the next command."""
         self._last = math.nan
 
 
 _NARROW_REFRESH = 0.1
-"""Chosen: seconds of link time after which the active command is repeated where there is no room for more."""
+"""Repeat period of the active command on a narrow link [s of link time]. Chosen."""
 _STALE = 0.15
-"""Chosen: the same in vehicle time; above one control period, so that a command per tick is not doubled."""
+"""Repeat period in vehicle time [s]; above one control period, so that a command per tick is not doubled. Chosen."""
 _SYNC_PERIOD = 1.0
-"""Seconds between two TIMESYNCs."""
+"""Seconds between two TIMESYNC requests."""
 _CROWD = 3
-"""An override and a target together take less than three overrides (30 and at most 53 bytes, unsigned)."""
+"""Overrides per override and target: together they take less than three overrides (30 and at most 53 bytes, unsigned).
+"""
 _REPEATS = 5
-"""Releases sent at once: losing five in a row is rare even where every second one is lost."""
+"""Releases sent at once: losing five in a row is rare even if every second one is lost."""
 FOLLOW_TIMEOUT = 3.0
-"""Chosen [s]: longer than any healthy link takes, shorter than an operator's patience."""
+"""Longest wait for an effect [s]. Chosen: longer than on any healthy link, shorter than an operator's patience."""
 
 
 class SetpointStreamer:
-    """Sends overrides and targets, keeps them in force, and hands the sticks back.
+    """Sends overrides and targets, repeats them, and returns the sticks.
 
     Attributes
     ----------
@@ -197,19 +198,19 @@ class SetpointStreamer:
         session.listen("SERVO_OUTPUT_RAW", lambda _: latency.moved(telemetry.output_since, telemetry.outputs))
 
     def spare_the_link(self) -> None:
-        """Send ten overrides a second instead of twenty-five: there is no room for more."""
+        """Send ten overrides a second instead of twenty-five, on a link without room for more."""
         self._task.period, self._sparing = _NARROW_REFRESH, True
 
     def crowd(self) -> None:
-        """From now on send every override as often as to fill what overrides and targets together will take."""
+        """Send each override as often as overrides and targets together will take, for a rehearsal."""
         self._copies = _CROWD
 
     def thin_out(self) -> None:
-        """End that."""
+        """End the rehearsal."""
         self._copies = 1
 
     def command(self, command: Command) -> None:
-        """Put *command* on the wire and keep it in force; on a link to be spared not again when just sent."""
+        """Send *command* and keep it in force; on a narrow link not again if just sent."""
         if self._sparing and command == self.active and self.clock.now() - self._sent < 0.5 * _NARROW_REFRESH:
             return
         self.active = command
@@ -219,14 +220,14 @@ class SetpointStreamer:
         self._transmit(command)
 
     def rest(self) -> None:
-        """Neutral, repeatedly: the first may be lost."""
+        """Send neutral repeatedly: the first message may be lost."""
         self._latency.forget()
         self.active = Actuate()
         for _ in range(_REPEATS):
             self._transmit(self.active)
 
     def probe_override(self) -> bool:
-        """Stream overrides that are as good as neutral until RC_CHANNELS shows them; return whether it did."""
+        """Send nearly neutral overrides until RC_CHANNELS shows them; return whether it did."""
         self._probing, self.active = True, Actuate()
         try:
             self._transmit(self.active)
@@ -236,7 +237,7 @@ class SetpointStreamer:
 
     @property
     def shows_probe(self) -> bool:
-        """Whether RC_CHANNELS shows what :meth:`probe_override` sends."""
+        """Whether RC_CHANNELS shows the values of :meth:`probe_override`."""
         return self._rc_monitor.show(self._overrides.probe)
 
     @property
@@ -246,14 +247,14 @@ class SetpointStreamer:
 
     @property
     def differing(self) -> str:
-        """Channels that do not show what :meth:`probe_override` sends, in words."""
+        """Channels that do not show the values of :meth:`probe_override`, in words."""
         shown = self._rc_monitor.shown
         return ", ".join(
             f"channel {n} {shown.get(n, 0)} us for {pwm}" for n, pwm in self._overrides.probe.items() if pwm != shown[n]
         )
 
     def let_go(self) -> None:
-        """Hand the sticks back to the RC receiver, if there is one."""
+        """Return the sticks to the RC receiver, if there is one."""
         self.active = None
         self._rc_monitor.forget()
         self._latency.forget()
@@ -262,16 +263,16 @@ class SetpointStreamer:
             self._release()
 
     def let_go_visibly(self) -> bool:
-        """Let go, and see by RC_CHANNELS that the sticks are the receiver's again; return whether they are.
+        """Return the sticks and verify by RC_CHANNELS that the receiver has them; return whether it has.
 
-        Without a receiver there is nothing to see: the vehicle keeps the last value, which is neutral.
+        Without a receiver RC_CHANNELS shows nothing: the vehicle keeps the last value, which is neutral.
         """
         marked = bool(self._rc_monitor.has_receiver) and self.probe_override()
         self.let_go()
         return not marked or self._session.wait_for(self._is_released, FOLLOW_TIMEOUT) is not None
 
     def _is_released(self) -> bool | None:
-        """Whether the probe values are gone; if not, the releases may have been lost."""
+        """Return whether the probe values are gone; if not, the releases may have been lost."""
         if not self.shows_probe:
             return True
         self._release()
@@ -285,7 +286,7 @@ class SetpointStreamer:
             self._transmit(self.active)
 
     def _refresh_in_vehicle_time(self) -> None:
-        """A simulator that runs ahead of the wall clock lets overrides expire by its own time."""
+        """Repeat in vehicle time: in a simulator faster than real time overrides expire by its own clock."""
         if self._telemetry.t - self._sent_t > _STALE:
             self._refresh()
 
@@ -298,7 +299,7 @@ class SetpointStreamer:
         return self._overrides.values(command if isinstance(command, Actuate) else Actuate())
 
     def _transmit(self, command: Command) -> None:
-        """Send the command; targets go with neutral overrides, which tell the failsafes that we are there."""
+        """Send the command; targets are sent with neutral overrides, which prevent failsafes."""
         self._task.postpone()
         self.send_rate.count(self._telemetry.t)
         self._sent, self._sent_t = self.clock.now(), self._telemetry.t

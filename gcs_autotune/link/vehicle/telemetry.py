@@ -1,7 +1,6 @@
-"""MAVLink telemetry to SI signals with the vehicle's own stamps. Degrees, centimetres and PWM end here.
+"""Convert MAVLink telemetry to SI signals with the vehicle's own stamps.
 
-Every sample goes into the trial that is being recorded as it came, nothing resampled; at the next control tick
-everything known of the craft is one observation.
+Every sample goes into the current trial unresampled; at the next control tick the latest values form one observation.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ from gcs_autotune.trial import Channel, Mark, Trial
 __all__ = ["UNITS", "Recorder", "Telemetry", "await_tick", "observation"]
 
 UNITS: Mapping[str, str] = {
-    **{name: unit for name, (unit, _) in SIGNALS.items()},
+    **{name: signal.unit for name, signal in SIGNALS.items()},
     **dict.fromkeys("XYZKMN", "1"),
     "battery": "V",
     "battery_remaining": "1",
     "pressure": "Pa",
 }
-"""Channel -> unit. Forces are fractions of full actuator output here."""
+"""Channel -> unit. Forces are fractions of full actuator output."""
 
 
 class Recorder:
-    """Takes samples while a trial runs, and drops them otherwise."""
+    """Stores samples while a trial runs, and drops them otherwise."""
 
     def __init__(self) -> None:
         self._name: str | None = None
@@ -44,12 +43,12 @@ class Recorder:
         self.late = 0
 
     def start(self, name: str) -> None:
-        """Begin a new trial; what an unfinished one held is dropped."""
+        """Begin a new trial and drop an unfinished one."""
         self._name = name
         self._samples, self._marks, self.late = {}, [], 0
 
     def take(self, t: float, values: Mapping[str, float]) -> None:
-        """Add samples stamped *t* [s]; one older than the last of its channel is counted as late and left out."""
+        """Add samples stamped *t* [s]; one older than the last of its channel counts as late and is dropped."""
         if self._name is None:
             return
         for name, value in values.items():
@@ -66,7 +65,7 @@ class Recorder:
             self._marks.append(mark)
 
     def so_far(self, ending: str, reason: str, meta: Mapping[str, Any]) -> Trial:
-        """Return the trial as far as it has come; an empty one when none is running."""
+        """Return the trial so far; an empty one if none is running."""
         channels = {
             name: Channel(name, UNITS.get(name, "1"), np.array(times), np.array(column))
             for name, (times, column) in self._samples.items()
@@ -82,14 +81,14 @@ class Recorder:
 
 
 _SAME_MOMENT = 0.005
-"""Chosen: seconds between two messages that tell of one estimate."""
+"""Largest difference of stamps of two messages from one estimate [s]. Chosen."""
 _BETWEEN = 1.0
-"""Chosen: seconds over which a depth is interpolated."""
+"""Longest interval over which a depth is interpolated [s]. Chosen."""
 _PREFER_LOCAL = 2.0
-"""Chosen: seconds that GLOBAL_POSITION_INT waits for LOCAL_POSITION_NED before it becomes the position."""
+"""Seconds without LOCAL_POSITION_NED after which GLOBAL_POSITION_INT is the position. Chosen."""
 _UNKNOWN_VOLTAGE = 65535
 _LONGEST_GAP = 0.5
-"""Chosen [s]: after a longer silence of the outputs their change is dated by its own message."""
+"""After a longer silence of the outputs a change is dated by its own message [s]. Chosen."""
 
 
 class Telemetry:
@@ -151,7 +150,7 @@ class Telemetry:
             "SYS_STATUS": self._sys_status,
             "NAMED_VALUE_FLOAT": self._named_value,
             "DISTANCE_SENSOR": self._distance,
-            "SYSTEM_TIME": lambda m: self.watchdog.see_boot_time(m.time_boot_ms * 1e-3),
+            "SYSTEM_TIME": lambda m: self.watchdog.check_boot_time(m.time_boot_ms * 1e-3),
         }
 
     @property
@@ -160,7 +159,7 @@ class Telemetry:
         return self._clock.now
 
     def value(self, name: str) -> float:
-        """Return the latest value of a signal, NaN when there is none."""
+        """Return the latest value of a signal, or NaN."""
         return self.latest.get(name, math.nan)
 
     def _take(self, t: float, values: Mapping[str, float]) -> None:
@@ -169,10 +168,10 @@ class Telemetry:
 
     def _attitude(self, m: Message) -> None:
         t = self._clock.from_ms(m.time_boot_ms)
-        if not self.watchdog.see_stamp(t):
+        if not self.watchdog.check_stamp(t):
             return
         attitude = (m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed)
-        self.watchdog.see_attitude(t, attitude)
+        self.watchdog.check_attitude(t, attitude)
         if not math.isfinite(m.yaw):
             return
         self.t = t
@@ -196,7 +195,7 @@ class Telemetry:
             m.servo8_raw,
         )
         forces = self._servos.forces(pwms)
-        self.watchdog.see_outputs(t, forces)
+        self.watchdog.note_outputs(t, forces)
         self._record_outputs(t, forces)
         self.outputs, self.output_t = forces, t
         self.output_ticks += 1
@@ -241,7 +240,7 @@ class Telemetry:
             self._take(t, {"x": x, "y": y, **self._velocity(t, m.vx * 1e-2, m.vy * 1e-2)})
 
     def _compare_depths(self, earlier: tuple[float, float], later: tuple[float, float]) -> None:
-        """Take the depth below home and, between two of them (time, z), the one below the estimator's origin then.
+        """Compare the depth below home with the depth below the estimator's origin, interpolated to the same time.
 
         ArduPilot sends the global message before the local one of the same moment; a router may stagger them.
         """
@@ -264,7 +263,7 @@ class Telemetry:
         return flat(lat_deg, lon_deg, self._origin)
 
     def _velocity(self, t: float, north: float, east: float) -> dict[str, float]:
-        """Turn velocity over ground [m/s] into the body frame, with the heading carried forward to *t*."""
+        """Return velocity over ground [m/s] in the body frame, with the heading extrapolated to *t*."""
         if not (math.isfinite(north) and math.isfinite(east)):
             return {"U": math.nan, "u": math.nan, "v": math.nan}
         psi = self.value("psi")
@@ -288,7 +287,7 @@ class Telemetry:
             self.latest["pilot_gain"] = m.value
 
     def _distance(self, m: Message) -> None:
-        """Take the distance ahead; beyond the sensor's reach there is none."""
+        """Record the distance ahead; NaN beyond the sensor's range."""
         if m.orientation != 0:
             return
         known = m.min_distance <= m.current_distance <= m.max_distance
@@ -308,7 +307,7 @@ class Telemetry:
 
 
 def _prearm_ok(m: Message) -> float:
-    """Return 1 when the pre-arm checks pass, 0 when they do not, NaN when the vehicle does not tell."""
+    """Return 1 if the pre-arm checks pass, 0 if they fail, NaN if unknown."""
     bit = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
     if not m.onboard_control_sensors_enabled & bit:
         return math.nan
@@ -316,13 +315,13 @@ def _prearm_ok(m: Message) -> float:
 
 
 _OLD = 3.0
-"""Chosen [s]: a distance that has not come for so long is none."""
+"""A distance older than this is invalid [s]. Chosen."""
 _TICK_TIMEOUT = 3.0
 _MISSED = 1.0
-"""Chosen [s]: so long after the last attitude the vehicle is asked for its time since boot."""
+"""Time after the last attitude at which the vehicle's time since boot is requested [s]. Chosen."""
 _SYSTEM_TIME = message_number("SYSTEM_TIME")
-_UNHEARD = 2.0
-"""Chosen: seconds without a word, two heartbeats, after which missing attitudes are the link's fault."""
+_SILENT_AFTER = 2.0
+"""Seconds without any message, two heartbeats, after which missing attitudes are the link's fault. Chosen."""
 
 
 def await_tick(session: Session, telemetry: Telemetry) -> None:
@@ -342,21 +341,20 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
         if session.liveness.listened - begun > _MISSED and not asked:  # a restart ends what was asked to be sent
             asked = True
             session.request_message(_SYSTEM_TIME)
-        if session.bears_silence:
+        if session.tolerates_silence:
             begun = session.liveness.listened
         if session.liveness.listened - begun > _TICK_TIMEOUT:
-            session.check_heard(_UNHEARD)
+            session.check_contact(_SILENT_AFTER)
             raise TelemetryFault(
                 f"no usable ATTITUDE for {_TICK_TIMEOUT:g} s, although the vehicle sends messages. Check whether "
-                f"another "
-                "ground station changes the stream rates"
+                "another ground station changes the stream rates"
             )
         session.pump()
     telemetry.watchdog.check()
 
 
 def observation(session: Session, telemetry: Telemetry, mode: str) -> Observation:
-    """Return what is known now of a craft in *mode*."""
+    """Return all known values of a craft in *mode*."""
     value = telemetry.value
     return Observation(
         t=telemetry.t,

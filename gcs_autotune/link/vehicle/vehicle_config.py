@@ -22,18 +22,18 @@ _IGNORE = 65535
 _RELEASE = 0
 _CHANNELS = 8
 _SMALLEST = 1e-3
-"""Chosen: fractions below this are neutral; half a microsecond of 500."""
+"""Fractions below this are neutral; half a microsecond of 500. Chosen."""
 _PROBE = 8
 """Chosen [us]: seen in RC_CHANNELS, felt by nobody: inside a dead zone where there is one, else 2 % of a thruster that
 has its own; a receiver's trim is not likely to be off by just that on every channel."""
 _LONGEST_EXPIRY = 10.0
-"""Chosen [s]: a vehicle that obeys its last override for longer than this after the link broke is not flown."""
+"""A vehicle that keeps the last override longer than this after a link loss is not flown [s]. Chosen."""
 _IGNORE_OVERRIDES = 2
 """RC_OPTIONS bit 1."""
 _ENFORCE_SYSTEM = 1
 """MAV_OPTIONS bit 0."""
 _OVERRIDE_SWITCH = 46
-"""RCn_OPTION: a switch that turns overrides off."""
+"""RCn_OPTION: a switch that disables overrides."""
 _RC_OPTION_CHANNELS = range(1, 17)
 
 
@@ -48,7 +48,7 @@ class RcChannel:
     sign: float = 1.0
 
     def pwm(self, fraction: float) -> int:
-        """Return the PWM [us] that the autopilot turns into *fraction* (-1..1, clipped)."""
+        """Return the PWM [us] for *fraction* (-1..1, clipped)."""
         wanted = self.sign * max(-1.0, min(1.0, fraction))
         if abs(wanted) < _SMALLEST:
             return round(self.trim)
@@ -72,21 +72,21 @@ class OverrideMap:
 
     @property
     def probe(self) -> dict[int, int]:
-        """Channel -> PWM [us] of an override that is as good as neutral, and yet known for ours when seen again."""
+        """Channel -> PWM [us] of a nearly neutral but recognisable override."""
         return {n: pwm + _PROBE for n, pwm in self.values(Actuate()).items()}
 
     def message(self, values: Mapping[int, int], system: int, component: int) -> Message:
-        """Return the override that sets *values* (channel -> PWM [us]); the other channels are left alone."""
+        """Return the override that sets *values* (channel -> PWM [us]); other channels are unchanged."""
         fields = [values.get(n, _IGNORE) for n in range(1, _CHANNELS + 1)]
         return mavlink.MAVLink_rc_channels_override_message(system, component, *fields)
 
     def release(self, system: int, component: int) -> Message:
-        """Return the override that hands the channels that we drive back to the RC receiver."""
+        """Return the override that returns our channels to the RC receiver."""
         return self.message(dict.fromkeys(self.values(Actuate()), _RELEASE), system, component)
 
 
 def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap:
-    """Ask the vehicle how it scales its RC inputs and return the map.
+    """Read how the vehicle scales its RC inputs and return the map.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
 
 
 def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool) -> float:
-    """Return the neutral PWM [us] of a stick that counts from its trim, at its low end, to its high end."""
+    """Return the neutral PWM [us] of a stick whose trim is at its low end."""
     if trim != low or is_reversed:
         turned = f", RC{number}_REVERSED 0" if is_reversed else ""
         raise PreconditionFailed(
@@ -135,7 +135,7 @@ def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool
 
 
 def _channel(values: Mapping[str, float], firmware: Firmware, force: str) -> int:
-    """Return the RC channel of *force*: as mapped aboard, else the firmware's own."""
+    """Return the RC channel of *force*: as mapped on the vehicle, else the firmware's default."""
     name = firmware.rc_map.get(force, "")
     number = int(values.get(name, firmware.channels[force]))
     if not 1 <= number <= _CHANNELS:
@@ -160,7 +160,7 @@ def _check_expiry(expiry: float | None) -> None:
 
 
 def why_deaf(parameters: Parameters, firmware: Firmware, source_system: int) -> str:
-    """Ask the vehicle why it may not take our overrides; return the likely cause and its cure in one sentence."""
+    """Return the likely cause why the vehicle ignores our overrides, and the remedy, in one sentence."""
     switches = [f"RC{n}_OPTION" for n in _RC_OPTION_CHANNELS]
     names = [*firmware.gcs_id_parameters, "MAV_GCS_SYSID_HI", "MAV_OPTIONS", "RC_OPTIONS", "RC_OVERRIDE_TIME"]
     values = parameters.read_existing([*names, *switches])
@@ -200,7 +200,7 @@ class RateStick:
     usual_gain: float = _USUAL_GAIN
 
     def deflection(self, rate: float, gain: float) -> float:
-        """Return the stick [-1, 1] that asks for *rate* [rad/s] at joystick *gain* (NaN when not told)."""
+        """Return the stick [-1, 1] that commands *rate* [rad/s] at joystick *gain* (NaN: unknown)."""
         if rate == 0.0:
             return 0.0
         dead = self.dead_zone * (gain if math.isfinite(gain) else self.usual_gain)
@@ -209,7 +209,7 @@ class RateStick:
 
 
 def read_rate_stick(parameters: Parameters, firmware: Firmware) -> RateStick | None:
-    """Ask the vehicle what its yaw stick means; None for one that takes turn rates as targets."""
+    """Read the scaling of the yaw stick; None for a vehicle that takes turn rates as targets."""
     if not firmware.turns_by_stick:
         return None
     known = parameters.read_existing(_NAMES)

@@ -1,7 +1,7 @@
-"""Is the telemetry to be believed? NaN, frozen attitude, standing or jumping clock; and its stamps made continuous.
+"""Check telemetry for NaN, a frozen attitude, a stopped or jumping clock, and make its stamps continuous.
 
-A fault is remembered, not raised where it is seen: clean-up still has to talk to the vehicle. The craft
-raises it at the next observation.
+A fault is stored, not raised where it is detected: clean-up still has to communicate with the vehicle. The craft raises
+it at the next observation.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _WRAP_US = 2**32 * 1e-6
 
 
 def gyro_lag(cutoff: float) -> float:
-    """Return how late [s] turn rates come out of a gyro filter of *cutoff* [Hz] (INS_GYRO_FILTER); 0 for no filter.
+    """Return the delay [s] of turn rates by a gyro filter of *cutoff* [Hz] (INS_GYRO_FILTER); 0 without filter.
 
     The filter is a second-order Butterworth low-pass, ``w0^2 / (s^2 + sqrt(2) w0 s + w0^2)``: slow motion comes
     ``sqrt(2) / w0`` late, and at half the cutoff still only 8 % later than that.
@@ -43,7 +43,7 @@ class BootClock:
         return not math.isnan(self.now)
 
     def from_ms(self, time_boot_ms: int) -> float:
-        """Return the time [s] of a ``time_boot_ms``, and take it as the present when it is the latest."""
+        """Return the time [s] of a ``time_boot_ms``, and use it as the present if it is the latest."""
         t = self._near(time_boot_ms * 1e-3, _WRAP_MS)
         if not self.now >= t:
             self.now = t
@@ -77,22 +77,22 @@ class Unwrapper:
 
 
 _ACTING = 0.05
-"""Chosen: fraction of full output above which the craft must move, however little."""
+"""Fraction of full output above which the craft must move. Chosen."""
 _FROZEN_TURNING = 3.0
 _FROZEN = 10.0
-"""Chosen: seconds of bit-identical attitude while turning, or while anything works; real gyros never repeat."""
+"""Seconds of bit-identical attitude that prove a fault while turning or acting; real gyros never repeat. Chosen."""
 _STANDING = 2.0
 _JUMP = 5.0
 _SLACK = 1.5
-"""Chosen: after a silence the clock may have gone on by so much more than our own says; beyond that it has jumped."""
+"""By how much more than our clock the vehicle's may advance over a silence. Chosen; beyond it has jumped."""
 _LATE = 1.0
-"""Chosen: a stamp this much older is a datagram out of order; older still, the clock ran back."""
+"""A stamp older by up to this is a datagram out of order; older still, the clock jumped back [s]. Chosen."""
 _BOOT_SLACK = 2.0
-"""Chosen [s]: what the way of two stamps may differ by."""
+"""Difference of the delays of two stamps [s]. Chosen."""
 
 
 class Watchdog:
-    """Looks at every ATTITUDE and at the measured outputs.
+    """Checks every ATTITUDE and the measured outputs.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Watchdog:
         self._acting_since = math.nan
         self._turning_since = math.nan
         self._stamp = math.nan
-        self._stamp_heard = clock.now()
+        self._stamp_received = clock.now()
         self._first = (math.nan, math.nan)
         self._pace = 1.0
         self.stamps = 0
@@ -115,7 +115,7 @@ class Watchdog:
         self.fault: TelemetryFault | None = None
 
     def _keep_pace(self, t: float, now: float) -> None:
-        """A simulation may run ahead: note how many seconds of its time go by in one of ours."""
+        """Measure the pace of a simulation: seconds of its time per second of ours."""
         begun, heard = self._first
         if now - heard > _STANDING:
             self._pace = max((t - begun) / (now - heard), 1.0)
@@ -125,37 +125,37 @@ class Watchdog:
         if self.fault is not None:
             raise TelemetryFault(str(self.fault))
 
-    def see_stamp(self, t: float) -> bool:
-        """Judge the stamp [s] of an ATTITUDE; return whether the message is to be used."""
+    def check_stamp(self, t: float) -> bool:
+        """Check the stamp [s] of an ATTITUDE; return whether the message is usable."""
         before, now = self._stamp, self._clock.now()
         self.stamps += 1
         if math.isnan(before):
-            self._stamp, self._stamp_heard = t, now
+            self._stamp, self._stamp_received = t, now
             self._first = (t, now)
             return True
         if t > before:
-            if t - before > _JUMP + _SLACK * self._pace * (now - self._stamp_heard):
+            if t - before > _JUMP + _SLACK * self._pace * (now - self._stamp_received):
                 self._report(f"its clock jumped from {before:.1f} s to {t:.1f} s between two attitudes")
             self._keep_pace(t, now)
-            self._stamp, self._stamp_heard = t, now
+            self._stamp, self._stamp_received = t, now
             return True
         if before - t > _LATE:
             self._report_back(before, t)
-            self._stamp, self._stamp_heard = t, now
+            self._stamp, self._stamp_received = t, now
             return True
-        if now - self._stamp_heard > _STANDING:
+        if now - self._stamp_received > _STANDING:
             self._report(f"its clock stopped at {t:.2f} s while messages arrive")
         return False
 
-    def see_boot_time(self, t: float) -> None:
-        """Judge the time [s] since boot of a message that comes seldom: only whether the autopilot has restarted."""
+    def check_boot_time(self, t: float) -> None:
+        """Check the time [s] since boot of a rare message: only for a restart of the autopilot."""
         self.stamps += 1
         if self._stamp - t > _LATE and self._may_have_booted(t):
             self._report_back(self._stamp, t)
 
     def _may_have_booted(self, t: float) -> bool:
-        """Whether a boot *t* [s] ago would be later than the last stamp that was heard: else one came late."""
-        return t <= self._pace * (self._clock.now() - self._stamp_heard) + _BOOT_SLACK
+        """Return whether a boot *t* [s] ago is after the last received stamp; else the message was late."""
+        return t <= self._pace * (self._clock.now() - self._stamp_received) + _BOOT_SLACK
 
     def _report_back(self, before: float, t: float) -> None:
         if self.fault is None and self._may_have_booted(t):
@@ -166,8 +166,8 @@ class Watchdog:
             )
         self._report(f"its clock jumped back: timestamps went from {before:.1f} s to {t:.1f} s")
 
-    def see_attitude(self, t: float, attitude: Sequence[float]) -> None:
-        """Judge one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
+    def check_attitude(self, t: float, attitude: Sequence[float]) -> None:
+        """Check one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
         if not all(math.isfinite(value) for value in attitude):
             self._report("the attitude is not a number; the autopilot's estimator has failed")
             return
@@ -178,8 +178,8 @@ class Watchdog:
             if not math.isnan(start) and t - max(self._since, start) > limit:
                 self._report(f"the attitude has been frozen for {t - self._since:.1f} s while the actuators work")
 
-    def see_outputs(self, t: float, forces: Mapping[str, float]) -> None:
-        """Take note of the measured outputs (fractions), stamped *t* [s]."""
+    def note_outputs(self, t: float, forces: Mapping[str, float]) -> None:
+        """Record the measured outputs (fractions), stamped *t* [s]."""
         turning = abs(forces.get("N", 0.0)) > _ACTING
         acting = turning or any(abs(force) > _ACTING for force in forces.values())
         self._turning_since = _start(self._turning_since, turning, t)

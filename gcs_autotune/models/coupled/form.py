@@ -124,7 +124,7 @@ class Form:
         return replace(self, inputs=inputs, free=(*self.free, *gains))
 
     @property
-    def tells_newtons(self) -> bool:
+    def is_in_newtons(self) -> bool:
         """Whether one of its inertias is known in full, so that a run driven by shares of full shows their forces."""
         rigid = {"X": "m", "Y": "m", "Z": "m", "K": "I_x", "M": "I_y", "N": "I_z"}
         for dof in (DOFS[d] for d in self.dofs):

@@ -630,7 +630,7 @@ def _sweep(
     free: Index,
     max_rate: float,
     max_steps: float,
-    in_vain: float,
+    abandon_rate: float,
     X: Array,
     S_out: Array,
     none: Array,
@@ -639,7 +639,7 @@ def _sweep(
     n = len(x)
     t, fastest, left = t_out[0], 0.0, max_steps
     for s in range(len(t_out)):
-        if fastest > in_vain:
+        if fastest > abandon_rate:
             S = none
         q = S.shape[1]
         finite, rate, row, spent = _carried(
@@ -672,14 +672,14 @@ def sweep(
     max_steps: float,
     X: Array,
     S_out: Array,
-    in_vain: float = np.inf,
+    abandon_rate: float = np.inf,
 ) -> tuple[bool, float]:
     """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n) and ``S_out`` (s, n, q), where q is not zero.
 
     inputs : (j, m), each row from its stamp ``t_in`` (plus the delay) on, the first also before it. state_column :
     (n,) column of the sensitivity to each initial state, -1 if it is known. free : as for :func:`evaluate`, all -1
-    without sensitivities. max_rate : fastest rate [1/s] steps are made for; max_steps : steps to be spent. in_vain :
-    fastest rate [1/s] above which ``S_out`` is filled no further, for all will be done again with shorter steps.
+    without sensitivities. max_rate : fastest rate [1/s] steps are made for; max_steps : steps to be spent.
+    abandon_rate : fastest rate [1/s] above which ``S_out`` is left, since all is repeated with shorter steps.
     Returns whether the motion stayed finite, and the fastest rate met.
     """
     n, q = len(x_0), S_out.shape[2]
@@ -703,7 +703,7 @@ def sweep(
         free,
         max_rate,
         float(max_steps),
-        in_vain,
+        abandon_rate,
         X,
         S_out,
         np.zeros((n, 0)),

@@ -11,7 +11,7 @@ from gcs_autotune.report.diagnosis.wording import base_words, effect_words, gain
 from gcs_autotune.report.toolkit.document import Note
 from gcs_autotune.report.toolkit.wording import format_share, listed, sentence
 
-__all__ = ["cannot_tell", "cause_notes", "cause_title", "evidence_notes"]
+__all__ = ["cause_notes", "cause_title", "evidence_notes", "not_distinguished"]
 
 
 def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
@@ -77,7 +77,7 @@ def cause_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
         yield Note(sentence(entry.separated_by), "How to distinguish them", detail=True)
 
 
-def cannot_tell(diagnosis: Diagnosis) -> tuple[str, ...]:
+def not_distinguished(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return one sentence per group of effects that these runs do not distinguish."""
     groups = (listed([effect_words(s) for s in group]) for group in diagnosis.indistinguishable)
     return tuple(sentence(f"{names} explain these runs about equally well") for names in groups)

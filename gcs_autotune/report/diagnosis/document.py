@@ -12,7 +12,7 @@ import numpy as np
 from gcs_autotune.diagnose import Cause, Diagnosis, Portrait
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify import Trace
-from gcs_autotune.report.diagnosis.cause_wording import cannot_tell, cause_notes, cause_title
+from gcs_autotune.report.diagnosis.cause_wording import cause_notes, cause_title, not_distinguished
 from gcs_autotune.report.diagnosis.figures import (
     View,
     draw_curve,
@@ -21,7 +21,7 @@ from gcs_autotune.report.diagnosis.figures import (
     draw_left,
     draw_missing,
     draw_view,
-    telling_view,
+    most_informative_view,
     views_of,
 )
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
@@ -231,8 +231,8 @@ def _remains(examined: _Examined) -> Iterator[Section]:
     yield Section("left", "What remains", parts, facts=IN_RESULT)
 
 
-def _cannot_tell(examined: _Examined) -> Iterator[Section]:
-    groups = tuple(bullets(cannot_tell(examined.diagnosis)))
+def _not_distinguished(examined: _Examined) -> Iterator[Section]:
+    groups = tuple(bullets(not_distinguished(examined.diagnosis)))
     yield Section("cannot-tell", "What these runs do not distinguish", groups, facts=IN_RESULT)
 
 
@@ -276,7 +276,7 @@ SECTIONS = (
     _simulation,
     _evidence,
     _remains,
-    _cannot_tell,
+    _not_distinguished,
     _next,
     _ranking,
     _use,
@@ -354,7 +354,7 @@ def _views(diagnosis: Diagnosis) -> Iterator[Figure]:
     """Yield per cause the view of the residual that shows it, if any; without causes the strongest views."""
     views: list[tuple[View, str]] = []
     for cause in diagnosis.causes:
-        view = telling_view(diagnosis.before, EFFECTS.get(cause.effect.slug), cause.effect.place)
+        view = most_informative_view(diagnosis.before, EFFECTS.get(cause.effect.slug), cause.effect.place)
         is_new = view is not None and all((view.name, view.kind) != (v.name, v.kind) for v, _ in views)
         if view is not None and is_new and view.share > _SURE:
             views.append((view, effect_words(cause.effect.slug)))

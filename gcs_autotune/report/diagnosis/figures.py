@@ -35,7 +35,7 @@ __all__ = [
     "draw_gains",
     "draw_left",
     "draw_view",
-    "telling_view",
+    "most_informative_view",
     "views_of",
 ]
 
@@ -136,7 +136,7 @@ def _peak(frequency: Array, power: Array) -> float:
     return max(float(np.nansum(power[near])) / total - float(np.mean(near)), 0.0)
 
 
-def telling_view(portraits: Sequence[Portrait], effect: Effect | None = None, place: str = "") -> View | None:
+def most_informative_view(portraits: Sequence[Portrait], effect: Effect | None = None, place: str = "") -> View | None:
     """Return the most informative view, preferably one where an effect of this kind at this place usually shows."""
     best: tuple[float, View] | None = None
     for portrait in portraits:

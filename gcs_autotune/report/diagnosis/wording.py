@@ -23,7 +23,7 @@ from gcs_autotune.diagnose import (
 from gcs_autotune.identify import CONTRADICTION, MOVED_TOO
 from gcs_autotune.report.toolkit.document import Note, Tone, Verdict
 from gcs_autotune.report.toolkit.wording import (
-    NOT_TOLD,
+    NOT_IDENTIFIABLE,
     UNKNOWN,
     format_error,
     format_number,
@@ -106,7 +106,7 @@ def value_words(value: Value, name: str = "") -> str:
     """
     number = format_parameter(name, value.value, value.std, value.unit)
     shown = pretty_unit(value.unit)
-    if not shown or number in (UNKNOWN, NOT_TOLD):
+    if not shown or number in (UNKNOWN, NOT_IDENTIFIABLE):
         return number
     unit, factor = to_people(value.unit)
     angle = value.value % (2.0 * math.pi) if name in ("anchor", "direction") else value.value
@@ -204,7 +204,7 @@ def given_words(number: Number) -> str:
 def found_words(number: Number) -> str:
     """Return the value from the runs with half its 95 % interval, in the unit of the model."""
     if math.isnan(number.value):
-        return NOT_TOLD
+        return NOT_IDENTIFIABLE
     if number.of_record:
         return format_number(number.value)
     text = format_value(number.value, 0.5 * (number.ci95[1] - number.ci95[0]))

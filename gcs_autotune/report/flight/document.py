@@ -43,7 +43,7 @@ from gcs_autotune.trial import Trial
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-__all__ = ["FlightModel", "FlightStory", "TrialTold", "flight_document", "preview_document"]
+__all__ = ["FlightModel", "FlightStory", "TrialSummary", "flight_document", "preview_document"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,16 +61,16 @@ class FlightModel:
 
 
 @dataclass(frozen=True, slots=True)
-class TrialTold:
+class TrialSummary:
     """A run of a self-planned trial: ``why`` it was flown, its duration [s], the precision ``known`` after it, how
-    well [%] the previous model predicted it (``foretold``; NaN: there was none), and why it was the last.
+    well [%] the previous model predicted it (``predicted``; NaN: there was none), and why it was the last.
     """
 
     run: str
     why: str
     seconds: float
     known: str
-    foretold: float
+    predicted: float
     ended: str
 
 
@@ -89,7 +89,7 @@ class FlightStory:
     sheets: Sequence[Sheet] = ()
     models: Sequence[FlightModel] = ()
     remarks: Sequence[str] = ()
-    steps: Sequence[TrialTold] = ()
+    steps: Sequence[TrialSummary] = ()
 
     @property
     def is_single(self) -> bool:
@@ -172,10 +172,10 @@ def _course(story: FlightStory) -> Iterator[Section]:
         yield Section("story", "Course of the trial", (note, table), facts=IN_RESULT)
 
 
-def _predicted(step: TrialTold) -> str:
-    if math.isnan(step.foretold):
+def _predicted(step: TrialSummary) -> str:
+    if math.isnan(step.predicted):
         return ""
-    return format_percent(step.foretold) if math.isfinite(step.foretold) else "diverges"
+    return format_percent(step.predicted) if math.isfinite(step.predicted) else "diverges"
 
 
 def _sheets(story: FlightStory) -> Iterator[Section]:

@@ -152,16 +152,16 @@ def _draw_response(axis: str, run: Trial, commanded: Sequence[tuple[float, float
     signal = axis_kind(axis).stepped
     unit, factor = to_people(run[signal].unit)
     t, wanted = (np.array(column, dtype=np.float64) for column in zip(*commanded, strict=True))
-    middle = 0.5 * float(wanted.max() + wanted.min()) if signal != "z" else 0.0
+    middle = 0.5 * float(wanted.max() + wanted.min()) if not SIGNALS[signal].down else 0.0
     figure, (axes,) = new_axes((2.8,))
     seen = thin(finite(run[signal].t - run.start, factor * (run[signal].values - middle)))
     axes.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
     steps = np.append(t, run.end) - run.start
     axes.step(steps, factor * (np.append(wanted, wanted[-1]) - middle), where="post", color=WANTED, lw=1.0)
     axes.lines[-1].set_label("commanded")
-    if signal == "z":
+    if SIGNALS[signal].down:
         axes.invert_yaxis()
-    axes.set_ylabel(f"{axis} [{unit}]" if signal != "psi" else f"{axis} relative to course [{unit}]")
+    axes.set_ylabel(f"{axis} [{unit}]" if not SIGNALS[signal].wraps else f"{axis} relative to course [{unit}]")
     axes.set_xlabel("time [s]")
     legend(axes, 2)
     return figure

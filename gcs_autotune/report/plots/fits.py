@@ -65,9 +65,12 @@ def label_as_read(axes: Axes, signal: str, first: float) -> None:
     """
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-    if signal == "z" and not axes.yaxis_inverted():
+    row = SIGNALS.get(signal)
+    if row is None:
+        return
+    if row.down and not axes.yaxis_inverted():
         axes.invert_yaxis()
-    if signal == "psi" and math.isfinite(first):
+    if row.wraps and math.isfinite(first):
         turns = 360.0 * math.floor(first / 360.0)
         axes.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 9, 10]))
         axes.yaxis.set_major_formatter(FuncFormatter(lambda degrees, _: f"{round(degrees - turns, 2):g}"))

@@ -189,10 +189,12 @@ def _outcome(outcome: MethodOutcome) -> dict[str, Any]:
     return {**kept, "seconds": outcome.seconds, "unseen_fit_percent": unseen}
 
 
-def _cannot_tell(study: Study) -> Iterator[Section]:
-    if study.cannot_tell:
-        facts = {"cannot_tell": list(study.cannot_tell)}
-        yield Section("cannot-tell", "What these runs do not determine", tuple(bullets(study.cannot_tell)), facts=facts)
+def _not_distinguished(study: Study) -> Iterator[Section]:
+    if study.not_distinguished:
+        facts = {"cannot_tell": list(study.not_distinguished)}
+        yield Section(
+            "cannot-tell", "What these runs do not determine", tuple(bullets(study.not_distinguished)), facts=facts
+        )
 
 
 def _comparison(study: Study) -> Iterator[Section]:
@@ -247,7 +249,7 @@ SECTIONS = (
     _unseen,
     _structure,
     _methods,
-    _cannot_tell,
+    _not_distinguished,
     _comparison,
     _intervals,
     _next,

@@ -67,8 +67,8 @@ class Study:
     ``choice``: rows of the structure decision, in the columns of ``study_tables.choice_table``.
     ``trials``: the runs, for the figures of inputs and track.
     ``comparisons``: comparison with the model ``compared_with``, axis by axis.
-    ``cannot_tell``, ``intervals``, ``proposals``: sentences; ``figures``: extra figures as (caption, function that
-    draws it).
+    ``not_distinguished``, ``intervals``, ``proposals``: sentences; ``figures``: extra figures as (caption,
+    function that draws it).
     """
 
     title: str
@@ -78,7 +78,7 @@ class Study:
     how_unseen: str = ""
     choice: tuple[tuple[str, ...], ...] = ()
     choice_verdict: str = ""
-    cannot_tell: tuple[str, ...] = ()
+    not_distinguished: tuple[str, ...] = ()
     intervals: tuple[str, ...] = ()
     compared_with: str = ""
     comparisons: tuple[DofComparison, ...] = ()

@@ -267,8 +267,7 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
     if own.slug == "quadratic-actuator":
         return (
             f"The force at output x is (1 - q) x + q x² with q = {number('share')}; 0 is proportional, 1 quadratic "
-            f"like a "
-            "plain propeller."
+            "like a plain propeller."
         )
     if own.slug == "dead-zone":
         return f"The actuator has a dead zone: no force below {number('width')} of full output."

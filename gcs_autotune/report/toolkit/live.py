@@ -18,11 +18,12 @@ from rich.segment import ControlType
 from rich.text import Text
 
 from gcs_autotune.clock import Clock, WallClock
+from gcs_autotune.observer import Fact, Progress, Words
 from gcs_autotune.report.toolkit.wording import format_quantity, format_seconds, format_share
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.untrusted_text import quoted, visible
-from gcs_autotune.watch import Fact, Progress, Words
 
-__all__ = ["StageBar", "TerminalWatcher", "describe_progress"]
+__all__ = ["StageBar", "TerminalObserver", "describe_progress"]
 
 
 _SIGNALS: Mapping[str, tuple[str, str]] = {
@@ -75,7 +76,7 @@ def _pieces(p: Progress) -> list[tuple[int, str]]:
     if math.isfinite(p.output):
         pieces.append((6, f"output {format_share(p.output)}"))
     if math.isfinite(p.amplitude):
-        pieces.append((5, f"amplitude {format_quantity(p.amplitude, _unit_of_swing(p.signal))}"))
+        pieces.append((5, f"amplitude {format_quantity(p.amplitude, SIGNALS[p.signal].unit)}"))
     if p.periods_needed:
         pieces.append((3, f"periods {p.periods}/{p.periods_needed}"))
     if math.isfinite(p.scatter):
@@ -111,18 +112,15 @@ def _signal(p: Progress) -> str:
 def _reading(value: float, signal: str, unit: str) -> str:
     if not math.isfinite(value):
         return "?"
-    if signal == "psi":
+    row = SIGNALS.get(signal)
+    if row is not None and row.wraps:
         return f"{round(math.degrees(value), 1) % 360.0:05.1f}°"
-    if signal == "r":
+    if row is not None and row.angular:
         return f"{math.degrees(value):.1f}°/s"
     return f"{value:.2f} {unit}".rstrip()
 
 
-def _unit_of_swing(signal: str) -> str:
-    return "rad" if signal == "psi" else "m"
-
-
-class TerminalWatcher:
+class TerminalObserver:
     """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes.
 
     quiet : sentences only, no progress. verbose : plain lines in a terminal too, and the vehicle's messages.
@@ -142,7 +140,7 @@ class TerminalWatcher:
         self._line_open = False
         self._began = math.nan
 
-    def __enter__(self) -> TerminalWatcher:
+    def __enter__(self) -> TerminalObserver:
         return self
 
     def __exit__(self, *exception: object) -> None:

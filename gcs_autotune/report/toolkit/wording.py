@@ -12,7 +12,7 @@ from gcs_autotune.sname import SIGNALS
 
 __all__ = [
     "MOST_FACTOR",
-    "NOT_TOLD",
+    "NOT_IDENTIFIABLE",
     "UNKNOWN",
     "beside_telemetry",
     "contradictions_in",
@@ -40,7 +40,7 @@ __all__ = [
 MOST_FACTOR = 100.0
 """Largest gain margin shown as a number; beyond, differences have no practical meaning. Chosen."""
 
-NOT_TOLD = "not identifiable from these runs"
+NOT_IDENTIFIABLE = "not identifiable from these runs"
 """Shown for a number that the runs do not determine."""
 
 _HEADINGS = ("anchor", "direction")
@@ -66,7 +66,7 @@ def format_parameter(name: str, value: float, std: float, unit: str) -> str:
     if unit != "rad" or name.rpartition(".")[2] not in _HEADINGS or not math.isfinite(value):
         return format_value(value, std)
     if std > 0.5 * math.pi:
-        return NOT_TOLD
+        return NOT_IDENTIFIABLE
     return format_value(value % (2.0 * math.pi), std)
 
 

@@ -44,7 +44,8 @@ from gcs_autotune.report.toolkit.figures import (
 )
 from gcs_autotune.report.toolkit.wording import format_number, format_quantity, pretty_unit, to_people
 from gcs_autotune.report.tune.bode import LoopMargins, draw_bode, loop_margins
-from gcs_autotune.report.tune.story import WATCHED, TuneStory, Watched
+from gcs_autotune.report.tune.story import PLOTTED_SIGNALS, PlottedSignals, TuneStory
+from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Mark, Trial
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class RelaySeries:
     last_from: float
 
 
-def step_series(trial: Trial | None, watched: Watched, windows: Sequence[float] = ()) -> StepSeries | None:
+def step_series(trial: Trial | None, watched: PlottedSignals, windows: Sequence[float] = ()) -> StepSeries | None:
     """Return the step in *trial*, None if it has none (never flown, or ended before it).
 
     The marks ``target`` with ``value`` [rad or m] and ``phase`` (``hold``, ``step``, ``back``) locate it.
@@ -129,7 +130,7 @@ def step_series(trial: Trial | None, watched: Watched, windows: Sequence[float] 
 
 
 def _leg(
-    trial: Trial, watched: Watched, start: float, window: float, base: float, target: tuple[float, float]
+    trial: Trial, watched: PlottedSignals, start: float, window: float, base: float, target: tuple[float, float]
 ) -> StepLeg | None:
     """Return *window* [s] of *trial* from *start* [s] on, with two seconds before it; None with fewer than two samples.
 
@@ -154,7 +155,7 @@ def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
     return position.held_at(targets[step].t)
 
 
-def relay_series(trial: Trial, watched: Watched, periods: int = 5) -> RelaySeries | None:
+def relay_series(trial: Trial, watched: PlottedSignals, periods: int = 5) -> RelaySeries | None:
     """Return the last :data:`MOST_PERIODS` periods in *trial*, None if it has no usable position."""
     if watched.position not in trial:
         return None
@@ -232,7 +233,7 @@ def fit_figures(story: TuneStory) -> Iterator[Figure]:
         model = story.fit.model if story.fit else None
         below = " and the input" if inputs_of(model, flown.get(trace.run)) else ""
         caption = f"Model and measurement of '{trace.run}', with the 95 % band. Below: the residual{below}."
-        noun = WATCHED.get(trace.signal, story.swung).noun
+        noun = PLOTTED_SIGNALS.get(trace.signal, story.swung).noun
         yield Figure(f"fit-{i}", caption, partial(draw_fit, trace, flown.get(trace.run), model, noun))
 
 
@@ -280,7 +281,7 @@ def _bode_caption(margins: Sequence[LoopMargins], *, several: bool) -> str:
     return f"Bode plot of the design model, loop opened at the actuator. Margins: {told}.{thin_lines}"
 
 
-def _noun(watched: Watched) -> tuple[str, str, str]:
+def _noun(watched: PlottedSignals) -> tuple[str, str, str]:
     """Return the signal's name, its display unit, and the rate's unit."""
     unit, _ = to_people(watched.unit)
     return watched.noun, unit, f"{unit}/s"
@@ -321,7 +322,7 @@ def _draw_step(story: TuneStory) -> Drawing | None:
         bottom.set_xlabel("time since the step back [s]" if k else "time since the step [s]")
     top, bottom = columns[0]
     top.set_ylabel(f"{what}, from the start [{unit}]")
-    if story.stepped.position == "z":
+    if SIGNALS[story.stepped.position].down:
         top.invert_yaxis()  # shared by the row: depth grows downwards
     _label_output(bottom, story)
     legend(top)
@@ -385,7 +386,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
         )
         top.axvspan(relay.last_from, float(relay.position.t[-1]), color=BAND, alpha=0.18, lw=0)
     top.set_ylabel(f"{what} from reference [{unit}]")
-    if swung.position == "z":
+    if SIGNALS[swung.position].down:
         top.invert_yaxis()  # depth grows downwards
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
@@ -394,7 +395,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
     return figure
 
 
-def _draw_cycles(relays: Sequence[RelaySeries], swung: Watched) -> Drawing | None:
+def _draw_cycles(relays: Sequence[RelaySeries], swung: PlottedSignals) -> Drawing | None:
     shown = [relay for relay in relays if relay.rate is not None and len(relay.rate)]
     if not shown:
         return None
@@ -414,12 +415,12 @@ def _draw_cycles(relays: Sequence[RelaySeries], swung: Watched) -> Drawing | Non
     return figure
 
 
-def _people(watched: Watched) -> float:
+def _people(watched: PlottedSignals) -> float:
     return to_people(watched.unit)[1]
 
 
 def _line(
-    axes: Axes, curve: Curve, watched: Watched, colour: str, label: str, width: float = 1.5, style: str = "-"
+    axes: Axes, curve: Curve, watched: PlottedSignals, colour: str, label: str, width: float = 1.5, style: str = "-"
 ) -> None:
     few = thin(curve)
     axes.plot(few.t, _people(watched) * few.y, color=colour, lw=width, ls=style, label=label)

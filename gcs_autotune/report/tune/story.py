@@ -12,11 +12,11 @@ from gcs_autotune.identify import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
 
-__all__ = ["WATCHED", "TuneStory", "Watched"]
+__all__ = ["PLOTTED_SIGNALS", "PlottedSignals", "TuneStory"]
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class PlottedSignals:
     """The signals plotted of a manoeuvre: position or velocity, its rate if it has one, the actuator.
 
     ``unit`` SI; ``noun`` its common name.
@@ -29,13 +29,13 @@ class Watched:
     noun: str
 
 
-WATCHED: Mapping[str, Watched] = {
-    "psi": Watched("psi", "r", "N", "rad", "heading"),
-    "z": Watched("z", "w", "Z", "m", "depth"),
-    "x": Watched("x", "u", "X", "m", "position ahead"),
-    "y": Watched("y", "v", "Y", "m", "position abeam"),
-    "u": Watched("u", "", "X", "m/s", "speed"),
-    "r": Watched("r", "", "N", "rad/s", "turn rate"),
+PLOTTED_SIGNALS: Mapping[str, PlottedSignals] = {
+    "psi": PlottedSignals("psi", "r", "N", "rad", "heading"),
+    "z": PlottedSignals("z", "w", "Z", "m", "depth"),
+    "x": PlottedSignals("x", "u", "X", "m", "position ahead"),
+    "y": PlottedSignals("y", "v", "Y", "m", "position abeam"),
+    "u": PlottedSignals("u", "", "X", "m/s", "speed"),
+    "r": PlottedSignals("r", "", "N", "rad/s", "turn rate"),
 }
 """Signal -> how it is plotted."""
 
@@ -100,19 +100,19 @@ class TuneStory:
         return DOFS[name]
 
     @property
-    def stepped(self) -> Watched:
+    def stepped(self) -> PlottedSignals:
         """The signals of the step before and after."""
         # A story may come from anywhere, with an axis that is none of ours.
         kind = AXES.get(OTHER_NAMES.get(self.axis, self.axis))
         signal = self.dof.position if kind is None else kind.stepped
-        return WATCHED.get(signal, _plain(self.dof))
+        return PLOTTED_SIGNALS.get(signal, _plain(self.dof))
 
     @property
-    def swung(self) -> Watched:
+    def swung(self) -> PlottedSignals:
         """The signals of the experiments: a boat's speed for throttle steps, else the position."""
         told = next((str(t.meta["signal"]) for t in self.relays if "signal" in t.meta), self.dof.position)
         signal = told if told == "u" else self.dof.position
-        return WATCHED.get(signal, _plain(self.dof))
+        return PLOTTED_SIGNALS.get(signal, _plain(self.dof))
 
     @property
     def changes(self) -> tuple[Change, ...]:
@@ -136,5 +136,5 @@ class TuneStory:
         }
 
 
-def _plain(dof: Dof) -> Watched:
-    return Watched(dof.position, dof.velocity, dof.force, dof.position_unit, dof.position)
+def _plain(dof: Dof) -> PlottedSignals:
+    return PlottedSignals(dof.position, dof.velocity, dof.force, dof.position_unit, dof.position)

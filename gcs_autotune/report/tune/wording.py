@@ -54,8 +54,8 @@ _ENDINGS: Mapping[str, tuple[str, Tone]] = {
 def verdict_of(story: TuneStory) -> Verdict:
     """Return the verdict of a tune: what changed, by how much, and whether it is safe."""
     text, tone = _ENDINGS.get(story.ending, ("The {axis} tune ended: " + story.ending + ".", "neutral"))
-    says_enough = story.ending in ("kept", "restored", "dry-run", "declined")
-    sentences = [] if says_enough else [sentence(story.reason)]
+    is_conclusive = story.ending in ("kept", "restored", "dry-run", "declined")
+    sentences = [] if is_conclusive else [sentence(story.reason)]
     if story.metrics_before is not None and story.metrics_after is not None:
         sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
         if story.beside is not None:

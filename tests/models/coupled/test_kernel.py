@@ -366,7 +366,7 @@ def swept(case: Case, t_in: Array, inputs: Array, t_out: Array, **options: Any) 
     M = matrix(case.P, theta)
     done, fastest = kernel.sweep(
         case.P, theta, M, inverse(case.P, theta), case.x, t_in, inputs, t_out,
-        free, states, pace, most, X, S, options.get("in_vain", np.inf),
+        free, states, pace, most, X, S, options.get("abandon_rate", np.inf),
     )  # fmt: skip
     return done, fastest, X, S
 
@@ -405,11 +405,11 @@ def test_a_sweep_goes_from_jump_to_jump_and_stamp_to_stamp_by_runge_kutta(pace: 
 
 def test_once_rates_are_too_fast_the_motion_goes_on_as_before_without_its_sensitivities() -> None:
     done, fastest, X, S = swept(FLAT, T_IN, INPUTS, T_OUT)
-    again = swept(FLAT, T_IN, INPUTS, T_OUT, in_vain=0.99 * fastest)
+    again = swept(FLAT, T_IN, INPUTS, T_OUT, abandon_rate=0.99 * fastest)
     assert again[:2] == (done, fastest)
     assert np.array_equal(again[2], X)
     assert S[-1].any() and not again[3][-1].any()
-    assert np.array_equal(swept(FLAT, T_IN, INPUTS, T_OUT, in_vain=fastest)[3], S)
+    assert np.array_equal(swept(FLAT, T_IN, INPUTS, T_OUT, abandon_rate=fastest)[3], S)
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """Second looks, where the search found nothing although much is left.
 
-:func:`look_at_all_runs` looks over all runs together where those kept apart show what the others do not,
-:func:`look_in_pieces` over pieces of them where free runs are lost and nothing pays over whole runs.
+:func:`search_all_runs` looks over all runs together where those kept apart show what the others do not,
+:func:`search_in_pieces` over pieces of them where free runs are lost and nothing pays over whole runs.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from gcs_autotune.diagnose.adequacy import WHITE, explains_all, tests_of, whiteness_of
 from gcs_autotune.diagnose.heldout import gains_of, rms_of
 from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material
-from gcs_autotune.diagnose.search_with_noise import NO_MODEL, look_with_process_noise, no_model_with_noise
+from gcs_autotune.diagnose.search_with_noise import NO_MODEL, model_process_noise, no_model_with_noise
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.identify import Doubt, Fitted, Segment, within_horizon
 from gcs_autotune.sname import DOFS
 
-__all__ = ["foretells", "look_at_all_runs", "look_in_pieces"]
+__all__ = ["improves_prediction", "search_all_runs", "search_in_pieces"]
 
 PACES = 30.0
 """Chosen: a piece lasts so many of the base model's slowest time constants; all it can show settles many times over."""
@@ -37,13 +37,13 @@ FEWEST_PIECES = 2
 """Fewest pieces of the longest run worth a second look."""
 
 
-def look_in_pieces(state: SearchState) -> SearchState | None:
+def search_in_pieces(state: SearchState) -> SearchState | None:
     """Search pieces that begin where the craft was measured to be; what they name must hold over whole runs.
 
     On real water a free run drifts off within minutes, whatever the model: gusts and eddies add up in the heading.
-    Where the base is lost, every candidate is, and none seems to pay. Cut into pieces the same runs may speak. What
-    they name is a hypothesis, and dropped unless pieces left out are surely foretold better by all of it together, and
-    whole runs better too.
+    Where the plain model diverges, every candidate does, and none seems to improve it. Cut into pieces, the same runs
+    may show causes. These are hypotheses. They are kept only if together they clearly improve the prediction of
+    held-out pieces and of whole runs.
     """
     question = state.question
     seconds = PACES * state.problem.data_summary.time_constant
@@ -62,34 +62,33 @@ def look_in_pieces(state: SearchState) -> SearchState | None:
     if _is_another_craft(again):
         lost = Doubt(
             NO_MODEL,
-            f"no model of the craft was found to name a cause beside: in pieces of {seconds:.3g} s the plain fit ended "
-            f"at another time constant than it began with, by a factor of more than {ANOTHER_CRAFT:g}",
-            "look at columns, units and clocks first; then calmer water, or larger commands held longer",
+            f"no model of the craft fits, so no cause is reported: in pieces of {seconds:.3g} s the time constant of "
+            f"the plain fit moved by more than a factor of {ANOTHER_CRAFT:g}",
+            "check columns, units and clocks first; then record in calmer water, or with larger commands held longer",
         )
         return replace(state, doubts=(*state.doubts, lost), cut=(*state.cut, *again.cut))
     doubt = Doubt(
         "short-horizon",
-        f"over whole runs no cause paid; the causes named were found in pieces of {seconds:.3g} s",
-        "take them for hypotheses; calm water, or a run on which the craft comes back to rest, would tell",
+        f"over whole runs no cause improves prediction; the causes reported were found in pieces of {seconds:.3g} s",
+        "treat them as hypotheses; repeat in calm water, or record a run in which the craft returns to rest",
     )
     return replace(again, pieces=seconds, doubts=(*state.doubts, doubt), cut=(*state.cut, *again.cut))
 
 
-def look_at_all_runs(state: SearchState) -> SearchState | None:
+def search_all_runs(state: SearchState) -> SearchState | None:
     """Search all runs together, parts left out in turn, where those kept apart show what the others do not."""
     question = state.question
     if not question.unseen or question.given is not None or not _contradicted(state):
         return None
     both = follow(begin(replace(question, segments=[*question.segments, *question.unseen], unseen=())), SEARCH)
     if not both.fitted.effects:
-        both = follow(both, (look_with_process_noise,))
+        both = follow(both, (model_process_noise,))
     if not both.fitted.effects:
         return replace(state, cut=(*state.cut, *both.cut))
     doubt = Doubt(
         "validation-was-needed",
-        "what the runs to fit show, if anything, does not predict the runs kept apart; the causes were found in all "
-        "together",
-        "fit runs with as many sizes of command as those to be predicted; the gain is of parts left out in turn",
+        "the runs to fit alone do not predict the held-out runs; the causes were found in all runs together",
+        "fit runs with the same sizes of command as those to be predicted; here the gain is of parts left out in turn",
     )
     return replace(both, doubts=(*state.doubts, doubt), cut=(*state.cut, *both.cut))
 
@@ -126,7 +125,7 @@ def _contradicted(state: SearchState) -> bool:
 
 
 def _refuted(step: SearchStep[Fitted]) -> bool:
-    """Whether some candidate pays well on the runs fitted and foretells nothing of those kept apart.
+    """Return whether some candidate clearly improves the fit of the fitted runs but no prediction of held-out runs.
 
     Runs of one size of command each know nothing of what the next size does: only together they tell the law.
     """
@@ -153,7 +152,7 @@ def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:
     return bool(logs) and float(np.mean(logs)) < 0.0
 
 
-def foretells(state: SearchState, whole: Sequence[Segment]) -> bool:
+def improves_prediction(state: SearchState, whole: Sequence[Segment]) -> bool:
     """Whether the model found in pieces leaves no more than :data:`FAR` times their noise over *whole* runs as well."""
     errors = _error(state, state.fitted, whole)
     return errors is not None and all(errors[n] <= FAR * level for n, level in state.fitted.levels.items())

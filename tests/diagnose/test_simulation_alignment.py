@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.diagnose.two_records import compared
+from gcs_autotune.diagnose.simulation_alignment import compared
 from gcs_autotune.report import diagnosis_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel, Trial
@@ -177,8 +177,11 @@ def test_a_wrong_clock_stands_first_in_the_answer_though_both_records_wander():
     assert told.wrong_numbers[0].name == "clock scale"
     assert "time-scale" not in [c.effect.slug for c in told.causes]
     said = " ".join(render_text(diagnosis_document(told)).split())
-    assert "wrong number in the simulation: clock scale (its seconds per second of these runs) is 1.0" in said
+    assert (
+        "wrong number in the simulation: clock scale (seconds of the simulation per second of these runs) is 1.0"
+        in said
+    )
     assert "runs away" not in said
     as_it_stands, set_right = (float(e) for e in re.findall(r"[ ,] r by ([0-9.]+) rad/s", said))
-    assert ", with clock, signs and units set right psi by" in said
+    assert ", with clock, signs and units corrected psi by" in said
     assert set_right < 0.9 * as_it_stands  # the weather of either is left: neither knows the other's

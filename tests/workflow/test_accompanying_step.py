@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.design import Actuator
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.models import SingleDof
-from gcs_autotune.workflow.beside import within
+from gcs_autotune.workflow.accompanying_step import within
 from gcs_autotune.workflow.proof import Known, proof_of_turn_rate
 from gcs_autotune.workflow.settings import Connection, TuneSettings
 

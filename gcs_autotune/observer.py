@@ -1,7 +1,7 @@
 """Progress reports of a running manoeuvre.
 
-The sequencer and the workflow pass a :class:`Progress` to a :class:`Watcher` at every control tick, and a :data:`Fact`
-when there is one. The watcher shows it as a live line, a log or a page. It must return at once, because the calling
+The sequencer and the workflow pass a :class:`Progress` to a :class:`Observer` at every control tick, and a :data:`Fact`
+when there is one. The observer shows it as a live line, a log or a page. It must return at once, because the calling
 loop holds the sticks.
 """
 
@@ -17,14 +17,14 @@ __all__ = [
     "Intentions",
     "LeftAs",
     "NewValue",
+    "Observer",
     "PredictedCost",
     "PredictedTrack",
     "Progress",
     "ProposedGains",
     "Room",
-    "SilentWatcher",
+    "SilentObserver",
     "Vitals",
-    "Watcher",
     "Words",
 ]
 
@@ -174,7 +174,7 @@ Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | Pred
 """Facts reported in addition to ticks and sentences."""
 
 
-class Watcher(Protocol):
+class Observer(Protocol):
     """Receiver of progress reports."""
 
     def update(self, progress: Progress) -> None:
@@ -190,8 +190,8 @@ class Watcher(Protocol):
         ...
 
 
-class SilentWatcher:
-    """A watcher that ignores everything."""
+class SilentObserver:
+    """An observer that ignores everything."""
 
     def update(self, progress: Progress) -> None:
         """Ignore it."""

@@ -35,7 +35,7 @@ from gcs_autotune.identify import Doubt
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Channel, Trial
 
-__all__ = ["TwoRecords", "compared"]
+__all__ = ["SimulationAlignment", "compared"]
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ WORTH = 25.0
 SINGULAR = 1e-12
 """Share of the largest below which a direction of a regression is none."""
 
-RATE = "its seconds per second of these runs"
+RATE = "seconds of the simulation per second of these runs"
 """What the scale of a clock is, in words."""
 
 LEAST_RATE = 0.002
@@ -83,7 +83,7 @@ UNITS = (DEGREES, 100.0, 1000.0, 400.0, 500.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TwoRecords:
+class SimulationAlignment:
     """Simulations on the runs' clock, in their signs and units; what was wrong; and what is doubtful."""
 
     simulations: tuple[Trial, ...]
@@ -91,7 +91,7 @@ class TwoRecords:
     doubts: tuple[Doubt, ...] = ()
 
 
-def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> TwoRecords:
+def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> SimulationAlignment:
     """Return *simulations*, one per run in the same order, as they are once clock, signs and units are set right.
 
     They get the runs' own commands, whose stamps are the finer, wherever theirs are the same.
@@ -104,7 +104,7 @@ def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> TwoRecords:
     ready = [_divided(s, factors) for s in named]
     doubts = [*doubts, *more]
     driven = [_driven(s, r, doubts, m) for s, r, m in zip(ready, runs, laid.matches, strict=True)]
-    return TwoRecords(tuple(driven), (*laid.rows, *offsets, *inputs, *outputs), tuple(doubts))
+    return SimulationAlignment(tuple(driven), (*laid.rows, *offsets, *inputs, *outputs), tuple(doubts))
 
 
 def _factor_row(name: str, of: str, factor: float, std: float) -> Number:
@@ -213,25 +213,23 @@ def _doubts_of(match: CommandMatch, run: str, *, holds_commands: bool) -> list[D
     """Return what the commands of both files leave open about the clock."""
     doubts = []
     if match.kind == "constant" and holds_commands:
-        cause = f"the commands in the simulation of '{run}' change too seldom to be matched with the run's"
-        cure = "take a run whose commands change often: the clock, order, signs and units of inputs are read off these"
+        cause = f"the commands in the simulation of '{run}' change too rarely to be matched with those of the run"
+        cure = "use a run whose commands change often: clock, order, signs and units of inputs are derived from that"
         doubts.append(Doubt("commands-constant", cause, cure))
     if match.kind == "repeating":
         cause = (
-            f"the commands of '{run}' and of its simulation repeat evenly, not at one pace or not as often: another "
-            "clock explains that, and so does a simulator that commands itself; the clock was taken as it is stamped"
+            f"the commands of '{run}' and of its simulation are both periodic, but differ in period or number: a wrong "
+            "clock or a simulator with its own commands explains that; the time stamps were left unchanged"
         )
-        doubts.append(Doubt("commands-repeat", cause, "drive the simulator by the run's own commands, to their end"))
+        doubts.append(Doubt("commands-repeat", cause, "drive the simulator with all commands of the run"))
     if match.is_uneven:
-        cause = (
-            f"the clock in the simulation of '{run}' runs unevenly: commands change {match.scatter:.2g} s (rms) off it"
-        )
-        cure = "write the simulator's own time into its file, or step it at the run's own stamps"
+        cause = f"the clock in the simulation of '{run}' is uneven: commands change {match.scatter:.2g} s (rms) off it"
+        cure = "write the simulator's own time into its file, or step it at the time stamps of the run"
         doubts.append(Doubt("clock-uneven", cause, cure))
     for name, clock in match.others:
         cause = (
-            f"the changes of {name} in the simulation of '{run}' give another clock than those of all: "
-            f"{clock.scale:.4g} s per second of the run, where they give {_scale_of(match):.4g}, or another offset"
+            f"the changes of {name} in the simulation of '{run}' imply another clock than those of all inputs: "
+            f"{clock.scale:.4g} s per second of the run instead of {_scale_of(match):.4g}, or another offset"
         )
         doubts.append(Doubt("commands-disagree", cause, f"check how {name} is written to the file, and when"))
     return doubts
@@ -245,14 +243,14 @@ def _ambiguous(run: str, period: float) -> Doubt:
     return Doubt(
         "clock-ambiguous",
         f"the commands of '{run}' repeat every {period:.4g} s: the simulation matches as well a period earlier or "
-        "later, and was laid where its own stamps are nearest",
-        "compare a run whose commands do not repeat, or stamp both files by one clock",
+        "later; the match nearest to its own time stamps was used",
+        "compare a run whose commands do not repeat, or stamp both files with one clock",
     )
 
 
 def _offsets(found: Sequence[tuple[str, float, float]]) -> list[Number]:
     """Return one row for all runs whose clocks are off alike, else one for each."""
-    what = "its stamps against these runs'"
+    what = "its time stamps relative to these runs'"
     weights = np.array([std**-2.0 for _, _, std in found])
     mean = float(np.average([o for _, o, _ in found], weights=weights)) if found else 0.0
     if len(found) > 1 and all(abs(o - mean) < 3.0 * std for _, o, std in found):
@@ -261,12 +259,12 @@ def _offsets(found: Sequence[tuple[str, float, float]]) -> list[Number]:
 
 
 def _elsewhere(name: str, by: float, *, by_commands: bool) -> Doubt:
-    taken = "have its commands when the run has" if by_commands else "begin with it"
+    taken = "match the commands" if by_commands else "start with the run"
     way = "before" if by > 0.0 else "after"
     return Doubt(
         "simulation-elsewhere",
-        f"the simulation of '{name}' is stamped {abs(by):.4g} s {way} the run: it was taken to {taken}",
-        "write the run's own times beside what the simulator makes of it",
+        f"the simulation of '{name}' is stamped {abs(by):.4g} s {way} the run: it was shifted to {taken}",
+        "write the time stamps of the run into the simulator's file",
     )
 
 
@@ -300,8 +298,9 @@ def _driven(simulation: Trial, run: Trial, doubts: list[Doubt], match: CommandMa
             doubts.append(
                 Doubt(
                     "simulation-driven-otherwise",
-                    f"{name} of the simulation of '{run.name}' is not what drove the run: its own was used for it",
-                    "drive it by the run's own commands, in the run's unit",
+                    f"{name} of the simulation of '{run.name}' differs from that of the run: the simulation was "
+                    "compared with its own",
+                    "drive the simulator with the commands of the run, in the same unit",
                 )
             )
     return replace(simulation, channels=channels)
@@ -372,9 +371,9 @@ def _times(command: MatchedCommand, simulation: Trial, run: Trial) -> float | No
 def _scaled(command: MatchedCommand, run: str) -> Doubt:
     return Doubt(
         "command-scaled",
-        f"{command.theirs} in the simulation of '{run}' changes {command.factor:.4g} times as far as {command.ours} of "
-        "the run",
-        "if that is another unit, write it in the unit of the run; the gain is compared for the command as written",
+        f"{command.theirs} in the simulation of '{run}' changes {command.factor:.4g} times as much as {command.ours} "
+        "of the run",
+        "if the unit differs, write it in the unit of the run; the gain is compared for the command as written",
     )
 
 
@@ -382,8 +381,8 @@ def _exchanged(moved: Sequence[MatchedCommand], run: str) -> Doubt:
     pairs = ", ".join(f"its {c.theirs} is {c.ours} of the run" for c in moved)
     return Doubt(
         "commands-exchanged",
-        f"inputs of the simulation of '{run}' are in another order: {pairs}; they were taken so",
-        "exchange the heads of these columns, or the wiring of the inputs in the simulator",
+        f"inputs of the simulation of '{run}' are in another order: {pairs}; they were reordered",
+        "swap the names of these columns, or the inputs in the simulator",
     )
 
 

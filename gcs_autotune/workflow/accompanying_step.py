@@ -15,7 +15,7 @@ from gcs_autotune.workflow.designing import StepCriteria
 from gcs_autotune.workflow.experiments import STEP_AHEAD, noise_in, resolution
 from gcs_autotune.workflow.proof import LEAST_NOISES, Known, Proof, proof_of_turn_rate
 
-__all__ = ["BESIDE", "PRESENT", "PROVING", "Compared", "StepBeside", "flies_beside", "within"]
+__all__ = ["BESIDE", "PRESENT", "PROVING", "AccompanyingStep", "Compared", "flies_accompanying_step", "within"]
 
 BESIDE = "turn rates"
 """What the accompanying step shows."""
@@ -23,7 +23,7 @@ PRESENT, PROVING = "turn rate with present gains", "turn rate with new gains"
 """The stages of the accompanying step."""
 
 
-def flies_beside(context: TuneContext) -> bool:
+def flies_accompanying_step(context: TuneContext) -> bool:
     """Whether a turn-rate step accompanies the proof of this axis."""
     return not context.law.controls_velocity and context.axis.law in OTHER_MODE
 
@@ -38,16 +38,16 @@ class Compared:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepBeside:
-    """How the step is read, and what was flown with the present gains."""
+class AccompanyingStep:
+    """How the step is evaluated, and the step flown with the present gains."""
 
     criteria: StepCriteria
     before: Trial
 
     @classmethod
-    def flown(cls, context: TuneContext, known: Known | None) -> StepBeside | None:
-        """Fly it with the present gains; None where the axis has none, or nothing is known of the craft to size it."""
-        if known is None or not flies_beside(context):
+    def flown(cls, context: TuneContext, known: Known | None) -> AccompanyingStep | None:
+        """Fly it with the present gains; None if the axis has none, or the craft is unknown."""
+        if known is None or not flies_accompanying_step(context):
             return None
         try:
             proof = proof_of_turn_rate(context.settings, context.speed, known, beside=True)
@@ -91,7 +91,7 @@ SHARE = 0.8
 def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:
     context.turn_around(name, STEP_AHEAD, last=True)
     context.runner.come_to_rest(stage, axis_kind("yaw"))
-    return context.fly(criteria.proof.step(name), stage).trial
+    return context.fly(criteria.proof.step(name), stage)
 
 
 def _compared(criteria: StepCriteria, before: Trial, after: Trial) -> Compared:
