@@ -23,17 +23,16 @@ _ERROR: int = mavlink.MAV_MISSION_ERROR
 _DENIED: int = mavlink.MAV_MISSION_DENIED
 _ASK_AGAIN_MS, _TIMEOUT_MS = 1000, 8000
 _RESERVED = (0, 1)
-_FRAMES = frozenset(
-    {
-        mavlink.MAV_FRAME_MISSION,
-        mavlink.MAV_FRAME_GLOBAL,
-        mavlink.MAV_FRAME_GLOBAL_INT,
-        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-        mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
-        mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
-    }
-)
+_FRAMES = {
+    mavlink.MAV_FRAME_MISSION: mavlink.MAV_FRAME_GLOBAL,
+    mavlink.MAV_FRAME_GLOBAL: mavlink.MAV_FRAME_GLOBAL,
+    mavlink.MAV_FRAME_GLOBAL_INT: mavlink.MAV_FRAME_GLOBAL,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT: mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+}
+"""Frame of an item that is taken -> frame in which it is given back."""
 _MOST_LATITUDE, _MOST_LONGITUDE = 900_000_000, 1_800_000_000
 _MOST_ALTITUDE = 83_000.0
 """m; ArduPilot's LOCATION_ALT_MAX_M."""
@@ -241,7 +240,7 @@ def _read(message: Message) -> tuple[int, MissionItem | None]:
     command = Command(message.command)
     kept = tuple(0.0 if math.isnan(value) else float(value) for value in parameters)
     if not command.has_place:
-        return _ACCEPTED, MissionItem(command, message.frame, (kept[0], kept[1], kept[2], kept[3]))
+        return _ACCEPTED, MissionItem(command, mavlink.MAV_FRAME_GLOBAL, (kept[0], kept[1], kept[2], kept[3]))
     scale = 1 if message.get_type() == "MISSION_ITEM_INT" else 1e7
     if not all(math.isfinite(value) for value in (message.x, message.y)):
         return mavlink.MAV_MISSION_INVALID_PARAM5_X, None
@@ -255,4 +254,4 @@ def _read(message: Message) -> tuple[int, MissionItem | None]:
     if message.frame not in _FRAMES:
         return mavlink.MAV_MISSION_UNSUPPORTED_FRAME, None
     place = (latitude, longitude, float(message.z))
-    return _ACCEPTED, MissionItem(command, message.frame, (kept[0], kept[1], kept[2], kept[3]), *place)
+    return _ACCEPTED, MissionItem(command, _FRAMES[message.frame], (kept[0], kept[1], kept[2], kept[3]), *place)

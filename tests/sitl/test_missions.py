@@ -47,7 +47,7 @@ def test_a_mission_comes_back_as_it_was_sent():
     got = _download(ground)
     assert [m.seq for m in got] == [0, 1, 2, 3]
     for message, sent in zip(got[1:], [item(k, what) for k, what in enumerate(steps, start=1)], strict=True):
-        for name in ("command", "frame", "param1", "param2", "param3", "x", "y", "z"):
+        for name in ("command", "param1", "param2", "param3", "x", "y", "z"):
             assert getattr(message, name) == pytest.approx(getattr(sent, name)), name
 
 
