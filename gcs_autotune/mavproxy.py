@@ -162,13 +162,16 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
             self._stop()
             end = time.monotonic() + _LEAVING
             while self.is_busy and time.monotonic() < end:
-                for master in self.mpstate.mav_master:
-                    with suppress(OSError):
-                        if data := master.recv(16 * 1024):
-                            master.mav.parse_buffer(data)
+                self._read_links()
                 time.sleep(_SLICE)
         self.remove_command("autotune")
         super().unload()
+
+    def _read_links(self) -> None:
+        for master in self.mpstate.mav_master:
+            with suppress(OSError):
+                if data := master.recv(16 * 1024):
+                    master.mav.parse_buffer(data)
 
     def _tune(self, words: Sequence[str]) -> None:
         args = make_parser(read_config(find_config())).parse_args(["tune", *words])

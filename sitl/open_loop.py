@@ -102,14 +102,14 @@ def open_loop(
     setting = _setting(hull, heun.plant, held, measured, seed, initial or {})
     for effect in effects:
         effect.begin(setting)
-    late = _lateness(effects, measured)
+    late, run = _lateness(effects, measured), _Run(hull, heun, effects, held, stamps)
     begun = -max([0.0, *late.values()])
     last = float(stamps[-1])
     ended = last - min([0.0, *late.values()])
     state = tuple(float((initial or {}).get(name, 0.0)) for name in SIGNALS)
     knots = np.concatenate([[begun][: begun < 0.0], stamps, [ended][: ended > last]])
-    t, truth = _integrate(hull, heun, effects, _shortest(hull, setting, effects), held, stamps, knots, state)
-    columns = {"t": stamps, **held, **_measure(heun, effects, t, truth, stamps, measured, late, noise or {}, seed)}
+    t, truth = _integrate(run, _shortest(hull, setting, effects), knots, state)
+    columns = {"t": stamps, **held, **_measure(run, t, truth, late, noise or {}, seed)}
     for effect in effects:
         effect.alter_file(columns)
     return columns
@@ -198,17 +198,23 @@ def _shortest(hull: Hull, setting: Setting, effects: Sequence[HiddenEffect]) -> 
     return min([longest, *(effect.quickness(setting) / _STEPS_PER_RADIAN for effect in effects)])
 
 
-def _integrate(
-    hull: Hull,
-    heun: _Heun,
-    effects: Sequence[HiddenEffect],
-    longest: float,
-    held: Mapping[str, Array],
-    stamps: Array,
-    knots: Array,
-    state: tuple[float, ...],
-) -> tuple[Array, Array]:
-    """Return times (k,) and true states (k, 8) from the first to the last of *knots* (stamps, and before and after)."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    """A hull with its effects, driven by commands ``held`` (n,) from one of the ``stamps`` (n,) to the next."""
+
+    hull: Hull
+    heun: _Heun
+    effects: Sequence[HiddenEffect]
+    held: Mapping[str, Array]
+    stamps: Array
+
+
+def _integrate(run: _Run, longest: float, knots: Array, state: tuple[float, ...]) -> tuple[Array, Array]:
+    """Return times (k,) and true states (k, 8) from the first to the last of *knots* (stamps, and before and after).
+
+    longest : step [s].
+    """
+    hull, heun, effects, held, stamps = run.hull, run.heun, run.effects, run.held, run.stamps
     heun.pushes = [e.alter_force for e in effects if e.overrides("alter_force")]
     drives = [e.alter_input for e in effects if e.overrides("alter_input")]
     changes = [e.alter_parameters for e in effects if e.overrides("alter_parameters")]
@@ -348,23 +354,19 @@ def _lateness(effects: Sequence[HiddenEffect], measured: tuple[str, ...]) -> dic
 
 
 def _measure(
-    heun: _Heun,
-    effects: Sequence[HiddenEffect],
-    t: Array,
-    truth: Array,
-    stamps: Array,
-    measured: tuple[str, ...],
-    late: Mapping[str, float],
-    noise: Mapping[str, float],
-    seed: int,
+    run: _Run, t: Array, truth: Array, late: Mapping[str, float], noise: Mapping[str, float], seed: int
 ) -> dict[str, Array]:
-    """Return what is reported at the file's *stamps* (n,) of the *truth* (k, 8) at *t* (k,): late, noisy, altered."""
+    """Return what is reported at the file's stamps of the *truth* (k, 8) at *t* (k,): late, noisy, altered.
+
+    late : by how much [s] each measured signal is. noise : standard deviation by signal.
+    """
+    heun, effects, stamps = run.heun, run.effects, run.stamps
     water, psi = heun.plant.water, truth[:, SIGNALS.index("psi")]
     if water.over_ground:
         truth[:, 4] += water.V_x * np.cos(psi) + water.V_y * np.sin(psi)
         truth[:, 5] += water.V_y * np.cos(psi) - water.V_x * np.sin(psi)
     reported = {}
-    for name in measured:
+    for name in late:
         values = np.interp(stamps - late[name], t, truth[:, SIGNALS.index(name)])
         level = noise.get(name, 0.0)
         if level > 0.0:

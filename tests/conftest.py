@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import re
@@ -11,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from uuid import uuid4
 
@@ -50,6 +52,15 @@ def pytest_configure(config: pytest.Config) -> None:
             assert _python(*compiling).wait() == 0
         for process in beside:
             process.wait()  # what cannot be collected is told by whoever runs it
+
+
+def module_of_the_docs(name: str) -> ModuleType:
+    """Return a program of ``docs`` as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _python(*arguments: str) -> subprocess.Popen[bytes]:

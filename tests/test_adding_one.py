@@ -19,7 +19,7 @@ import report_stories
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.cli import main
-from gcs_autotune.design.laws import LAWS
+from gcs_autotune.design import LAWS
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.logs import formats, load_runs
 from gcs_autotune.methods import METHOD_PLACES

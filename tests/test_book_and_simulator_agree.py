@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel, passage_of
-from gcs_autotune.models.coupled import CoupledModel
-from gcs_autotune.models.coupled.form import Form
+from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.trial import Channel
 from sitl.effects import EFFECTS as SIMULATED
 from sitl.effects import make_effect

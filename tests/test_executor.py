@@ -67,7 +67,7 @@ def limits_seen(task: int) -> float:
     return float("nan") if effort is None else effort.work - effort.done
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [m if m == "fork" else pytest.param(m, marks=pytest.mark.slow) for m in METHODS])
 def test_a_limit_reaches_a_process_however_it_was_started(method: str) -> None:
     with limited_to(Budget(work=123.0)):
         assert list(ProcessExecutor(2, method).map(limits_seen, [0, 1])) == [123.0, 123.0]

@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.simulation import simulate
+from gcs_autotune.models import SingleDof, simulate
 from sitl import load_vehicle
 from sitl.plants import Wrench
 

@@ -18,7 +18,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from referencing import Registry, Resource
 
-from gcs_autotune.cli.config_file import read_config
+from gcs_autotune.cli import read_config
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import load_model, load_plan

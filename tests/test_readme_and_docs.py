@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import tomllib
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from gcs_autotune.cli import COMMANDS
 from gcs_autotune.effects import EFFECTS
+
+from .conftest import module_of_the_docs
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("*.md", "docs/**/*.md", "benchmarks/**/*.md")
@@ -51,14 +51,6 @@ def test_the_picture_of_a_tune_says_what_it_was_drawn_from_and_another_run_is_no
     change[0]["new"] *= 1.2
     (tmp_path / "gains.json").write_text(json.dumps({"changes": change}))
     assert draw_picture.differs(tmp_path, ROOT / "docs" / "pictures" / "tune.png") == [change[0]["parameter"]]
-
-
-def module_of_the_docs(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_every_page_is_looked_at():

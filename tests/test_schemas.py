@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import diagnosis_stories
@@ -16,14 +15,13 @@ import pytest
 import report_stories
 
 from gcs_autotune.api import Fit, example_run, fit, save_model
-from gcs_autotune.cli import main
-from gcs_autotune.cli.config_file import read_config
+from gcs_autotune.cli import main, read_config
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.link import Journal
-from gcs_autotune.report.tune.run_directory import write_story
-from gcs_autotune.workflow import CommonSettings, load_flight_plan
-from gcs_autotune.workflow.settings import Connection
+from gcs_autotune.report import write_story
+from gcs_autotune.workflow import CommonSettings, Connection, load_flight_plan
 
+from .conftest import module_of_the_docs
 from .identify.coupled.test_bad_coupled_runs import sailed
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -35,20 +33,16 @@ VEHICLES = Path(__file__).parents[1] / "sitl" / "vehicles"
 TOML = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
-def site_schemas() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("site_schemas", DOCS / "site_schemas.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def troubles(name: str, document: Any) -> list[str]:
+@cache
+def validator(name: str) -> Any:
     resources = [(p.name, referencing.Resource.from_contents(json.loads(p.read_text()))) for p in SCHEMAS.values()]
     schema = json.loads(SCHEMAS[name].read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
-    validator = jsonschema.Draft202012Validator(schema, registry=referencing.Registry().with_resources(resources))
-    return [error.message[:200] for error in validator.iter_errors(document)]
+    return jsonschema.Draft202012Validator(schema, registry=referencing.Registry().with_resources(resources))
+
+
+def troubles(name: str, document: Any) -> list[str]:
+    return [error.message[:200] for error in validator(name).iter_errors(document)]
 
 
 def of_the_docs(kind: str) -> list[tuple[str, str]]:
@@ -82,7 +76,7 @@ def test_there_is_a_schema_for_each_kind_of_file_and_the_page_of_formats_leads_t
 
 @pytest.mark.parametrize("name", ["plan-file", "settings-file", "vehicle-file"])
 def test_the_schemas_made_from_tables_are_current(name: str) -> None:
-    made = site_schemas().text_of(f"{name}.schema.json")
+    made = module_of_the_docs("site_schemas").text_of(f"{name}.schema.json")
     assert SCHEMAS[name].read_text(encoding="utf-8") == made, "run: PYTHONPATH=. python3 docs/site_schemas.py"
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -21,6 +19,8 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.identify import load_model
 from sitl import open_vehicle
 from sitl.effects import parse_effect
+
+from .conftest import module_of_the_docs
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -36,18 +36,10 @@ with in_few_evaluations():
 """
 
 
-def module_of_the_site(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("reference")
-    module_of_the_site("site_reference").write(folder)
+    module_of_the_docs("site_reference").write(folder)
     return {path.stem: path.read_text() for path in folder.glob("*.md")}
 
 
@@ -80,7 +72,7 @@ def test_the_bibliography_has_every_entry(pages):
 
 
 def test_every_effect_has_a_how_to_whose_commands_name_what_there_is(pages):
-    site, told = module_of_the_site("site_reference"), pages["hide_and_find"]
+    site, told = module_of_the_docs("site_reference"), pages["hide_and_find"]
     assert set(site.ABOARD) == set(EFFECTS)
     for slug in EFFECTS:
         section = told.partition(f"\n## {slug}\n")[2].partition("\n## ")[0]
@@ -93,7 +85,7 @@ def test_every_effect_has_a_how_to_whose_commands_name_what_there_is(pages):
 
 @pytest.mark.parametrize("slug", list(EFFECTS))
 def test_the_vehicle_that_a_how_to_names_hides_its_effect(slug):
-    _, vehicle, size = module_of_the_site("site_reference").ABOARD[slug]
+    _, vehicle, size = module_of_the_docs("site_reference").ABOARD[slug]
     open_vehicle(vehicle, effects=[parse_effect(f"{slug}{size}")], seed=3)
 
 

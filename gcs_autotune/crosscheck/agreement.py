@@ -210,8 +210,9 @@ def _compared(
     position_leads = sizes[0] / noise[0] >= sizes[1] / noise[1]
     if max(sizes[0] / noise[0], sizes[1] / noise[1]) < LEAST_CLEAR:
         return None
-    shift, shift_std, at_rest, best = _best_shift(windows, position, rate, total, x, most)
-    return _judge(windows, x, best, noise, expected, position_leads, (shift, shift_std, at_rest), position, rate)
+    best = _best_shift(windows, position, rate, total, x, most)
+    beats = 0.5 * (position.beat + rate.beat)
+    return _judge(windows, x, best, noise, expected, position_leads=position_leads, beats=beats)
 
 
 def _common(position: Series, rate: Series) -> float:
@@ -262,11 +263,22 @@ def _cosine(a: Array, b: Array) -> float:
     return float(a @ b) / size if size > 0.0 else 0.0
 
 
-def _best_shift(
-    windows: Windows, position: Series, rate: Series, total: Array, x: Array, most: float
-) -> tuple[float, float, tuple[float, float], Array]:
-    """Return the shift [s] at which both agree best, its standard error, the coherence of what changes without any and
-    with it, and the slopes predicted with it."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shift:
+    """A shift in ``time`` [s], its standard error, and the slopes (n,) ``predicted`` with it.
+
+    ``unshifted``, ``changing``: the coherence of what changes without any shift, and with this one.
+    """
+
+    time: float
+    std: float
+    unshifted: float
+    changing: float
+    predicted: Array
+
+
+def _best_shift(windows: Windows, position: Series, rate: Series, total: Array, x: Array, most: float) -> _Shift:
+    """Return the shift at which both agree best."""
     step = max(0.05, 0.25 * min(position.beat, rate.beat))
     shifts = step * np.arange(-math.floor(most / step), math.floor(most / step) + 1)
     rows = [_predicted(windows, position, rate, total, float(s)) for s in shifts]
@@ -287,22 +299,24 @@ def _best_shift(
     left = centred - factor * (best - best.mean())
     slope = abs(factor) * math.sqrt(float(np.sum((change / (2.0 * step)) ** 2)))
     std = _rms(left) * math.sqrt(windows.overlap) / slope if slope > 0.0 else math.inf
-    return shift, std, (float(cosines[zero]), float(cosines[k])), best
+    return _Shift(shift, std, float(cosines[zero]), float(cosines[k]), best)
 
 
 def _judge(
     windows: Windows,
     x: Array,
-    predicted: Array,
+    best: _Shift,
     noise: tuple[float, float],
     expected: Expected,
+    *,
     position_leads: bool,
-    shifted: tuple[float, float, tuple[float, float]],
-    position: Series,
-    rate: Series,
+    beats: float,
 ) -> Comparison:
-    """Return the agreement of the slopes of the position and those *predicted*, shifted as they agree best."""
-    shift, shift_std, (unshifted, changing) = shifted
+    """Return the agreement of the slopes *x* (n,) of the position and those predicted, shifted as they agree *best*.
+
+    beats : mean interval [s] of both.
+    """
+    predicted, shift, shift_std = best.predicted, best.time, best.std
     leading, following = (x, predicted) if position_leads else (predicted, x)
     slope, std, coherence = _regression(
         leading, following, windows.overlap, expected.offset, noise[1 if position_leads else 0]
@@ -313,7 +327,6 @@ def _judge(
     factor, factor_std = (1.0 / slope, std / slope**2) if position_leads and slope else (slope, std)
     kind: Kind = "unclear"
     high = abs(slope)
-    beats = 0.5 * (position.beat + rate.beat)
     own_noise = noise[1 if position_leads else 0]
     quiet = _rms(following) < max(STILL * _rms(leading), 2.0 * own_noise)
     steady = _rms(leading - float(np.mean(leading))) < 0.1 * _rms(leading)
@@ -334,8 +347,8 @@ def _judge(
             kind = "factor"
         elif (
             abs(shift) > expected.shift + beats + SURE * shift_std
-            and changing >= ALIKE
-            and 1.0 - changing**2 < BETTER * (1.0 - unshifted**2)
+            and best.changing >= ALIKE
+            and 1.0 - best.changing**2 < BETTER * (1.0 - best.unshifted**2)
         ):
             kind = "shift"
         elif std < SPREAD:

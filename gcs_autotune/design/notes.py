@@ -148,8 +148,6 @@ BESIDE: Mapping[str, str] = {
     "sub-heading": "headings (ALT_HOLD)",
 }
 """Law of another mode -> what it follows, and its modes."""
-POORLY = 0.1
-"""Shortfall of a mode from which advice is given. Chosen."""
 
 
 def other_mode_notes(beside: Beside) -> Iterator[str]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,15 +98,18 @@ def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> Ga
     are closer to the specification but perform worse. A last descent includes the gains of ``Law.late``, if that
     improves the result.
     """
-    best = _refined(problem, chosen, [chosen.settings, problem.settings], duration)
+    aims = _Aims(problem, chosen.wanted, duration)
+    best = _refined(aims, chosen, [chosen.settings, problem.settings])
     lenient = bool(best.objections)
     if lenient:
-        best = _refined(problem, chosen, [chosen.settings, best.settings, problem.settings], duration, lenient=True)
+        aims = replace(aims, lenient=True)
+        best = _refined(aims, chosen, [chosen.settings, best.settings, problem.settings])
     if not problem.late:
         return best
     wider = replace(problem, gains=(*problem.gains, *problem.late))
     full = {**best.settings, **{g.parameter: g.high for g in problem.late}}
-    return _refined(wider, best, [best.settings, full], duration, worth=WORTH, noise=CALM, lenient=lenient)
+    aims = _Aims(wider, best.wanted, duration, CALM, lenient)
+    return _refined(aims, best, [best.settings, full], worth=WORTH)
 
 
 def refine_briefly(
@@ -119,7 +122,7 @@ def refine_briefly(
     noise, problem = _noise_of(problem, near), _with_late(problem, near)
     found = near
     for lenient in (False, True):
-        cost = _Cost(problem, near.wanted, duration, found.settings, noise, lenient=lenient)
+        cost = _Cost(_Aims(problem, near.wanted, duration, noise, lenient), found.settings)
         begins = [np.sqrt(problem.as_fractions(found.settings))]
         if everywhere and not lenient:
             begins = [min([*begins, *sobol(len(problem.gains), SCATTER)], key=cost)]
@@ -141,8 +144,8 @@ def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMod
         law, speed = other.problem.law, problem.spec.speed
         exact = law.starts(problem.model, best.wanted, best.settings, speed)[0][FEED]
         starts += [ALIKE[problem.law.name](best.settings, share * exact) for share in FEEDS]
-    noise, lenient = _noise_of(problem, best), bool(best.objections)
-    return _refined(problem, best, starts, duration, noise=noise, lenient=lenient, other=other, yields=True)
+    aims = _Aims(problem, best.wanted, duration, _noise_of(problem, best), bool(best.objections), other)
+    return _refined(aims, best, starts, yields=True)
 
 
 def refine_beyond(
@@ -150,8 +153,8 @@ def refine_beyond(
 ) -> GainCandidate:
     """Return what the wider ranges of *problem* allow, from the *best* gains on; those where they allow no more."""
     problem = _with_late(problem, best)
-    noise, lenient = _noise_of(problem, best), bool(best.objections)
-    return _refined(problem, best, [best.settings], duration, noise=noise, lenient=lenient, other=other)
+    aims = _Aims(problem, best.wanted, duration, _noise_of(problem, best), bool(best.objections), other)
+    return _refined(aims, best, [best.settings])
 
 
 def beyond(gain: Gain) -> Gain:
@@ -177,7 +180,7 @@ def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -
     specified margins are not replaced by gains that do not.
     """
     lenient = bool(before.objections)
-    cost = _Cost(problem, before.wanted, duration, before.settings, NOISE_LIMIT, lenient=lenient)
+    cost = _Cost(_Aims(problem, before.wanted, duration, lenient=lenient), before.settings)
     best = sorted(sobol(len(problem.gains), SEARCHED), key=cost)[:CLOSER]
     for x in (*(_descend(cost, begin) for begin in best[:DESCENTS]), *best):
         found = judge(problem, before.wanted, _rounded(problem, cost.settings(x)), duration)
@@ -192,27 +195,22 @@ def _passes(problem: DesignProblem, before: GainCandidate, found: GainCandidate)
 
 
 def _refined(
-    problem: DesignProblem,
+    aims: _Aims,
     chosen: GainCandidate,
     starts: Sequence[Settings],
-    duration: float,
     *,
     worth: float = NOTICEABLE,
-    noise: float = NOISE_LIMIT,
-    lenient: bool = False,
-    other: OtherMode | None = None,
     yields: bool = False,
 ) -> GainCandidate:
     """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that.
 
-    other : the other mode counts, too; with *yields* this one gives up at most a trifle for it.
+    yields : this mode gives up at most a trifle for the other one.
     """
-    settings = dict(chosen.settings)
-    most = math.inf
+    settings, problem = dict(chosen.settings), aims.problem
     if yields:
-        most = YIELD * _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient).error(settings)
-    cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient, other=other, most=most)
-    usual = _Cost(problem, chosen.wanted, duration, settings, NOISE_LIMIT, lenient=lenient, other=other, most=most)
+        aims = replace(aims, most=YIELD * _Cost(replace(aims, other=None), settings).error(settings))
+    cost = _Cost(aims, settings)
+    usual = _Cost(replace(aims, noise=NOISE_LIMIT), settings)
     before = usual.of(chosen.settings)  # it was chosen under the usual limit of noise
     best, least = chosen, worth * before
     scatter = sobol(len(problem.gains), SCATTER)
@@ -220,11 +218,11 @@ def _refined(
     x = min((_descend(cost, begin) for begin in begins), key=cost)
     for descents in range(ROUNDS):
         if descents:
-            cost = _Cost(problem, chosen.wanted, duration, settings, noise, lenient=lenient, other=other, most=most)
+            cost = _Cost(aims, settings)
             x = _descend(cost, x)
         settings = _rounded(problem, cost.settings(x))
-        found = judge(problem, chosen.wanted, settings, duration)
-        acceptable = is_tolerable(found) and (lenient or len(found.objections) <= len(chosen.objections))
+        found = judge(problem, chosen.wanted, settings, aims.duration)
+        acceptable = is_tolerable(found) and (aims.lenient or len(found.objections) <= len(chosen.objections))
         is_for = cost.of(settings)
         if acceptable and is_for < least:
             best, least = found, is_for
@@ -237,32 +235,34 @@ def _rounded(problem: DesignProblem, settings: Settings) -> dict[str, float]:
     return {**settings, **{g.parameter: round_gain(settings[g.parameter], g) for g in problem.gains}}
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Aims:
+    """What gains are to achieve: to follow ``wanted`` over ``duration`` [s], with ``noise`` in the output at most.
+
+    ``lenient``: the smallest margins are required, the specified ones only add cost. ``other``: the shortfall of the
+    other mode counts too, and the ITAE of this one is at most ``most`` [s^2].
+    """
+
+    problem: DesignProblem
+    wanted: ReferenceModel
+    duration: float
+    noise: float = NOISE_LIMIT
+    lenient: bool = False
+    other: OtherMode | None = None
+    most: float = math.inf
+
+
 class _Cost:
     """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks.
 
-    *lenient*: the smallest margins are required, the specified ones only add cost. *other*: the shortfall of the other
-    mode counts too, and the ITAE of this one is at most *most* [s^2].
+    near : settings about which the hardest craft of the region are sought.
     """
 
-    def __init__(
-        self,
-        problem: DesignProblem,
-        wanted: ReferenceModel,
-        duration: float,
-        near: Settings,
-        noise: float,
-        *,
-        lenient: bool = False,
-        other: OtherMode | None = None,
-        most: float = math.inf,
-    ) -> None:
-        self._problem = problem
-        self._other, self._most = other, most
-        self._held = RESERVE if other is None else RESERVE_BESIDE
-        self._noise = noise
-        self._lenient = lenient
-        self._wanted = wanted
-        self._duration = duration
+    def __init__(self, aims: _Aims, near: Settings) -> None:
+        self._problem, self._wanted = problem, wanted = aims.problem, aims.wanted
+        self._other, self._most = aims.other, aims.most
+        self._held = RESERVE if aims.other is None else RESERVE_BESIDE
+        self._noise, self._lenient, self._duration = aims.noise, aims.lenient, aims.duration
         least = 2.0 * noise_floor(problem.spec.noise_std, problem.spec.quantum)
         self._steps = [part * problem.step for part in PARTS if part == 1.0 or part * problem.step > least]
         self._watched = [problem.model, *problem.hardest(near, wanted, HARDEST)]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.design.reference_model import SETTLED
 from gcs_autotune.design.result import StepMetrics
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.jit import entry
 
 __all__ = ["StepError", "combine", "error_behind", "noise_floor", "step_error", "step_metrics"]
 
@@ -32,9 +32,6 @@ INTERVAL = 1.5
 the corners off, narrower ones leave more noise (tests/design/test_error_estimate.py)."""
 LAST_PART = 1.0 / 3.0
 """Fraction of the record used for the steady state. Chosen."""
-
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
-_lean: Callable[[Callable[..., None]], Callable[..., None]] = njit(**_LEAN)
 
 
 class StepError(NamedTuple):
@@ -163,7 +160,7 @@ def error_behind(error: Array, std: float) -> Array:
     return found
 
 
-@_lean
+@entry
 def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval: float, found: Array) -> None:
     """Fill *found* (n,) and *sums* (3, n + 1): of *error* before each sample, times its place to the power 0, 1, 2.
 

@@ -77,6 +77,22 @@ def passage_of(
     return Passage(run, t_in, commands, together, at, begin, measured or {})
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Simulated:
+    """A run simulated from ``theta``, ``effects`` and ``x_0``: what is true, what is ``seen`` of it.
+
+    ``by`` : the sensitivities (s, q) of what is seen to what the kernel knows.
+    """
+
+    theta: Array
+    effects: Sequence[EffectInstance]
+    x_0: Array
+    passage: Passage
+    truth: Observed
+    seen: Observed
+    by: Mapping[str, Array]
+
+
 class ExtendedSimulator:
     """A form and a set of effects made ready to run.
 
@@ -156,9 +172,10 @@ class ExtendedSimulator:
         if not sensitivities:
             return {n: (seen.signals[n][at], np.empty((len(at), 0))) for n, at in passage.at.items()}
         passed = self._through_sensors(effects, truth, seen, by)
+        run = _Simulated(theta, effects, x_0, passage, truth, seen, passed)
         columns = []
         for k, (i, name) in enumerate(self.free_effects):
-            found = self._effect_column(k, i, name, theta, effects, x_0, passage, truth, seen, passed)
+            found = self._effect_column(k, i, name, run)
             if found is None:
                 return None
             columns.append(found)
@@ -256,15 +273,10 @@ class ExtendedSimulator:
         k: int,
         i: int,
         name: str,
-        theta: Array,
-        effects: Sequence[EffectInstance],
-        x_0: Array,
-        passage: Passage,
-        truth: Observed,
-        seen: Observed,
-        by: Mapping[str, Array],
+        run: _Simulated,
     ) -> Mapping[str, Array] | None:
-        """Return the sensitivity of every signal to one parameter of one effect."""
+        """Return the sensitivity of every signal to parameter *name* of effect *i*, the *k*-th of all."""
+        effects, seen, by = run.effects, run.seen, run.by
         instance, entry = effects[i], self.entries[i]
         h = STEP * self.typical[k]
         nudged = instance.with_values({name: instance.values[name] + h})
@@ -274,15 +286,15 @@ class ExtendedSimulator:
             total: dict[str, Array] = {n: np.zeros(len(seen.t)) for n in seen.signals}
             for derivative, weight in weights.items():
                 if weight != 0.0:
-                    at = self._columns.index(derivative)
+                    column = self._columns.index(derivative)
                     for n in total:
-                        total[n] = total[n] + weight * by[n][:, at]
+                        total[n] = total[n] + weight * by[n][:, column]
             return total
         changed = [*effects[:i], nudged, *effects[i + 1 :]]
         if self._stages[k] == "after":
-            moved: tuple[Observed, dict[str, Array]] | None = (truth, {})
+            moved: tuple[Observed, dict[str, Array]] | None = (run.truth, {})
         else:
-            moved = self._move(theta, changed, x_0, passage, False)
+            moved = self._move(run.theta, changed, run.x_0, run.passage, False)
         if moved is None:
             return None
         other = self._observe(changed, moved[0])

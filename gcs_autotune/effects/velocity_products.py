@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 from math import inf, prod
 from typing import ClassVar
 
@@ -118,16 +118,13 @@ def product_terms(velocities: str = "uvwpqr", order: int = 2) -> Iterator[Produc
     Symmetry to port and starboard decides which. A product of moduli alone is kept where it is a square, and not of the
     row's own velocity: that would push one way only.
     """
-    for own in STATES:
-        if own not in velocities:
-            continue
-        row = FORCES[STATES.index(own)]
-        for count in range(1, order + 1):
-            for letters in combinations_with_replacement([s for s in STATES if s in velocities], count):
-                for moduli in _moduli(letters, own):
-                    found = _term(row, own, letters, moduli)
-                    if found is not None:
-                        yield found
+    known = [s for s in STATES if s in velocities]
+    products = [p for count in range(1, order + 1) for p in combinations_with_replacement(known, count)]
+    for own, letters in product(known, products):
+        for moduli in _moduli(letters, own):
+            found = _term(FORCES[STATES.index(own)], own, letters, moduli)
+            if found is not None:
+                yield found
 
 
 def _moduli(letters: Sequence[str], own: str) -> Iterator[tuple[bool, ...]]:

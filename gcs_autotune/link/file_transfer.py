@@ -137,14 +137,13 @@ def _read(session: Session, exchange: _Exchange, deadline: Deadline, path: str) 
         for reply in exchange.replies:
             if reply.asked != _READ:
                 continue
+            if not reply.is_ack and reply.data[:1] != bytes([_END_OF_FILE]):
+                raise BadFile(f"{path} of {session.vehicle} cannot be read{_why(reply)}")
+            length = len(reply.data) if reply.is_ack else 0
             if reply.is_ack:
                 pieces[reply.offset] = reply.data
-                if len(reply.data) < _PIECE:
-                    end = min(reply.offset + len(reply.data), end if end is not None else reply.offset + _PIECE)
-            elif reply.data[:1] == bytes([_END_OF_FILE]):
-                end = min(reply.offset, end) if end is not None else reply.offset
-            else:
-                raise BadFile(f"{path} of {session.vehicle} cannot be read{_why(reply)}")
+            if length < _PIECE:  # a short piece, or none, is the end of the file
+                end = reply.offset + length if end is None else min(reply.offset + length, end)
     raise NoReply(f"{path} of {session.vehicle} was not received completely in time. Try a faster link")
 
 

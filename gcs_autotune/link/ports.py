@@ -109,10 +109,9 @@ def _heard(uri: str, transport: Transport, seconds: float) -> Overheard:
             messages += 1
             if frame.name != "HEARTBEAT":
                 continue
-            if is_autopilot(frame.message):
-                if not autopilots:
-                    end = Deadline.after(transport.clock, min(end.remaining, 0.5))
-                autopilots[frame.system, frame.component] = VehicleCandidate.of(frame)
-            else:
+            if not is_autopilot(frame.message):
                 others.add(frame.system)
+                continue
+            end = end if autopilots else Deadline.after(transport.clock, min(end.remaining, 0.5))
+            autopilots[frame.system, frame.component] = VehicleCandidate.of(frame)
     return Overheard(uri, tuple(autopilots.values()), tuple(sorted(others)), messages, framer.bad_bytes)

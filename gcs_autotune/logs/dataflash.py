@@ -366,17 +366,17 @@ def _whole(t: Array, values: Mapping[str, Array]) -> tuple[Array, dict[str, Arra
 def _events(store: SampleStore, kind: str, stamps: Array, columns: Mapping[str, Any]) -> None:
     try:
         for i, t in enumerate(stamps):
-            if kind == "PARM":
-                if np.isfinite(columns["Value"][i]):
-                    store.parameters[str(columns["Name"][i])] = float(columns["Value"][i])
-            elif np.isfinite(t):
+            if kind == "PARM" or np.isfinite(t):
                 _event(store, kind, float(t), {name: values[i] for name, values in columns.items()})
     except (KeyError, TypeError, ValueError) as error:
         raise Missing(str(error)) from None
 
 
 def _event(store: SampleStore, kind: str, t: float, m: Mapping[str, Any]) -> None:
-    if kind == "MSG":
+    if kind == "PARM":  # a parameter counts without a time, too
+        if np.isfinite(m["Value"]):
+            store.parameters[str(m["Name"])] = float(m["Value"])
+    elif kind == "MSG":
         store.texts.append((t, str(m["Message"])))
         _name(store, str(m["Message"]))
     elif kind == "VER":

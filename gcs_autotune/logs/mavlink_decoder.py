@@ -180,8 +180,9 @@ def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> D
                 is_known = firmware_for(h.message.autopilot, h.message.type) is not None
                 (known if is_known else others)[who] += 1
             elif h.name == "MANUAL_CONTROL":
-                for other in scribes.values():
-                    if other is not decoder and h.message.target in (0, other.vehicle[0]):
+                flown = (d for d in scribes.values() if h.message.target in (0, d.vehicle[0]))
+                for other in flown:
+                    if other is not decoder:
                         other.read_sticks(h)
         except (AttributeError, TypeError, ValueError, OverflowError):
             misfits += 1  # a damaged line of a CSV file; a frame with a checksum has its fields

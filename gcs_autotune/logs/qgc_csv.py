@@ -10,6 +10,7 @@ of such rows only the columns in front of the groups are read.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -73,11 +74,8 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
                 rows += 1
                 shifted += len(cells) != len(heads)
                 census.count("row", t)
-                for groups in COLUMNS[: 1 if len(cells) != len(heads) else None]:
-                    for group in groups:
-                        values = {s: _number(cells, place.get(name, -1)) * factor for name, s, factor in group}
-                        if not any(math.isnan(v) for v in values.values()):
-                            store.take(t, values)
+                for values in _samples(cells, heads, place):
+                    store.take(t, values)
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
     if not rows:
@@ -87,6 +85,15 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
         notes.append(("damaged-log", f"{bad} rows of the log were damaged and skipped", "use the .tlog"))
     meta = {"source": path.name, "messages": rows, "damaged": bad, "shifted_rows": shifted, "truncated": False}
     return Recording("QGroundControl CSV", [store], meta, notes, census)
+
+
+def _samples(cells: list[str], heads: list[str], place: Mapping[str, int]) -> Iterator[dict[str, float]]:
+    """Yield the complete groups of signals in one row; of a row with cells too many or too few, the first columns."""
+    for groups in COLUMNS[: 1 if len(cells) != len(heads) else None]:
+        for group in groups:
+            values = {s: _number(cells, place.get(name, -1)) * factor for name, s, factor in group}
+            if not any(math.isnan(v) for v in values.values()):
+                yield values
 
 
 def _number(cells: list[str], at: int) -> float:

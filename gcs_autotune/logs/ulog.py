@@ -114,11 +114,7 @@ def _take(store: SampleStore, census: Census, topic: str, columns: Columns) -> N
     census.count(topic, float(t[0]), len(t), float(t[-1]))
     try:
         if topic == "vehicle_status":
-            for moment, state, mode in zip(t, columns["arming_state"], columns["nav_state"], strict=True):
-                if not store.arming or store.arming[-1][1] != (state == ARMED):
-                    store.arming.append((float(moment), bool(state == ARMED)))
-                if not store.modes or store.modes[-1][1] != int(mode):
-                    store.modes.append((float(moment), int(mode)))
+            _take_status(store, t, columns)
             return
         with np.errstate(invalid="ignore", over="ignore"):  # a damaged number may be infinite
             values = SIGNALS[topic](columns)
@@ -126,6 +122,15 @@ def _take(store: SampleStore, census: Census, topic: str, columns: Columns) -> N
         return
     if values and all(v.shape == t.shape for v in values.values()):
         store.take_all(t, values)
+
+
+def _take_status(store: SampleStore, t: Array, columns: Columns) -> None:
+    """Write the changes of armed state and mode."""
+    for moment, state, mode in zip(t, columns["arming_state"], columns["nav_state"], strict=True):
+        if not store.arming or store.arming[-1][1] != (state == ARMED):
+            store.arming.append((float(moment), bool(state == ARMED)))
+        if not store.modes or store.modes[-1][1] != int(mode):
+            store.modes.append((float(moment), int(mode)))
 
 
 def _fits(head: Head) -> bool:

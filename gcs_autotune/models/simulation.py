@@ -15,12 +15,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from gcs_autotune.jit import called, entry_without_lock, pasted
 from gcs_autotune.models.single_dof import SingleDof
 
 __all__ = ["COLUMNS", "SimulatedMotion", "explicit_parameters", "simulate", "simulate_explicit"]
@@ -182,17 +181,12 @@ def _sweep(
 
 
 # Compiled in place, innermost first; each keeps its name so that the ones above call the compiled form.
-# Those within are never called from Python: an entry for it would only have to be compiled. What is called in one place
-# is pasted there before types are known, so that it is compiled, and made quick, once.
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
-_lean: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "no_cpython_wrapper": True})
-_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "inline": "always"})
-_series = _pasted(_series)
-_value = _lean(_value)
-_area = _lean(_area)
-_crossing = _pasted(_crossing)
-_step = _pasted(_step)
-_compiled_sweep: Callable[..., bool] = njit(**_LEAN, nogil=True)(_sweep)
+_series = pasted(_series)
+_value = called(_value)
+_area = called(_area)
+_crossing = pasted(_crossing)
+_step = pasted(_step)
+_compiled_sweep: Callable[..., bool] = entry_without_lock(_sweep)
 
 
 def explicit_parameters(model: SingleDof) -> tuple[float, float, float, float, float]:

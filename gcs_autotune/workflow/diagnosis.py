@@ -96,16 +96,21 @@ def run_diagnosis(
             told = _diagnosed(runs, unseen, settings, watch)
     except AutotuneError:  # refused: there is nothing to go on with
         if kept is not None:
-            kept.remove()
-            with suppress(OSError):
-                if is_new:
-                    kept.path.parent.rmdir()
+            _forget(kept, is_new=is_new)
         raise
     if kept is not None and told.verdict == "unfinished":
         kept.begin()
     elif kept is not None:
         kept.remove()
     return told
+
+
+def _forget(kept: KeptResults, *, is_new: bool) -> None:
+    """Remove the results kept, and their folder where *is_new*, unless there is something else in it."""
+    kept.remove()
+    if is_new:
+        with suppress(OSError):
+            kept.path.parent.rmdir()
 
 
 def _diagnosed(

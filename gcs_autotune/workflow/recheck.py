@@ -156,19 +156,6 @@ def _is_informative(sheet: Sheet) -> bool:
     return damped or zeta_std < 0.5 * (WELL_DAMPED - POORLY_DAMPED)
 
 
-def _why_not(check: Recheck) -> str:
-    """Return in words why no verdict on a loop is possible."""
-    if check.sheet is None:
-        return check.why
-    for doubt in check.sheet.doubts:
-        if doubt.slug in ("saturated", "not-linear"):
-            return doubt.cause
-    told = {f.slug: f.reading for f in check.sheet.figures}
-    if "damping" not in told:
-        return "the standard error of its damping ratio exceeds the value"
-    return f"its damping ratio is {told['damping'].value:.2f} +- {told['damping'].std:.2f}"
-
-
 def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     """Return the verdict on a loop, with its numbers now and at the last tune."""
     sheet, tune = check.sheet, check.tune

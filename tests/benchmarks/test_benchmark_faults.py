@@ -34,6 +34,7 @@ def test_a_fault_survives_the_way_to_a_file() -> None:
     assert Fault.from_dict(fault.to_dict()) == fault
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("moment", "found_as"), [(2.069, 19), (20.0, 2)])
 def test_a_vehicle_that_reboots_before_it_was_looked_at_is_found_as_it_boots_and_later_as_it_was(
     moment: float, found_as: int, tmp_path: Path
@@ -64,12 +65,12 @@ def test_every_act_of_another_station_is_among_the_cases_of_it() -> None:
 @pytest.mark.parametrize(
     ("index", "ending", "words"),
     [
-        (83, "NotAsFound", "not by us"),
-        (114, "NotAsFound", "not by us"),
+        pytest.param(83, "NotAsFound", "not by us", marks=pytest.mark.slow),
+        pytest.param(114, "NotAsFound", "not by us", marks=pytest.mark.slow),
         (91, "GuardTripped", "its radio failsafe does this"),
         (96, "TelemetryFault", "the autopilot has restarted"),
-        (37, "LinkLost", "Lost contact with"),
-        (68, "kept", ""),
+        pytest.param(37, "LinkLost", "Lost contact with", marks=pytest.mark.slow),
+        pytest.param(68, "kept", "", marks=pytest.mark.slow),
     ],
 )
 def test_no_order_is_overruled_and_no_cause_told_wrong(index: int, ending: str, words: str) -> None:
@@ -83,6 +84,7 @@ def test_no_order_is_overruled_and_no_cause_told_wrong(index: int, ending: str, 
     assert words in outcome.message
 
 
+@pytest.mark.slow
 def test_station_cases_are_played_and_counted_from_the_command_line(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -54,6 +54,7 @@ def test_every_physical_fault_can_be_put_in() -> None:
     assert all(m.before != m.after and (ROOT / m.path).read_text(encoding="utf-8") != m.source for m in found)
 
 
+@pytest.mark.slow
 def test_the_same_seed_draws_the_same_faults_from_several_files() -> None:
     pytest.importorskip("cosmic_ray")
     only = ("watchdog", "margins", "whiteness", "journal")

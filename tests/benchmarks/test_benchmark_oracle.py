@@ -82,7 +82,9 @@ AROUND = {
 }
 
 
-@pytest.mark.parametrize("name", AROUND)
+@pytest.mark.parametrize(
+    "name", [name if name == "even weather" else pytest.param(name, marks=pytest.mark.slow) for name in AROUND]
+)
 def test_an_effect_of_no_size_is_worth_nothing(name: str) -> None:
     burst = 0.0 if name == "even weather" else 1.0
     nats = [worth(flown(*AROUND[name], burst=burst, seed=seed), NOISE) for seed in range(4, 10)]
@@ -90,6 +92,7 @@ def test_an_effect_of_no_size_is_worth_nothing(name: str) -> None:
     assert np.mean(nats) == pytest.approx(-1.0, abs=1.0)  # what gain and damping, fitted to the plain craft alone, gain
 
 
+@pytest.mark.slow
 def test_without_weather_an_effect_of_no_size_is_worth_nothing_either() -> None:
     nats = [worth(flown(dead_zone(0.0), weather=1e-6, seed=seed), NOISE) for seed in range(4, 10)]
     assert np.mean(nats) == pytest.approx(-1.0, abs=1.0)

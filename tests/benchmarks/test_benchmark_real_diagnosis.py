@@ -28,6 +28,7 @@ def test_a_subs_commands_are_shares_of_what_its_motors_can_do(name: str, force: 
             assert np.max(np.abs(share.values)) == pytest.approx(np.max(np.abs(shown)))
 
 
+@pytest.mark.slow
 def test_a_fit_by_hand_finds_damping_that_grows_with_speed_and_prints_each_run() -> None:
     runs = [turning(seed) for seed in (1, 2, 3)]
     fit = by_hand(runs, seconds=2.0)
@@ -39,6 +40,7 @@ def test_a_fit_by_hand_finds_damping_that_grows_with_speed_and_prints_each_run()
     assert lines[3].split()[-2:] == ["-", "-"]
 
 
+@pytest.mark.slow
 def test_an_only_run_is_left_out_in_parts() -> None:
     fit = by_hand([turning(1)], seconds=2.0)
     assert set(fit.errors["linear"]) == {*(f"run1, part {k}" for k in (1, 2, 3, 4)), ALL}

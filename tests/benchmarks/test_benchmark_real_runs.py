@@ -14,7 +14,7 @@ from benchmarks.real_runs.methods.plain_scipy import FORMS as BY_HAND
 from benchmarks.real_runs.methods.plain_scipy import train
 from benchmarks.real_runs.runs import CRAFTS, DATA, FIRST, Run, gridded, load
 from benchmarks.real_runs.score import fit_percents
-from gcs_autotune.models.coupled import FORMS
+from gcs_autotune.models import FORMS
 from gcs_autotune.trial import Channel, Trial
 
 pytestmark = pytest.mark.slow

@@ -38,6 +38,7 @@ def test_a_rough_case_is_the_same_every_time_and_tells_its_circumstances() -> No
         assert all(np.array_equal(c.values, same[n].values) for n, c in run.channels.items())
 
 
+@pytest.mark.slow
 def test_every_circumstance_comes_and_none_does_at_times() -> None:
     seen = [draw_case("rough", 6, i, CALM).circumstances for i in range(40)]
     assert () in seen

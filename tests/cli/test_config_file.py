@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs_autotune.cli import main, make_parser
-from gcs_autotune.cli.config_file import CONFIG_VARIABLE, ConfigFile, find_config, read_config
+from gcs_autotune.cli import find_config, main, make_parser, read_config
+from gcs_autotune.cli.config_file import CONFIG_VARIABLE, ConfigFile
 from gcs_autotune.errors import BadFile, UnknownName, UsageError
 
 WHOLE = '[link]\nconnect = "udpin:0.0.0.0:14551"\nsystem-id = 7\nsigning-key = "key.txt"\n[limits]\nmax-distance = 40\n'

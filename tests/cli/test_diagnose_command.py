@@ -13,7 +13,7 @@ from gcs_autotune import clock
 from gcs_autotune.cli import main
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import UsageError
-from gcs_autotune.workflow.diagnosis import DiagnosisSettings
+from gcs_autotune.workflow import DiagnosisSettings
 
 WIDTH, DT, INERTIA, DRAG, NOISE = 0.3, 0.1, 2.0, 1.0, 0.004
 FAST = ("--effects", "dead-zone,input-bias")
@@ -102,6 +102,7 @@ def starved(monkeypatch):
         yield patch
 
 
+@pytest.mark.slow
 def test_a_search_that_is_stopped_says_how_to_go_on_and_ends_as_a_whole_one(capsys, tmp_path, runs, starved):
     out = tmp_path / "out"
     command = ("diagnose", runs[0], runs[1], *FAST)

@@ -41,6 +41,7 @@ def reached(model: SingleDof, proposal: Proposal, speed: float, rate: float, sec
     return float(motion.position[-1]) / rate
 
 
+@pytest.mark.slow
 def test_gains_for_headings_follow_turn_rates_where_both_can_be_had(proposals: Mapping[str, Proposal]) -> None:
     beside = proposals["quick"].beside
     assert beside is not None
@@ -51,6 +52,7 @@ def test_gains_for_headings_follow_turn_rates_where_both_can_be_had(proposals: M
     assert reached(QUICK, proposals["quick"], 1.5, 20.0 * DEG, 2.0) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.slow
 def test_what_turn_rates_fall_short_is_reported(proposals: Mapping[str, Proposal]) -> None:
     for name in ("quick", "slow"):
         beside = proposals[name].beside
@@ -60,6 +62,7 @@ def test_what_turn_rates_fall_short_is_reported(proposals: Mapping[str, Proposal
         assert f"{beside.before:.1%} with the present gains" in note
 
 
+@pytest.mark.slow
 def test_what_the_documented_ranges_cost_is_reported_and_tried_on_demand(proposals: Mapping[str, Proposal]) -> None:
     inside, beyond = proposals["slow"], proposals["slow beyond"]
     (note,) = (n for n in inside.notes if "--beyond-ranges" in n)

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gcs_autotune.design import Proposal, Spec, design, is_better, step_metrics
-from gcs_autotune.design.laws import LAWS, Scenario
+from gcs_autotune.design import LAWS, Proposal, Scenario, Spec, design, is_better, step_metrics
 from gcs_autotune.design.plant import sample_region
 from gcs_autotune.errors import NoGainsMeetSpec, ParameterMissing, UnknownName, UsageError
 from gcs_autotune.firmware import FIRMWARE, Axis

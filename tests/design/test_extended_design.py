@@ -11,11 +11,10 @@ import pytest
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.design import Actuator, Proposal, Spec, design, design_from, reduce
+from gcs_autotune.design import LAWS, Actuator, Proposal, Scenario, Spec, design, design_from, reduce
 from gcs_autotune.design.actuator import ActuatorStep
 from gcs_autotune.design.effect_reduction import _LEFT_OUT, _REDUCED
 from gcs_autotune.design.hunting import hunting_of
-from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.laws.kernel import actuate
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.plant import Region, heavier
@@ -23,8 +22,7 @@ from gcs_autotune.design.prediction import predict_error
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
 from gcs_autotune.identify.model_file import as_extended
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.coupled import FORMS, CoupledModel
+from gcs_autotune.models import FORMS, CoupledModel, SingleDof
 
 from .crafts import DEFAULTS, ROVER_DEFAULTS, ROVER_HEADING, SUB_DEPTH, SUB_HEADING, heave, yaw
 

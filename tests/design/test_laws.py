@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gcs_autotune.design.laws import LAWS, THROTTLE, Scenario, loops
+from gcs_autotune.design import LAWS, Scenario
+from gcs_autotune.design.laws import THROTTLE, loops
 from gcs_autotune.design.laws.rover_steering import scale
 from gcs_autotune.firmware import FIRMWARE
 

@@ -9,8 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import butter
 
-from gcs_autotune.design.actuator import Actuator, ActuatorStep
-from gcs_autotune.design.laws import Scenario, kernel
+from gcs_autotune.design import Actuator, Scenario
+from gcs_autotune.design.actuator import ActuatorStep
+from gcs_autotune.design.laws import kernel
 from gcs_autotune.models import SingleDof
 
 CRAFT = SingleDof("yaw", "1", 0.4, 0.3, 0.2, 0.05, 0.12)

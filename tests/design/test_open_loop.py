@@ -8,10 +8,9 @@ import control
 import numpy as np
 import pytest
 
-from gcs_autotune.design.laws import LAWS, Scenario
+from gcs_autotune.design import LAWS, OpenLoop, Scenario
 from gcs_autotune.design.margins import NO_CROSSING, Plant, margins_of, margins_of_each
 from gcs_autotune.design.open_loop import (
-    OpenLoop,
     Rational,
     constant,
     first_order,

@@ -9,8 +9,7 @@ from functools import cache
 
 import pytest
 
-from gcs_autotune.design import Proposal, design, is_better, over_windows, provisional, refinement
-from gcs_autotune.design.laws import LAWS
+from gcs_autotune.design import LAWS, Proposal, design, is_better, over_windows, provisional, refinement
 from gcs_autotune.design.refinement import GOOD_OVERSHOOT
 from gcs_autotune.design.step_metrics import noise_floor
 

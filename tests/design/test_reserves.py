@@ -10,13 +10,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from gcs_autotune.design import Margins, Spec, StepMetrics, design
+from gcs_autotune.design import Margins, Prediction, Spec, StepMetrics, Verdict, design
 from gcs_autotune.design import proposal as door
 from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import DesignProblem
-from gcs_autotune.design.result import Prediction
 from gcs_autotune.design.selection import GainCandidate, is_tolerable, judge, objections
-from gcs_autotune.design.verdict import Verdict
 
 from .crafts import SUB_HEADING, present, uncertain, yaw
 

@@ -11,16 +11,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_autotune.design import Actuator, Proposal, Spec, combine, design, is_better, step_metrics
+from gcs_autotune.design import (
+    LAWS,
+    Actuator,
+    Proposal,
+    Reduction,
+    Scenario,
+    Spec,
+    Verdict,
+    combine,
+    design,
+    is_better,
+    reference_model,
+    step_metrics,
+)
 from gcs_autotune.design import proposal as door
-from gcs_autotune.design.laws import LAWS, Scenario
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.plant import sample_region
 from gcs_autotune.design.prediction import _measure, _there_and_back, predict_as_flown, predict_error, ruler_of
-from gcs_autotune.design.reduction import Reduction
-from gcs_autotune.design.reference_model import reference_model
 from gcs_autotune.design.selection import MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, GainCandidate, judge
-from gcs_autotune.design.verdict import Verdict
 
 from .crafts import DEFAULTS, DEG, SUB_HEADING, SUB_HEADING_DEFAULTS, heave, uncertain, yaw
 

@@ -9,9 +9,19 @@ import control
 import numpy as np
 import pytest
 
-from gcs_autotune.design import Actuator, Proposal, Reduction, Spec, design, is_better
-from gcs_autotune.design.laws import LAWS, SKID, THROTTLE, Scenario
-from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
+from gcs_autotune.design import (
+    LAWS,
+    Actuator,
+    Proposal,
+    Reduction,
+    Scenario,
+    Spec,
+    design,
+    is_better,
+    pulse_of,
+    throttle_of,
+)
+from gcs_autotune.design.laws import SKID, THROTTLE
 from gcs_autotune.design.open_loop import Rational, constant, open_loop
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.models import SingleDof

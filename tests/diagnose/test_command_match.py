@@ -97,6 +97,7 @@ def test_a_command_that_is_never_held_is_matched_by_its_shape(factor):
         assert off(found.clock, factor, -7.0) < 4.0 * found.clock.shift_std
 
 
+@pytest.mark.slow
 def test_the_standard_error_of_a_clock_is_its_scatter():
     errors = []
     for seed in range(40):

@@ -116,6 +116,7 @@ def test_evidence_is_counted_by_how_rarely_chance_gives_it() -> None:
     assert chance_of(3.0, 1, 40) == pytest.approx(0.438, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_weak_cause_is_a_hint_and_no_name() -> None:
     told = in_mild_weather(7, "quadratic-drag")
     assert told.verdict == "unexplained" and not told.causes
@@ -126,6 +127,7 @@ def test_a_weak_cause_is_a_hint_and_no_name() -> None:
     assert 0.0 < first.chance < 0.05
 
 
+@pytest.mark.slow
 def test_a_constant_force_beside_a_drifting_one_is_identified() -> None:
     (cause,) = in_mild_weather(5, "input-bias").causes
     assert cause.effect.slug == "input-bias" and cause.effect["bias"] == pytest.approx(1.25, rel=0.2)
@@ -138,11 +140,13 @@ def test_a_lag_shorter_than_a_sample_is_a_hint_and_no_name() -> None:
     assert (told.hints[0].cause, told.hints[0].lacks) == ("actuator-lag", "brief")
 
 
+@pytest.mark.slow
 def test_no_hint_on_a_clean_craft() -> None:
     told = in_mild_weather(108, "clean")
     assert told.verdict == "unexplained" and not told.hints
 
 
+@pytest.mark.slow
 def test_beside_a_disturbance_above_the_commands_nothing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """What would have been named is a hint that says why it is none."""
     for module in (process_noise, search_with_noise):

@@ -289,6 +289,7 @@ def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
     assert densities_of([None], [None])[0].sum() < -1e5
 
 
+@pytest.mark.slow
 def test_a_name_that_explains_nothing_beside_a_later_one_is_dropped() -> None:
     """A stock sub's thrust seemed to fall with speed until her quadratic drag was found, and stayed at 0.1 +- 0.2."""
     problem, base = as_from_a_log(weathered(5, square=0.3, size=0.05))

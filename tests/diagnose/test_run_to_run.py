@@ -38,6 +38,7 @@ def test_days_of_eight_per_cent_of_thrust_give_no_name(seed: int) -> None:
     assert found.fit.noise.day_thrust == 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", APART)
 def test_days_of_eight_per_cent_of_thrust_refute_no_true_cause(seed: int) -> None:
     found = searched(weathered(seed, square=0.3, size=0.05, count=4, days=APART[seed]))
@@ -45,12 +46,14 @@ def test_days_of_eight_per_cent_of_thrust_refute_no_true_cause(seed: int) -> Non
     assert found.accepted[0].effect["coefficient"] == pytest.approx(0.3, rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_bias_of_all_runs_is_named_and_no_difference_between_them() -> None:
     found = searched(weathered(6, size=0.05, count=4, days=[(0.2, 0.0)] * 4))
     assert "input-bias" in [a.effect.slug for a in found.accepted]
     assert found.accepted[0].effect["bias"] == pytest.approx(0.2, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_moment_of_each_days_own_passes_for_no_bias() -> None:
     found = searched(weathered(7, size=0.05, count=4, days=[(0.25, 0.0), (-0.2, 0.0), (0.1, 0.0), (-0.15, 0.0)]))
     assert found.accepted == ()

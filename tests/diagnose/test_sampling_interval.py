@@ -105,6 +105,7 @@ def test_a_refit_to_fewer_runs_that_is_of_a_quicker_craft_is_chosen_by_its_error
     assert rms_ahead(problem, kept, 5.0) < 0.9 * rms_ahead(problem, quick, 5.0)
 
 
+@pytest.mark.slow
 def test_damping_that_grows_with_speed_is_named_ahead_and_astern() -> None:
     problem, base, *_ = begun([sailed(3), sailed(4), sailed(5)])
     slugs = ["speed-damping", "velocity-product", "quadratic-drag", "dead-zone"]

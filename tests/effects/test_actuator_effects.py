@@ -13,8 +13,7 @@ from scipy.integrate import solve_ivp
 
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
 from gcs_autotune.effects.actuator import quickest
-from gcs_autotune.models.coupled import CoupledModel
-from gcs_autotune.models.coupled.form import Form
+from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.trial import Channel
 
 Array = NDArray[np.float64]

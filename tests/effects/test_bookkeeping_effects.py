@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance, ExtendedModel, Observed, passage_of
-from gcs_autotune.models.coupled import CoupledModel, form_from
+from gcs_autotune.models import CoupledModel, form_from
 
 SLUGS = ("time-scale", "time-offset", "unit-error", "sign-error", "channel-swap")
 UNITS = {"psi": "rad", "r": "rad/s", "u": "m/s", "v": "m/s", "x": "m", "y": "m"}

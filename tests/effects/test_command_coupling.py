@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
-from gcs_autotune.models.coupled.form import Form
+from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel
 
 ENTRY = EFFECTS["command-coupling"]

@@ -11,11 +11,10 @@ import pytest
 from scipy.linalg import expm
 from scipy.stats import kurtosis, multivariate_normal, norm
 
-from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual, Observed
+from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual, Observed, grid_step
 from gcs_autotune.effects.kernels import earlier
 from gcs_autotune.effects.narrow_band import Oscillator, whitened
-from gcs_autotune.effects.sensor_noise import grid_step
-from gcs_autotune.models.coupled import form_from
+from gcs_autotune.models import form_from
 
 UNITS = {"psi": "rad", "r": "rad/s", "u": "m/s", "v": "m/s", "x": "m", "y": "m"}
 BASE = {"N_rdot": -2.0, "N_r": -1.0}

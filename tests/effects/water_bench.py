@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from gcs_autotune.effects import DataSummary, EffectInstance, ExtendedSimulator, Passage, passage_of
-from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel
 

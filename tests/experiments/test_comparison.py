@@ -10,8 +10,7 @@ import pytest
 from gcs_autotune.errors import UsageError
 from gcs_autotune.experiments import compare_dof, compare_models
 from gcs_autotune.identify import fit, model_file_of
-from gcs_autotune.models import SingleDof, simulate_explicit
-from gcs_autotune.models.simulation import explicit_parameters
+from gcs_autotune.models import SingleDof, explicit_parameters, simulate_explicit
 from gcs_autotune.trial import Channel, Trial
 
 

@@ -10,10 +10,9 @@ import pytest
 from experiment_plants import BOAT, Steps, Zigzag, recorded
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import fit
-from gcs_autotune.identify.information import fitted_model_of, information_on, with_bounds
-from gcs_autotune.identify.result import Fit
-from gcs_autotune.models.coupled import FORMS, Form
+from gcs_autotune.identify import Fit, fit, fitted_model_of, information_on
+from gcs_autotune.identify.information import with_bounds
+from gcs_autotune.models import FORMS, Form
 from gcs_autotune.trial import Channel, Trial
 
 FORM = FORMS["horizontal"].without("Y_0", "Y_vv", "Y_rdot", "X_0", "N_0")

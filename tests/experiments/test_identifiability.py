@@ -9,11 +9,10 @@ import pytest
 from experiment_plants import BOAT, Steps, Zigzag, circle, recorded
 
 from gcs_autotune.errors import UnknownName
-from gcs_autotune.experiments.identifiability import identifiability
-from gcs_autotune.experiments.profile_likelihood import profile
+from gcs_autotune.experiments import identifiability, profile
 from gcs_autotune.identify import Fit, fit
-from gcs_autotune.models.coupled import FORMS, Form
-from gcs_autotune.report.plots import correlation_plot, profile_plot
+from gcs_autotune.models import FORMS, Form
+from gcs_autotune.report import correlation_plot, profile_plot
 from gcs_autotune.trial import Channel, Trial
 
 FORM = FORMS["horizontal"].without("Y_0", "Y_vv", "Y_rdot", "X_0", "N_0")

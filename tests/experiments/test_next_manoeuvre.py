@@ -11,14 +11,13 @@ import pytest
 from experiment_plants import BOAT, Steps, circle, recorded, sail
 
 from gcs_autotune.errors import UnknownName, UsageError
-from gcs_autotune.experiments import next_manoeuvre
-from gcs_autotune.experiments.next_manoeuvre import PRESETS, RankedManoeuvre, plan_next, rank_by_precision
+from gcs_autotune.experiments import RankedManoeuvre, next_manoeuvre, plan_next, rank_by_precision
+from gcs_autotune.experiments.next_manoeuvre import PRESETS
 from gcs_autotune.experiments.preview import CONTROL_STEP, Flight, allocation_of, fly
-from gcs_autotune.identify import Fit, fit
-from gcs_autotune.identify.information import fitted_model_of
+from gcs_autotune.identify import Fit, fit, fitted_model_of
 from gcs_autotune.manoeuvres import Manoeuvre, Preset
-from gcs_autotune.models.coupled import FORMS, CoupledModel, Form
-from gcs_autotune.report.plots import plan_plot
+from gcs_autotune.models import FORMS, CoupledModel, Form
+from gcs_autotune.report import plan_plot
 from gcs_autotune.trial import Trial
 
 FORM = FORMS["horizontal"].without("Y_0", "Y_vv", "Y_rdot", "X_0", "N_0")
@@ -159,6 +158,7 @@ def test_bars_show_before_and_after(circled: tuple[list[Trial], Fit, RankedManoe
     assert len(axes.patches) == 2 * len(proposal.names)
 
 
+@pytest.mark.slow
 def test_weighed_roughly_first_the_best_are_the_same_and_weighed_as_they_are_flown(
     circled: tuple[list[Trial], Fit, RankedManoeuvre], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,11 +9,11 @@ import pytest
 from experiment_plants import Steps, recorded
 
 from gcs_autotune.errors import UsageError
+from gcs_autotune.experiments import choose_form, eliminate, weigh_drags
 from gcs_autotune.experiments.cross_validation import folds_of
-from gcs_autotune.experiments.drag_choice import weigh_drags
-from gcs_autotune.experiments.form_choice import choose_form, droppable, eliminate
+from gcs_autotune.experiments.form_choice import droppable
 from gcs_autotune.identify import fit_axis
-from gcs_autotune.models.coupled import FORMS, Form
+from gcs_autotune.models import FORMS, Form
 from gcs_autotune.trial import Channel, Trial
 
 SURGE = Form(

@@ -70,6 +70,7 @@ def pushed_about(seed, drift):
     return Trial("ferry", {"psi": Channel("psi", "rad", t, psi), "N": Channel("N", "N m", t, command)})
 
 
+@pytest.mark.slow
 def test_where_a_drifting_force_hides_the_input_over_whole_runs_pieces_are_fitted():
     """A ferry's manoeuvre was refused, although its moment went with its turning acceleration by 0.89."""
     found = fit([pushed_about(1, 0.008)], dof="yaw")

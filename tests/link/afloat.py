@@ -5,7 +5,7 @@ from __future__ import annotations
 from link_ends import PATIENCE, Ends
 
 from gcs_autotune.clock import Deadline, WallClock
-from gcs_autotune.link.transports.memory import Peer
+from gcs_autotune.link import Peer
 from gcs_autotune.link.transports.transport import SteppedTransport
 from gcs_autotune.mavlink import split_frames
 

@@ -198,7 +198,7 @@ class ScriptedVehicle:
     # --- protocol -------------------------------------------------------------------------------------
 
     def _on_rc_channels_override(self, m: Any) -> None:
-        if m.get_srcSystem() != self.parameters.get("MAV_GCS_SYSID", self.parameters.get("SYSID_MYGCS")):
+        if m.get_srcSystem() != self.parameters.get("MAV_GCS_SYSID", self.parameters.get("SYSID_MYGCS", 255)):
             return
         for n in range(1, 9):
             pwm = getattr(m, f"chan{n}_raw")

@@ -14,7 +14,6 @@ from scripted_vehicle import BOAT, ROV, ScriptedVehicle
 from gcs_autotune.errors import AutotuneError, PreconditionFailed
 from gcs_autotune.firmware import FIRMWARE, checked
 from gcs_autotune.link import Journal, MemoryLink, Parameters, ParameterTransaction, Session
-from gcs_autotune.link.parameters.exchange import same_float32
 from gcs_autotune.link.vehicle.handshake import _read_config
 from gcs_autotune.link.vehicle.vehicle_config import why_deaf
 from gcs_autotune.workflow.autopilot_loop import learn_parameters
@@ -107,12 +106,6 @@ def test_a_refusal_says_name_value_and_what_would_make_sense() -> None:
         checked("SERVO1_FUNCTION", 26.5)
     with pytest.raises(PreconditionFailed, match=r"^STAT_RUNTIME is inf"):
         checked("STAT_RUNTIME", math.inf)
-
-
-def test_what_is_not_a_number_is_not_the_same_as_any_number() -> None:
-    assert same_float32(math.nan, math.nan) and same_float32(math.inf, math.inf)
-    assert not same_float32(math.inf, 1.0) and not same_float32(-math.inf, math.inf)
-    assert not same_float32(math.nan, 0.0) and not same_float32(0.0, math.nan)
 
 
 def test_a_parameter_that_holds_no_number_is_not_borrowed_and_can_be_put_right(tmp_path: Path) -> None:

@@ -9,11 +9,13 @@ from typing import Any, cast
 import pytest
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.errors import PreconditionFailed
+from gcs_autotune.errors import NotAsFound, PreconditionFailed
 from gcs_autotune.firmware import FIRMWARE, ServoMap
+from gcs_autotune.link import Session, read_outputs
 from gcs_autotune.link.vehicle import actuation_check
-from gcs_autotune.link.vehicle.actuation_check import check_outputs_follow, check_overrides_taken, read_outputs
+from gcs_autotune.link.vehicle.actuation_check import await_neutral, check_outputs_follow, check_overrides_taken
 from gcs_autotune.link.vehicle.setpoint_streamer import FOLLOW_TIMEOUT
+from gcs_autotune.link.vehicle.telemetry import Telemetry
 
 
 class Asked:
@@ -141,13 +143,48 @@ def test_overrides_that_are_taken_are_let_go_and_awaited_for_a_second(monkeypatc
     assert (streamer.rested, session.waits, session.notes) == (1, [1.0], [])
 
 
-def test_overrides_that_are_not_shown_are_refused_with_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(PreconditionFailed, match=r"RC_CHANNELS shows channel 1 at 1500 us; asked as 255"):
-        look(Streamer(taken=False), 3, 4, monkeypatch)
+class Outputs:
+    """A session and its telemetry in one: outputs heard every 0.1 s, from *silent* seconds on."""
+
+    def __init__(self, outputs: dict[str, float], silent: float = 0.0) -> None:
+        self.clock = self.liveness = ManualClock()
+        self.outputs, self.output_ticks, self.silent = outputs, 0, silent
+        self.asked = 0
+
+    def request_message(self, number: int) -> None:
+        assert number == 36
+        self.asked += 1
+
+    def wait_for(self, seen: Callable[[], Any], timeout: float) -> Any:
+        end = self.clock.now() + timeout
+        while self.clock.now() < end:
+            self.clock.advance_to(end if end - self.clock.now() < 0.11 else self.clock.now() + 0.1)
+            if self.clock.now() >= self.silent:
+                self.output_ticks += 1
+            found = seen()
+            if found is not None:
+                return found
+        return None
 
 
-def test_a_vehicle_that_shows_no_channels_is_only_noted(monkeypatch: pytest.MonkeyPatch) -> None:
-    streamer = Streamer(taken=False)
-    session = look(streamer, 3, 3, monkeypatch)
-    assert ["sends no RC_CHANNELS" in note for note in session.notes] == [True]
-    assert streamer.rested == 1
+def wait_on(vehicle: Outputs) -> None:
+    await_neutral(cast(Session, vehicle), cast(Telemetry, vehicle))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_three_per_cent_of_full_output_is_neutral_and_more_either_way_is_not(sign: float) -> None:
+    vehicle = Outputs({"N": 0.0, "X": sign * 0.03})
+    wait_on(vehicle)
+    assert vehicle.clock.now() == pytest.approx(0.2), "the message after next: the first may have been under way"
+    with pytest.raises(NotAsFound, match="not neutral after 5 s: X") as caught:
+        wait_on(Outputs({"N": 0.0, "X": sign * 0.031}))
+    assert set(caught.value.differences) == {"X"}
+
+
+def test_outputs_that_are_not_heard_are_asked_for_and_never_taken_for_neutral() -> None:
+    vehicle = Outputs({"N": 0.0}, silent=2.05)
+    wait_on(vehicle)
+    assert vehicle.asked == 4
+    with pytest.raises(NotAsFound, match="outputs no longer reported") as caught:
+        wait_on(Outputs({"N": 0.0}, silent=99.0))
+    assert set(caught.value.differences) == {"outputs"}

@@ -9,8 +9,8 @@ from typing import cast
 
 import pytest
 
-from gcs_autotune.link import Parameters
-from gcs_autotune.link.vehicle.handshake import FINGERPRINT, difference, fingerprint_of
+from gcs_autotune.link import Parameters, difference, fingerprint_of
+from gcs_autotune.link.vehicle.handshake import FINGERPRINT
 from gcs_autotune.mavlink import VehicleIdentity
 
 HERE = VehicleIdentity(system=1, component=1, autopilot=3, vehicle_type=11, firmware="ArduRover", uid="c0ffee")

@@ -11,15 +11,14 @@ import pytest
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.errors import NoReply, ParameterMissing, TelemetryFault, WrongVehicle
 from gcs_autotune.firmware import FIRMWARE
+from gcs_autotune.link import open_craft
 from gcs_autotune.link.vehicle import handshake
 from gcs_autotune.link.vehicle.handshake import (
-    _adopt_gcs_id,
     _firmware,
     _follow_control_tick,
     _note_late_rates,
     _read_config,
     _with_frame,
-    open_craft,
 )
 from gcs_autotune.link.vehicle.watchdog import gyro_lag
 from gcs_autotune.mavlink import VehicleIdentity
@@ -53,22 +52,6 @@ class Held:
 def session(**changes: Any) -> Any:
     base = {"notes": [], "port": SimpleNamespace(system=255), "vehicle": BOAT, "lossy": str}
     return SimpleNamespace(**{**base, **changes})
-
-
-@pytest.mark.parametrize(
-    ("values", "system", "notes"),
-    [
-        ({"SYSID_MYGCS": 255.0}, 255, []),
-        ({"SYSID_MYGCS": 252.0}, 252, ["SYSID_MYGCS is 252: using system id 252"]),
-        ({"MAV_GCS_SYSID": 250.0, "SYSID_MYGCS": 252.0}, 250, ["MAV_GCS_SYSID is 250: using system id 250"]),
-        ({}, 255, ["the vehicle does not report which ground station it obeys; using system id 255"]),
-    ],
-)
-def test_we_send_as_the_station_that_the_vehicle_obeys(values: dict[str, float], system: int, notes: list[str]) -> None:
-    here = session()
-    parameters: Any = Held(values)
-    _adopt_gcs_id(here, parameters, ROVER)
-    assert (here.port.system, here.notes) == (system, notes)
 
 
 def test_a_vehicle_gets_its_firmwares_name_and_where_there_is_one_its_frame() -> None:

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from gcs_autotune.errors import BadFile, PreconditionFailed
-from gcs_autotune.link import Journal
+from gcs_autotune.link import Journal, JournalState
 from gcs_autotune.link.parameters import journal as journal_module
-from gcs_autotune.link.parameters.journal import JournalState, good_length, read_journal
+from gcs_autotune.link.parameters.journal import good_length, read_journal
 from gcs_autotune.mavlink import VehicleIdentity
 
 

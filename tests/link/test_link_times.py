@@ -12,13 +12,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from router import Router
 from scripted_vehicle import ScriptedVehicle
 
-from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import TelemetryFault
 from gcs_autotune.link import MavlinkCraft, MemoryLink, Peer, Session, open_craft
 from gcs_autotune.link.vehicle.bandwidth import Demand, plan
-from gcs_autotune.link.vehicle.setpoint_streamer import SendRate
-from gcs_autotune.link.vehicle.watchdog import gyro_lag
 from sitl import open_vehicle
 
 WANTED = {"ATTITUDE": 10.0, "SERVO_OUTPUT_RAW": 40.0, "RC_CHANNELS": 10.0, "GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 5.0}
@@ -93,45 +90,11 @@ def test_a_trial_carries_the_links_delays(boat: ScriptedVehicle) -> None:
     assert (meta["loop_period"], meta["rate_lag"]) == (0.02, 0.0)
 
 
-def test_answers_to_other_stations_are_not_taken_for_ours(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
-    boat.send(mavlink.MAVLink_timesync_message(round(boat.time * 1e9) + 10**12, 12345))
-    boat.send(mavlink.MAVLink_timesync_message(0, 77))
-    craft.session.pause(1.0)
-    assert craft.latency.vehicle_time(craft.clock.now()) == pytest.approx(boat.time, abs=0.05)
-
-
 def test_a_vehicle_without_timesync_is_flown_all_the_same(boat: ScriptedVehicle) -> None:
     boat.on["TIMESYNC"] = lambda _: None
     craft = board(boat)
     craft.arm()
     assert str(craft.link_times).startswith("whole loop")
-
-
-def test_a_simulator_on_double_speed_is_timed_in_its_own_seconds(boat: ScriptedVehicle) -> None:
-    craft = board(boat)
-    boat.on["TIMESYNC"] = lambda m: boat.send(mavlink.MAVLink_timesync_message(round(boat.time * 2e9), m.ts1))
-    craft.latency._trips.clear()
-    craft.session.pause(5.0)
-    now = craft.clock.now()
-    assert craft.latency.vehicle_time(now) - craft.latency.vehicle_time(now - 1.0) == pytest.approx(2.0, rel=0.02)
-
-
-def test_a_beat_counts_its_pauses() -> None:
-    clock = ManualClock()
-    send_rate = SendRate(clock)
-    for pause in (0.1, 0.1, 0.4, 0.1):
-        send_rate.count()
-        clock.advance(pause)
-    send_rate.suspend()
-    clock.advance(100.0)
-    send_rate.count()
-    assert (send_rate.rate, send_rate.longest) == (pytest.approx(5.0), pytest.approx(0.4))
-
-
-def test_a_gyro_filter_of_four_hertz_is_56_ms_late() -> None:
-    assert gyro_lag(4.0) == pytest.approx(0.0563, abs=1e-4)
-    assert gyro_lag(0.0) == 0.0
 
 
 # --- how much --------------------------------------------------------------------------------

@@ -128,3 +128,43 @@ def test_the_longest_of_several_silences_counts_while_its_end_is_in_the_span() -
         listened(liveness, 1.0)
         liveness.heard()
     assert liveness.longest(1e9) == 1.0, "fifty are kept"
+
+
+def test_only_what_was_listened_to_counts_as_silence() -> None:
+    """Half a second from pump to pump at most: longer, it was we who were away."""
+    hearing = Liveness(100.0)
+    hearing.count(100.4)
+    assert (hearing.listened, hearing.silence) == (pytest.approx(0.4), pytest.approx(0.4))
+    hearing.count(160.4)
+    assert hearing.silence == pytest.approx(0.9)
+    hearing.heard()
+    hearing.count(160.6)
+    assert (hearing.listened, hearing.silence) == (pytest.approx(1.1), pytest.approx(0.2))
+    hearing.bear(20.0)
+    assert hearing.silence == pytest.approx(-20.0)
+
+
+@pytest.mark.parametrize(("silence", "is_kept"), [(0.5, False), (0.51, True)])
+def test_the_longest_silence_is_of_those_worth_keeping_that_ended_in_the_span(silence: float, is_kept: bool) -> None:
+    liveness = Liveness(0.0)
+
+    def listen(until: float) -> None:
+        now = begun[0]
+        while now < until - 1e-9:
+            now = min(now + 0.3, until)
+            liveness.count(now)
+        begun[0] = until
+
+    begun = [0.0]
+    listen(silence)
+    liveness.heard()
+    listen(silence + 0.2)
+    liveness.heard()
+    assert liveness.longest(10.0) == (pytest.approx(silence) if is_kept else 0.0)
+    listen(silence + 5.0)
+    assert liveness.longest(5.1) == (pytest.approx(silence) if is_kept else 0.0)
+    assert liveness.longest(4.9) == 0.0
+    liveness.bear(3.0)
+    assert (liveness.silence, liveness.actual_silence) == (pytest.approx(-3.0), pytest.approx(4.8))
+    liveness.heard()
+    assert liveness.longest(1.0) == pytest.approx(4.8), "a silence that was borne was one"

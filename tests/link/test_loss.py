@@ -8,9 +8,8 @@ import pytest
 from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.errors import LinkError, NoReply
-from gcs_autotune.link import MemoryLink, Session, open_craft
+from gcs_autotune.link import MemoryLink, Parameters, Session, open_craft
 from gcs_autotune.link.liveness import Loss
-from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.workflow.connection import telemetry_rates
 
 

@@ -79,20 +79,27 @@ def test_a_vehicle_of_another_kind_is_refused_by_name() -> None:
         board(ScriptedVehicle(2))
 
 
-def test_the_id_the_vehicle_obeys_is_adopted_and_said(boat: ScriptedVehicle) -> None:
-    boat.parameters["MAV_GCS_SYSID"] = 252
+@pytest.mark.parametrize(
+    ("aboard", "system", "told"),
+    [
+        ({"MAV_GCS_SYSID": 255}, 255, ""),
+        ({"SYSID_MYGCS": 252}, 252, "SYSID_MYGCS is 252: using system id 252"),
+        ({"MAV_GCS_SYSID": 250, "SYSID_MYGCS": 252}, 250, "MAV_GCS_SYSID is 250: using system id 250"),
+        ({}, 255, "the vehicle does not report which ground station it obeys; using system id 255"),
+    ],
+)
+def test_the_id_the_vehicle_obeys_is_adopted_and_said(
+    boat: ScriptedVehicle, aboard: dict[str, float], system: int, told: str
+) -> None:
+    del boat.parameters["MAV_GCS_SYSID"]
+    boat.parameters |= aboard
     craft = board(boat)
-    assert craft.session.port.system == 252
-    assert any("system id 252" in note for note in craft.session.notes)
+    assert craft.session.port.system == system
+    assert [note for note in craft.session.notes if "system id" in note] == ([told] if told else [])
     craft.arm()
     craft.send(Actuate(N=0.5))
     craft.observe()
     assert craft.observe().output["N"] == pytest.approx(0.5, abs=0.01)
-
-
-def test_the_older_name_of_that_parameter_works_too(rov: ScriptedVehicle) -> None:
-    rov.parameters["SYSID_MYGCS"] = 250
-    assert board(rov).session.port.system == 250
 
 
 def test_telemetry_too_slow_to_steer_by_puts_the_rates_back(boat: ScriptedVehicle) -> None:
@@ -258,22 +265,6 @@ def test_a_mode_change_by_others_trips_with_the_vehicles_words(flying: MavlinkCr
         for _ in range(30):
             flying.observe()
     assert caught.value.guard == "mode"
-
-
-def test_a_disarm_by_others_trips(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
-    boat.armed = False
-    with pytest.raises(GuardTripped, match="disarmed"):
-        for _ in range(30):
-            flying.observe()
-
-
-def test_another_stations_write_to_a_borrowed_parameter_trips(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
-    flying.parameters.watch({"WP_SPEED": 2.0})
-    boat.parameters["WP_SPEED"] = 8.0
-    boat.send_parameter("WP_SPEED")
-    with pytest.raises(GuardTripped, match="WP_SPEED = 8"):
-        for _ in range(30):
-            flying.observe()
 
 
 def test_our_own_mode_changes_do_not_trip(flying: MavlinkCraft) -> None:

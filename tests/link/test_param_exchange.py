@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -11,9 +12,9 @@ import pytest
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.errors import NoReply, ParameterMissing, ParameterNotAccepted, TelemetryFault
-from gcs_autotune.link import Parameters
+from gcs_autotune.link import Parameters, same_float32
 from gcs_autotune.link.parameters.client import _decided, _winner, read_confirmed
-from gcs_autotune.link.parameters.exchange import ParamExchange, ParamWatch, read_list
+from gcs_autotune.link.parameters.exchange import ParamExchange, ParamWatch, as_float32, read_list
 
 
 class Answering:
@@ -121,21 +122,6 @@ def test_what_is_not_answered_is_asked_for_three_times_and_six_where_answers_com
     assert (session.asked()["NONE"], session.asked()["P"]) == (asked, lost + 1)
 
 
-def test_what_the_vehicle_refuses_is_not_asked_for_again() -> None:
-    session = Answering(P=0.5)
-
-    def refusing(message: Any) -> None:
-        session.queue.append(("PARAM_ERROR", SimpleNamespace(param_id=message.param_id)))
-
-    session.answer = refusing
-    mine = parameters(session)
-    assert mine.read_existing(["NONE"]) == {}
-    assert session.asked()["NONE"] == 1
-    session.answer = session.honest
-    session.held["NONE"] = 2.0
-    assert mine.read_existing(["NONE"]) == {"NONE": 2.0}, "a refusal is of its own question only"
-
-
 def test_missing_names_are_all_told_and_a_vehicle_that_answers_nothing_any_more_is_told_apart() -> None:
     session = Answering(P=0.5)
     mine = parameters(session)
@@ -187,26 +173,6 @@ def test_answers_that_go_on_contradicting_each_other_are_given_up_after_eight_as
     steady = Answering(P=0.5, I=0.2)
     assert read_confirmed(parameters(steady), ["P", "I", "P"]) == {"P": 0.5, "I": 0.2}
     assert steady.asked() == {"P": 2, "I": 2}
-
-
-def test_a_list_is_whole_when_every_place_of_it_is_known_and_only_gaps_are_asked_for() -> None:
-    session = Answering(**{f"P{k:02d}": float(k) for k in range(25)})
-
-    def gappy(message: Any) -> None:
-        if message.get_type() == "PARAM_REQUEST_LIST":
-            for k, name in enumerate(session.held):
-                if k % 2:
-                    session.value(name, index=k)
-        else:
-            session.honest(message)
-
-    session.answer = gappy
-    assert read_list(session, exchange(session), 60.0) == session.held  # type: ignore[arg-type]
-    kinds = [m.get_type() for m in session.sent]
-    assert kinds.count("PARAM_REQUEST_LIST") == 1
-    places = [m.param_index for m in session.sent if m.get_type() == "PARAM_REQUEST_READ"]
-    assert places == list(range(0, 25, 2))
-    assert {len(m.param_id) for m in session.sent if m.get_type() == "PARAM_REQUEST_READ"} == {0}
 
 
 def test_a_list_of_which_nothing_is_known_is_asked_for_again_until_the_time_is_up() -> None:
@@ -339,3 +305,38 @@ def test_what_we_write_ourselves_or_watch_no_more_is_no_intrusion() -> None:
     watch.add({"P": 0.9})
     hear("P", 0.7)
     assert watch.intrusions == [], "it is suspected anew"
+
+
+@pytest.mark.parametrize("scale", [1.0, -1.0, 1e-20, 1e20])
+def test_the_last_bits_of_a_float32_make_no_difference_and_more_do(scale: float) -> None:
+    assert same_float32(scale, scale * (1.0 + 3.9 * 2.0**-24))
+    assert same_float32(scale * (1.0 + 3.9 * 2.0**-24), scale)
+    assert not same_float32(scale, scale * (1.0 + 4.2 * 2.0**-24))
+    assert not same_float32(scale, -scale)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "same"),
+    [
+        (math.nan, math.nan, True),
+        (math.nan, 0.0, False),
+        (math.inf, math.inf, True),
+        (math.inf, -math.inf, False),
+        (math.inf, 1e38, False),
+        (0.0, -0.0, True),
+        (0.0, 1e-30, False),
+    ],
+)
+def test_numbers_that_are_none_are_compared_too(a: float, b: float, same: bool) -> None:
+    assert same_float32(a, b) is same_float32(b, a) is same
+
+
+def test_a_value_is_rounded_as_the_vehicle_will_hold_it() -> None:
+    assert as_float32("P", 0.1) == 0.10000000149011612
+    assert as_float32("P", 3.0) == 3.0
+
+
+# --- watchdog --------------------------------------------------------------------------------
+
+
+# --- files --------------------------------------------------------------------------------

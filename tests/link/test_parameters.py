@@ -4,14 +4,11 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ScriptedVehicle
 
-from gcs_autotune.errors import LinkLost, NoReply, ParameterMissing, ParameterNotAccepted, UsageError
+from gcs_autotune.errors import LinkLost, ParameterMissing, ParameterNotAccepted, UsageError
 from gcs_autotune.link import MemoryLink, Parameters, Session
-from gcs_autotune.link.parameters.client import same_float32
 
 
 def connect(boat: ScriptedVehicle, **link: Any) -> Parameters:
@@ -47,13 +44,10 @@ def test_a_newer_firmwares_parameter_error_saves_the_wait(parameters: Parameters
     with pytest.raises(ParameterMissing):
         parameters.read("NO_SUCH_THING")
     assert parameters.session.clock.now() - begun < 0.5
-
-
-def test_many_are_asked_for_without_waiting_for_each(parameters: Parameters) -> None:
-    begun = parameters.session.clock.now()
-    values = parameters.read_all(f"RC{n}_{field}" for n in range(1, 9) for field in ("MIN", "MAX"))
-    assert len(values) == 16
-    assert parameters.session.clock.now() - begun < 0.5
+    assert boat.count("PARAM_REQUEST_READ") == 1
+    del boat.on["PARAM_REQUEST_READ"]
+    boat.parameters["NO_SUCH_THING"] = 2.0
+    assert parameters.read("NO_SUCH_THING") == 2.0, "a refusal is of its own question only"
 
 
 def test_of_alternative_names_those_whose_answers_were_lost_are_asked_for_again(
@@ -90,32 +84,11 @@ def test_no_more_requests_are_open_at_once_than_a_slow_radio_holds(
     )  # three tries of groups of ten, ten, ten and one, a second each
 
 
-def test_all_missing_names_are_listed(parameters: Parameters) -> None:
-    with pytest.raises(ParameterMissing, match="A_THING, B_THING"):
-        parameters.read_all(["A_THING", "WP_SPEED", "B_THING"])
-
-
-def test_the_first_of_several_alternatives_is_found(parameters: Parameters) -> None:
-    assert parameters.read_first(["SYSID_MYGCS", "MAV_GCS_SYSID"]) == ("MAV_GCS_SYSID", 255.0)
-    with pytest.raises(ParameterMissing, match="none of A_A, B_B"):
-        parameters.read_first(["A_A", "B_B"])
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_lost_frames_are_asked_for_again(boat: ScriptedVehicle, seed: int) -> None:
     parameters = connect(boat, loss=0.1, seed=seed)
     assert len(parameters.read_existing(f"RC{n}_MIN" for n in range(1, 5))) == 4
     assert parameters.read_full() == pytest.approx(boat.parameters)
-
-
-def test_the_whole_list_is_read(parameters: Parameters, boat: ScriptedVehicle) -> None:
-    assert parameters.read_full() == pytest.approx(boat.parameters)
-
-
-def test_a_list_that_never_comes_is_an_error_with_the_count(parameters: Parameters, boat: ScriptedVehicle) -> None:
-    boat.on["PARAM_REQUEST_LIST"] = lambda _: None
-    with pytest.raises(NoReply, match="0 of unknown"):
-        parameters.read_full(timeout=5.0)
 
 
 def test_a_forged_value_from_another_system_is_ignored(parameters: Parameters, boat: ScriptedVehicle) -> None:
@@ -169,13 +142,6 @@ def test_whole_numbers_travel_as_floats_and_never_bytewise(parameters: Parameter
     assert boat.last("PARAM_SET").param_value == 45.0
 
 
-def test_a_lost_echo_is_asked_for(parameters: Parameters, boat: ScriptedVehicle) -> None:
-    boat.on["PARAM_SET"] = lambda m: boat.parameters.update({m.param_id: m.param_value})
-    parameters.write("ATC_STR_RAT_P", 0.5)
-    assert boat.count("PARAM_SET") == 3
-    assert boat.count("PARAM_REQUEST_READ") == 2
-
-
 def test_a_read_only_parameter_is_not_accepted_and_says_why(parameters: Parameters, boat: ScriptedVehicle) -> None:
     boat.read_only.add("WP_SPEED")
     with pytest.raises(ParameterNotAccepted, match="write denied") as caught:
@@ -194,7 +160,7 @@ def test_writing_an_unknown_name_is_missing(parameters: Parameters) -> None:
         parameters.write("NO_SUCH_THING", 1.0)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3.5e38, -1e300])
 def test_what_is_no_finite_float32_is_never_sent(parameters: Parameters, boat: ScriptedVehicle, value: float) -> None:
     with pytest.raises(UsageError, match="finite"):
         parameters.write("WP_SPEED", value)
@@ -207,12 +173,6 @@ def test_writes_get_through_a_lossy_link(boat: ScriptedVehicle, seed: int) -> No
     assert boat.parameters["ATC_STR_RAT_I"] == pytest.approx(0.4)
 
 
-@given(st.floats(min_value=1e-30, max_value=1e30))
-def test_float32_tolerance_is_tight(x: float) -> None:
-    assert same_float32(x, x * (1 + 1e-7))
-    assert not same_float32(x, x * (1 + 1e-6))
-
-
 # --- watching --------------------------------------------------------------------------------
 
 
@@ -222,13 +182,6 @@ def test_another_hands_write_is_noticed(parameters: Parameters, boat: ScriptedVe
     boat.send_parameter("ATC_STR_RAT_P")
     parameters.session.pause(1.0)
     assert parameters.intrusions == [("ATC_STR_RAT_P", pytest.approx(0.2), 1.5)]
-
-
-def test_a_late_echo_of_our_own_is_no_intrusion(parameters: Parameters, boat: ScriptedVehicle) -> None:
-    parameters.watch({"ATC_STR_RAT_P": parameters.read("ATC_STR_RAT_P")})
-    boat.send(mavlink.MAVLink_param_value_message(b"ATC_STR_RAT_P", 0.7, 9, 100, 65535))
-    parameters.session.pause(1.0)
-    assert parameters.intrusions == []
 
 
 def test_our_own_writes_are_no_intrusion(parameters: Parameters, boat: ScriptedVehicle) -> None:
@@ -268,7 +221,7 @@ def test_a_write_that_was_echoed_and_undone_at_once_is_written_again(
 def test_a_list_that_comes_whole_is_asked_for_once_and_of_one_with_gaps_only_these_are_asked_for(
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
-    assert len(parameters.read_full()) == len(boat.parameters)
+    assert parameters.read_full() == pytest.approx(boat.parameters)
     assert (boat.count("PARAM_REQUEST_LIST"), boat.count("PARAM_REQUEST_READ")) == (1, 0)
     lost = {3, 7, 20}
 
@@ -282,7 +235,8 @@ def test_a_list_that_comes_whole_is_asked_for_once_and_of_one_with_gaps_only_the
     boat.edit = lose  # type: ignore[assignment]
     assert len(parameters.read_full()) == len(boat.parameters)
     assert boat.count("PARAM_REQUEST_LIST") == 2
-    assert sorted(m.param_index for m in boat.heard if m.get_type() == "PARAM_REQUEST_READ") == [3, 7, 20]
+    asked = [m for m in boat.heard if m.get_type() == "PARAM_REQUEST_READ"]
+    assert sorted((m.param_index, m.param_id) for m in asked) == [(3, ""), (7, ""), (20, "")]
 
 
 def test_while_a_list_still_comes_no_gap_is_asked_for(parameters: Parameters, boat: ScriptedVehicle) -> None:

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.errors import GuardTripped
 from gcs_autotune.firmware import FIRMWARE, SetFailsafe
-from gcs_autotune.link.vehicle.interference_monitor import InterferenceMonitor, RateKeeper
+from gcs_autotune.link.vehicle.interference_monitor import Evidence, InterferenceMonitor, RateKeeper
 
 VITAL = ("ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS")
 
@@ -151,11 +151,8 @@ class Ours:
             self.session,
             FIRMWARE["ardurover"],
             self.parameters,
-            self.others,
-            self.sticks,
-            rate,
             commands,
-            watchdog,
+            Evidence(self.others, self.sticks, rate, watchdog),
         )
         self.monitor.failsafes = (radio,)
         self.monitor.take_over()

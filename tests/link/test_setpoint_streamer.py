@@ -14,7 +14,7 @@ from gcs_autotune.craft import Actuate, DepthTarget, HeadingTarget, TurnRateTarg
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Session
 from gcs_autotune.link.vehicle.setpoint_streamer import SendRate, SetpointStreamer, depth_target, turn_rate_target
-from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RateStick, RcChannel
+from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RateStick, RcChannel, VehicleConfig
 
 STICK = RcChannel(1000, 1500, 2000)
 BOAT = OverrideMap({"N": (1, STICK), "X": (3, STICK)}, {5: 1400})
@@ -84,9 +84,12 @@ class Written:
         return kinds
 
 
-def streamer(written: Written, overrides: OverrideMap = BOAT, firmware: str = "ardurover", **options: Any) -> Any:
+def streamer(
+    written: Written, overrides: OverrideMap = BOAT, firmware: str = "ardurover", rate_stick: RateStick | None = None
+) -> Any:
     session, own = cast(Session, written), cast(Any, written)
-    return SetpointStreamer(session, FIRMWARE[firmware], overrides, 4.0, own, own, own, **options)
+    config = VehicleConfig(overrides, cast(Any, None), 4.0, rate_stick=rate_stick)
+    return SetpointStreamer(session, FIRMWARE[firmware], config, own, own, own)
 
 
 OVERRIDE, ATTITUDE, POSITION = (

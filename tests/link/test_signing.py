@@ -15,8 +15,8 @@ from scripted_vehicle import ScriptedVehicle
 
 from gcs_autotune.errors import BadFile, LinkLost, SigningMismatch, UsageError
 from gcs_autotune.link import MemoryLink, Parameters, Session
-from gcs_autotune.mavlink import Framer, Packer, SigningKey, read_tlog
-from gcs_autotune.mavlink.signing import EPOCH, LINK_ID, UNITS_PER_SECOND, Refusal, Signer, StampStore
+from gcs_autotune.mavlink import LINK_ID, Framer, Packer, Refusal, Signer, SigningKey, StampStore, read_tlog
+from gcs_autotune.mavlink.signing import EPOCH, UNITS_PER_SECOND
 
 SECRET = bytes(range(100, 132))
 NOW = 1_800_000_000.0

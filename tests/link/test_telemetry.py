@@ -9,45 +9,16 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scripted_vehicle import ScriptedVehicle
 
-from gcs_autotune.clock import ManualClock
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import CommandDenied, PreconditionFailed, TelemetryFault
 from gcs_autotune.firmware import FIRMWARE, Output, ServoMap, read_servo_map
 from gcs_autotune.link import Commands, MemoryLink, Parameters, Rates, Session
 from gcs_autotune.link.vehicle.telemetry import Recorder, Telemetry
 from gcs_autotune.link.vehicle.vehicle_config import RcChannel, read_override_map
-from gcs_autotune.link.vehicle.watchdog import BootClock, Unwrapper, Watchdog
 from gcs_autotune.trial import Mark
 
 ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]
 fractions = st.floats(-1.0, 1.0).map(lambda x: round(x, 3))
-
-
-# --- stamps --------------------------------------------------------------------------------
-
-
-@given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=50), st.floats(-100.0, 100.0))
-def test_an_unwrapped_angle_is_continuous(steps: list[float], start: float) -> None:
-    true, unwrapper = start, Unwrapper()
-    assert steps
-    first = unwrapper.unwrap(math.remainder(start, math.tau))
-    for step in steps:
-        true += step
-        assert unwrapper.unwrap(math.remainder(true, math.tau)) - first == pytest.approx(true - start, abs=1e-9)
-
-
-def test_servo_microseconds_wrap_after_71_minutes_and_are_unwrapped() -> None:
-    clock = BootClock()
-    assert math.isnan(clock.from_us(5))
-    for seconds in (10.0, 2000.0, 4290.0, 4295.0, 4301.0, 8000.0, 8590.0):
-        clock.from_ms(round(seconds * 1000))
-        assert clock.from_us(round((seconds + 0.02) * 1e6) % 2**32) == pytest.approx(seconds + 0.02)
-
-
-def test_milliseconds_wrap_after_49_days_and_are_unwrapped() -> None:
-    clock = BootClock()
-    clock.from_ms(2**32 - 10)
-    assert clock.from_ms(5) == pytest.approx((2**32 + 5) * 1e-3)
 
 
 # --- servo outputs --------------------------------------------------------------------------------
@@ -129,11 +100,6 @@ def test_the_dead_zone_is_stepped_over(fraction: float) -> None:
     assert output == pytest.approx(fraction, abs=1.1e-3)
 
 
-def test_neutral_is_trim_and_full_is_the_limit() -> None:
-    channel = RcChannel(1100, 1480, 1900, dead_zone=30, sign=-1.0)
-    assert [channel.pwm(f) for f in (0.0, 1.0, -1.0, 5.0, -5.0)] == [1480, 1100, 1900, 1100, 1900]
-
-
 def test_a_reversed_channel_is_driven_the_other_way(boat: ScriptedVehicle) -> None:
     boat.parameters["RC1_REVERSED"] = 1
     session = Session(MemoryLink(boat))
@@ -143,33 +109,6 @@ def test_a_reversed_channel_is_driven_the_other_way(boat: ScriptedVehicle) -> No
     assert (message.chan1_raw, message.chan3_raw) == (1500 - 265, 1500 + 265)
     assert {getattr(message, f"chan{n}_raw") for n in (2, 4, 5, 6, 7, 8)} == {65535}
     assert {getattr(message, f"chan{n}_raw") for n in range(9, 19)} == {0}
-
-
-def test_a_rovs_throttle_is_up_and_z_is_down(rov: ScriptedVehicle) -> None:
-    session = Session(MemoryLink(rov))
-    session.discover()
-    overrides = read_override_map(Parameters(session), SUB)
-    message = overrides.message(overrides.values(Actuate(Z=0.25, N=-0.5)), 1, 1)
-    assert (message.chan3_raw, message.chan4_raw, message.chan5_raw) == (1400, 1300, 1500)
-    release = overrides.release(1, 1)
-    assert [getattr(release, f"chan{n}_raw") for n in range(1, 9)] == [0, 0, 0, 0, 0, 0, 65535, 65535]
-
-
-@pytest.mark.parametrize(("expiry", "words"), [(0, "ignores overrides"), (-1, "forever")])
-def test_overrides_that_never_work_or_never_end_are_refused(boat: ScriptedVehicle, expiry: float, words: str) -> None:
-    boat.parameters["RC_OVERRIDE_TIME"] = expiry
-    session = Session(MemoryLink(boat))
-    session.discover()
-    with pytest.raises(PreconditionFailed, match=words):
-        read_override_map(Parameters(session), ROVER)
-
-
-def test_radio_limits_without_room_are_refused(boat: ScriptedVehicle) -> None:
-    boat.parameters["RC1_TRIM"] = 1000
-    session = Session(MemoryLink(boat))
-    session.discover()
-    with pytest.raises(PreconditionFailed, match="RC1_MIN"):
-        read_override_map(Parameters(session), ROVER)
 
 
 # --- signals --------------------------------------------------------------------------------
@@ -340,88 +279,6 @@ def test_a_trial_holds_every_sample_with_its_own_stamp(told: Told) -> None:
     assert trial["N"].t.tolist() == pytest.approx([1.02])
     assert (trial["N"].values.tolist(), trial["N"].unit) == ([0.5], "1")
     assert (trial.ending, trial.marks[0].kind, trial.meta["a"]) == ("completed", "switch", 1)
-
-
-# --- faults --------------------------------------------------------------------------------
-
-
-def watched(clock: ManualClock | None = None) -> Watchdog:
-    return Watchdog(clock or ManualClock())
-
-
-def fault(watchdog: Watchdog) -> str:
-    with pytest.raises(TelemetryFault) as caught:
-        watchdog.check()
-    return str(caught.value)
-
-
-def test_all_is_well_while_all_is_well() -> None:
-    watchdog = watched()
-    for k in range(1000):
-        assert watchdog.check_stamp(0.1 * k)
-        watchdog.note_outputs(0.1 * k, {"N": 0.5})
-        watchdog.check_attitude(0.1 * k, (1e-9 * k, 0.0))
-    watchdog.check()
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_an_attitude_that_is_no_number_is_a_fault(value: float) -> None:
-    watchdog = watched()
-    watchdog.check_attitude(1.0, (0.0, value))
-    assert "not a number" in fault(watchdog)
-
-
-def test_a_frozen_attitude_under_helm_is_a_fault_after_three_seconds() -> None:
-    watchdog = watched()
-    for k in range(50):
-        watchdog.note_outputs(0.1 * k, {"N": 0.3 * (-1) ** k})
-        watchdog.check_attitude(0.1 * k, (0.1, 0.2))
-        if k <= 29:
-            watchdog.check()
-    assert "frozen for 3.1 s" in fault(watchdog)
-
-
-def test_a_craft_at_rest_may_have_a_constant_attitude() -> None:
-    watchdog = watched()
-    for k in range(1000):
-        watchdog.note_outputs(0.1 * k, {"N": 0.0, "X": 0.01})
-        watchdog.check_attitude(0.1 * k, (0.1, 0.2))
-        assert watchdog.check() is None, "no fault is raised"
-    for k in range(1000, 1110):
-        watchdog.note_outputs(0.1 * k, {"N": 0.0, "X": 0.3})
-        watchdog.check_attitude(0.1 * k, (0.1, 0.2))
-    assert "frozen" in fault(watchdog), "under way it may not"
-
-
-def test_a_clock_that_jumps_ahead_is_a_fault() -> None:
-    watchdog = watched()
-    watchdog.check_stamp(10.0)
-    watchdog.check_stamp(16.0)
-    assert "jumped from 10.0 s to 16.0 s" in fault(watchdog)
-
-
-def test_a_clock_that_runs_back_is_a_reboot_or_a_fault() -> None:
-    for back, word in ((2.0, "restarted"), (500.0, "jumped back")):
-        watchdog = watched()
-        watchdog.check_stamp(1000.0)
-        watchdog.check_stamp(back)
-        assert word in fault(watchdog)
-
-
-def test_a_datagram_out_of_order_is_left_out_and_no_fault() -> None:
-    watchdog = watched()
-    assert watchdog.check_stamp(10.0)
-    assert not watchdog.check_stamp(9.9)
-    watchdog.check()
-
-
-def test_a_clock_that_stands_still_is_a_fault() -> None:
-    clock = ManualClock()
-    watchdog = watched(clock)
-    for _ in range(30):
-        watchdog.check_stamp(10.0)
-        clock.advance(0.1)
-    assert "stopped at 10.00 s" in fault(watchdog)
 
 
 # --- rates --------------------------------------------------------------------------------

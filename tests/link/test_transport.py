@@ -8,8 +8,9 @@ import pytest
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.errors import LinkLost
+from gcs_autotune.link import Transport
 from gcs_autotune.link.transports import transport as transport_module
-from gcs_autotune.link.transports.transport import ReconnectingTransport, SteppedTransport, Transport, _round_up
+from gcs_autotune.link.transports.transport import ReconnectingTransport, SteppedTransport, _round_up
 
 
 class Bare(Transport):

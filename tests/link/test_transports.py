@@ -62,21 +62,6 @@ def test_udpin_answers_everybody_who_spoke_lately(monkeypatch: pytest.MonkeyPatc
 # --- lock-step --------------------------------------------------------------------------------
 
 
-def test_a_grant_never_runs_past_the_next_control_tick() -> None:
-    grants: list[float] = []
-
-    class Noting(Echo):
-        def advance_to(self, t: float) -> bytes:
-            grants.append(t)
-            return b""
-
-    link = MemoryLink(Noting())
-    link.read(0.25)
-    link.follow_tick(0.32, 0.1)
-    link.read(0.25)
-    assert grants == pytest.approx([0.1, 0.2, 0.25, 0.32, 0.42, 0.5], abs=1e-8)
-
-
 def test_written_bytes_reach_the_peer_at_the_time_they_were_written() -> None:
     heard: list[tuple[float, bytes]] = []
 

@@ -126,19 +126,6 @@ def test_a_channel_that_overrides_do_not_reach_is_refused(number: int) -> None:
         read_override_map(told(RCMAP_ROLL=float(number)), ROVER)
 
 
-def test_a_stick_that_counts_from_one_end_is_neutral_in_the_middle_of_its_travel() -> None:
-    """A dive stick trimmed at its low end, not mapped aboard."""
-    (force,) = SUB.from_one_end
-    number = SUB.channels[force]
-    low = {f"RC{number}_MIN": 1050.0, f"RC{number}_TRIM": 1050.0, f"RC{number}_MAX": 1950.0}
-    channel = read_override_map(told(**low), SUB).channels[force][1]
-    assert (channel.low, channel.trim, channel.high) == (1050.0, 1500.0, 1950.0)
-    with pytest.raises(PreconditionFailed, match=rf"Set RC{number}_TRIM 1050, RC{number}_REVERSED 0 and try again"):
-        read_override_map(told(**low, **{f"RC{number}_REVERSED": 1.0}), SUB)
-    with pytest.raises(PreconditionFailed, match=rf"Set RC{number}_TRIM 1050 and try again"):
-        read_override_map(told(**{**low, f"RC{number}_TRIM": 1060.0}), SUB)
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_turn_rate_is_asked_for_beyond_the_sticks_dead_zone_at_the_gain_in_force(sign: float) -> None:
     stick = RateStick(full_rate=2.0, dead_zone=0.1, usual_gain=0.5)

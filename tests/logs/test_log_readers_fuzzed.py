@@ -156,12 +156,12 @@ def damaged_heads(data: bytes, rng: np.random.Generator) -> Iterator[bytes]:
     ("suffix", "make"),
     [
         (".csv", table),
-        (".log", lambda folder: early_text(sailed()).encode()),
+        pytest.param(".log", lambda folder: early_text(sailed()).encode(), marks=pytest.mark.slow),
         (".bin", lambda folder: as_binary(sailed())),
         (".tlog", tlog),
         (".ulg", lambda folder: ulog()),
         (".mat", lambda folder: mat()),
-        (".db3", bag),
+        pytest.param(".db3", bag, marks=pytest.mark.slow),
     ],
     ids=["csv", "early text", "early binary", "tlog", "ulog", "mat", "rosbag"],
 )

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import ParameterMissing
-from gcs_autotune.logs.sample_store import Census, RecordedParameters, SampleStore
+from gcs_autotune.logs import Census
+from gcs_autotune.logs.sample_store import RecordedParameters, SampleStore
 
 Take = Callable[[SampleStore, list[float], Mapping[str, list[float]]], None]
 

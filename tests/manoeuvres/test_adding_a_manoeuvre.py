@@ -10,8 +10,16 @@ import pytest
 
 from gcs_autotune.cli import main
 from gcs_autotune.craft import Actuate, Observation
-from gcs_autotune.manoeuvres import MANOEUVRES, Envelope, Manoeuvre, ManoeuvreKind, NominalPlant, Sequencer, preview
-from gcs_autotune.manoeuvres.manoeuvre import Commands
+from gcs_autotune.manoeuvres import (
+    MANOEUVRES,
+    Commands,
+    Envelope,
+    Manoeuvre,
+    ManoeuvreKind,
+    NominalPlant,
+    Sequencer,
+    preview,
+)
 from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import SilentObserver
 

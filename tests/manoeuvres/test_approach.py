@@ -7,16 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from gcs_autotune.manoeuvres.approach import (
-    LEAST_TIME,
-    LONGEST_HOLD,
-    LONGEST_TIME,
-    Approach,
-    Steadiness,
-    Steering,
-    UnderWay,
-)
-from gcs_autotune.manoeuvres.manoeuvre import Commands
+from gcs_autotune.manoeuvres import Commands, Steering
+from gcs_autotune.manoeuvres.approach import LEAST_TIME, LONGEST_HOLD, LONGEST_TIME, Approach, Steadiness, UnderWay
 
 from .pond import answered, at_rest
 

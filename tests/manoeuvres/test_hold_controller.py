@@ -7,9 +7,9 @@ import math
 import pytest
 
 from gcs_autotune.craft import Actuate
+from gcs_autotune.manoeuvres import HELD_DURING
 from gcs_autotune.manoeuvres.hold_controller import (
     CALMING,
-    HELD_DURING,
     LEAST_SHARE,
     MOST_RUDDER,
     RUDDER_GAIN,

@@ -9,9 +9,7 @@ import pytest
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.manoeuvres import ManoeuvreKind
-from gcs_autotune.manoeuvres.kind import Preset
-from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
+from gcs_autotune.manoeuvres import ManoeuvreKind, Preset, TurnAbout, TurnAboutSettings
 
 ROVER, SUB = FIRMWARE["ardurover"], FIRMWARE["ardusub"]
 

@@ -31,6 +31,13 @@ def test_an_order_too_small_to_matter_is_not_looked_at() -> None:
     assert set(limited_orders(flown(0.5, 0.11))) == {"N"}
 
 
+@pytest.mark.parametrize(("seconds", "is_limited"), [(0.9, False), (1.0, True)])
+def test_an_order_counts_when_it_lasts_a_second(seconds: float, is_limited: bool) -> None:
+    marks = (Mark(0.0, "execute", {"N": 0.5}), Mark(seconds, "execute", {"N": 0.0}))
+    nothing = Channel("N", "1", 0.1 * np.arange(50), np.zeros(50))
+    assert bool(limited_orders(Trial("run", {"N": nothing}, marks))) is is_limited
+
+
 def test_an_order_that_is_over_before_a_slow_link_shows_what_came_of_it_is_not_looked_at() -> None:
     t = 0.1 * np.arange(200)
     asked = np.sign(np.sin(2.0 * np.pi * 0.7 * t)) * 0.5

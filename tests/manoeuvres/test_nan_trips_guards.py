@@ -8,8 +8,7 @@ from dataclasses import replace
 import pytest
 
 from gcs_autotune.errors import GuardTripped
-from gcs_autotune.manoeuvres import GUARDS, Dive, DiveSettings, Envelope, Step, StepSettings
-from gcs_autotune.manoeuvres.area import Area, Zone
+from gcs_autotune.manoeuvres import GUARDS, Area, Dive, DiveSettings, Envelope, Step, StepSettings, Zone
 from gcs_autotune.manoeuvres.envelope import Watch
 
 from .pond import at_rest
@@ -72,15 +71,6 @@ def test_the_same_signal_trips_nothing_where_its_limit_is_off(guard):
     watch = Watch(WIDE, at_rest(**CHARGED))
     name, share = watch.check(at_rest(**{**CHARGED, SIGNALS[guard.name]: math.nan}))
     assert (name, share) == ("", 0.0)
-
-
-def test_a_position_that_comes_late_is_guarded_from_then_on():
-    watch = Watch(only("distance from start"), at_rest(x=math.nan, y=math.nan))
-    assert watch.check(at_rest(x=math.nan, y=math.nan)) == ("", 0.0)
-    assert watch.check(at_rest(x=1000.0, y=0.0)) == ("", 0.0)
-    assert watch.check(at_rest(x=1000.0, y=150.0)) == ("distance from start", pytest.approx(0.5))
-    with pytest.raises(GuardTripped, match="distance from start"):
-        watch.check(at_rest(x=1000.0, y=301.0))
 
 
 def test_what_was_known_at_the_beginning_of_the_visit_is_guarded_in_every_manoeuvre():

@@ -9,9 +9,9 @@ import pytest
 
 from gcs_autotune.craft import Actuate
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres import MANOEUVRES
+from gcs_autotune.manoeuvres import MANOEUVRES, OpenLoopProgramme
 from gcs_autotune.manoeuvres.excitation import prbs
-from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme, coasting
+from gcs_autotune.manoeuvres.open_loop import coasting
 from tests.manoeuvres.pond import at_rest
 
 PLAIN = {"steering": 0.5, "side": 1.0, "throttle": 0.0, "keep-still": 0.0}

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.craft import Actuate, DepthTarget, HeadingTarget
-from gcs_autotune.manoeuvres import Envelope, NominalPlant, preview
-from gcs_autotune.manoeuvres.open_loop import OpenLoopProgramme
-from gcs_autotune.manoeuvres.preview import SPEED_TIME, _pushed, _steered
+from gcs_autotune.manoeuvres import SPEED_TIME, Envelope, NominalPlant, OpenLoopProgramme, preview
+from gcs_autotune.manoeuvres.preview import _pushed, _steered
 from gcs_autotune.models import SingleDof
 from gcs_autotune.workflow.excursion import Ahead
 

@@ -10,8 +10,8 @@ import pytest
 
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.errors import UsageError
-from gcs_autotune.manoeuvres import RelaySettings
-from gcs_autotune.manoeuvres.relay import Relay, WallRelay
+from gcs_autotune.manoeuvres import Relay, RelaySettings
+from gcs_autotune.manoeuvres.relay import WallRelay
 from gcs_autotune.trial import Mark
 
 from .pond import answered, at_rest

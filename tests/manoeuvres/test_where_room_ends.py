@@ -19,8 +19,8 @@ from gcs_autotune.manoeuvres import (
     StepSettings,
     ThrottleSteps,
     ThrottleStepsSettings,
+    Zone,
 )
-from gcs_autotune.manoeuvres.area import Zone
 from gcs_autotune.manoeuvres.envelope import TO_COME_ABOUT, Watch
 from gcs_autotune.manoeuvres.set_point_relay import LEAST_SWITCHINGS, SetPointRelay
 from gcs_autotune.observer import SilentObserver

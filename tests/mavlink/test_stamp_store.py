@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs_autotune.mavlink.signing import StampStore, state_folder
+from gcs_autotune.mavlink import StampStore
+from gcs_autotune.mavlink.signing import state_folder
 
 SECOND = 100_000
 """Signing time is counted in units of 10 us."""

@@ -9,8 +9,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.mavlink import TlogWriter, read_tlog, tlog
-from gcs_autotune.mavlink.tlog import TlogReader
+from gcs_autotune.mavlink import TlogReader, TlogWriter, read_tlog, tlog
 
 LOGS = Path(__file__).parents[2] / "../shared/data/ardusub_logs"
 

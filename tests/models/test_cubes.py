@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from gcs_autotune.models import STATES, term_of
 from gcs_autotune.models.coupled import kernel
-from gcs_autotune.models.coupled.derivatives import STATES, term_of
 
 
 def test_three_equal_letters_are_an_odd_cube_and_two_carry_a_modulus() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.models import SingleDof, simulation
-from gcs_autotune.models.simulation import COLUMNS, explicit_parameters, simulate, simulate_explicit
+from gcs_autotune.models import SingleDof, explicit_parameters, simulate, simulate_explicit, simulation
+from gcs_autotune.models.simulation import COLUMNS
 
 T_IN = np.array([0.0, 0.4, 0.93, 0.93, 1.5, 2.0, 9.0])
 TAU = np.array([1.0, -1.0, 0.2, 0.4, -0.7, 1.2, 5.0])

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["FORM", "KNOWN", "TRUTH", "sail"]

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel, Trial
 
 Array = np.ndarray

@@ -9,8 +9,8 @@ import numpy as np
 
 from gcs_autotune.diagnose import Cause, Diagnosis, ErrorReduction, Portrait, Ranked, Signature, Value
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
-from gcs_autotune.identify.result import Doubt, Trace
-from gcs_autotune.models.coupled import CoupledModel, Form
+from gcs_autotune.identify import Doubt, Trace
+from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.report import diagnosis_document, to_html
 
 DT, INERTIA, DRAG, WIDTH, NOISE = 0.1, 2.0, 1.0, 0.3, 0.004

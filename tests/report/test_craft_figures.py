@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from gcs_autotune.design import Actuator, Spec, design
-from gcs_autotune.design.open_loop import OpenLoop, Rational
+from gcs_autotune.design import Actuator, OpenLoop, Spec, design
+from gcs_autotune.design.open_loop import Rational
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify.result import Parameter
+from gcs_autotune.identify import Parameter
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.canvas import new_axes, pens
 from gcs_autotune.report.toolkit.figures import draw_inputs, draw_intervals, draw_thrust, draw_track, inputs_of, is_bent

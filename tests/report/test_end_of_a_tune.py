@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import report_stories as stories
 
-from gcs_autotune.design.result import Change
+from gcs_autotune.design import Change
 from gcs_autotune.report import Document, tune_document
 from gcs_autotune.report.toolkit.document import Section
 from gcs_autotune.report.toolkit.terminal import render_text

@@ -12,9 +12,9 @@ from page_reader import Page
 
 from gcs_autotune.diagnose import ErrorReduction, Hint, Number, Numbers, Value
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.report import diagnosis_document, hint_notes, hint_title
+from gcs_autotune.report import diagnosis_document, hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.cause_wording import cause_title, evidence_notes
-from gcs_autotune.report.diagnosis.lead import FILLED, lead_sentence, plain_sentence
+from gcs_autotune.report.diagnosis.lead import FILLED, plain_sentence
 from gcs_autotune.report.toolkit.terminal import render_text
 
 HINT = Hint(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import report_stories as stories
 
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify import Doubt
 from gcs_autotune.report import Document, fit_document, tune_document
 from gcs_autotune.report.toolkit.terminal import render_text
 

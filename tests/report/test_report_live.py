@@ -13,7 +13,8 @@ from rich.console import Console
 
 from gcs_autotune.clock import ManualClock
 from gcs_autotune.observer import Progress
-from gcs_autotune.report.toolkit.live import TerminalObserver, describe_progress
+from gcs_autotune.report import TerminalObserver
+from gcs_autotune.report.toolkit.live import describe_progress
 
 SWINGING = Progress(
     stage="first self-oscillation",

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.identify import fit, validate
-from gcs_autotune.report import MethodOutcome, RunRow, Study, study_document, to_html
-from gcs_autotune.report.plots import plot
+from gcs_autotune.report import MethodOutcome, RunRow, Study, plot, study_document, to_html
 from gcs_autotune.report.study.tables import meaning_of
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Channel, Trial

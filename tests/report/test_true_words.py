@@ -13,14 +13,13 @@ import pytest
 import report_stories as stories
 from matplotlib.figure import Figure
 
-from gcs_autotune.design.result import Margins
+from gcs_autotune.design import Margins
 from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify import AxisFit, fit, validate
+from gcs_autotune.identify import AxisFit, Parameter, Trace, fit, validate
 from gcs_autotune.identify.doubts import delay_fitted
-from gcs_autotune.identify.result import Parameter, Trace
 from gcs_autotune.identify.whiteness import remainder_of
-from gcs_autotune.report import Document, MethodOutcome, RunRow, Study, study_document, to_html
+from gcs_autotune.report import Document, MethodOutcome, RunRow, Study, format_factor, study_document, to_html
 from gcs_autotune.report.diagnosis.wording import verdict_of as diagnosis_verdict_of
 from gcs_autotune.report.plots import draw_trace
 from gcs_autotune.report.study.study import verdict_of
@@ -34,7 +33,7 @@ from gcs_autotune.report.toolkit.axis_fit import (
     remainder_sentence,
 )
 from gcs_autotune.report.toolkit.terminal import render_text
-from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, format_factor, sentence
+from gcs_autotune.report.toolkit.wording import UNKNOWN, format_error, sentence
 from gcs_autotune.report.tune.tables import margins_table
 from gcs_autotune.report.tune.wording import safety
 from gcs_autotune.trial import Channel, Trial

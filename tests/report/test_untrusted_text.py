@@ -15,9 +15,9 @@ from gcs_autotune.cli import main
 from gcs_autotune.cli.console import ConsoleOperator
 from gcs_autotune.mavlink import TextLog
 from gcs_autotune.observer import Progress
+from gcs_autotune.report import Document, StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.canvas import new_axes, pens, to_svg
-from gcs_autotune.report.toolkit.document import Document, Note, Section, Table, Verdict
-from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
+from gcs_autotune.report.toolkit.document import Note, Section, Table, Verdict
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.untrusted_text import quoted, visible
 

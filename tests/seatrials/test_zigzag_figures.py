@@ -11,9 +11,8 @@ import pytest
 from ship_plants import DEG, ZigZag, nomoto, sail
 
 from gcs_autotune.errors import BadFile, NotInformative
-from gcs_autotune.identify import fit_axis, validate
-from gcs_autotune.identify.open_loop.zigzag_integrals import half_periods, rows_of
-from gcs_autotune.identify.preparation import prepare
+from gcs_autotune.identify import fit_axis, prepare, rows_of, validate
+from gcs_autotune.identify.open_loop.zigzag_integrals import half_periods
 from gcs_autotune.seatrials import Particulars, ship_figures
 from gcs_autotune.seatrials.criteria import helm_text
 from gcs_autotune.trial import Channel, load_trial
@@ -237,6 +236,7 @@ def test_a_helm_is_told_in_degrees_of_a_rudder_and_in_percent_of_full_output(
     assert helm_text(helm, unit) == words
 
 
+@pytest.mark.slow
 def test_the_distance_to_the_second_execute_has_its_error_and_is_no_longer_for_noisy_positions():
     z = []
     for seed in range(12):

@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 import sitl
+from sitl.__main__ import main
 
 IGNORE = 65535
 MANUAL, ACRO, STEERING, HOLD, GUIDED = 0, 1, 3, 4, 15
@@ -114,6 +115,14 @@ class Ground:
         mask = 7 if is_boat else 7 | 64
         q = quaternion(heading)
         self.repeated = lambda: mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, 0, 0, 0, thrust)
+
+
+def refusal_of(arguments: list[str], capsys: Any) -> str:
+    """Return the one line by which the command line refuses *arguments*."""
+    assert main(arguments) == 2
+    error = str(capsys.readouterr().err)
+    assert error.count("\n") == 1
+    return error
 
 
 def boat(*, armed: bool = True, mode: int = MANUAL, **options: Any) -> Ground:

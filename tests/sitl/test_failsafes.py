@@ -24,36 +24,30 @@ def _time_until(ground: Ground, happened, limit: float = 12.0) -> float:
     return ground.t - start
 
 
-def test_with_a_receiver_overrides_expire_after_rc_override_time():
-    ground = _driving(**WITH_RECEIVER, MOT_SLEWRATE=0)
+@pytest.mark.parametrize(("parameters", "after"), [({}, 3.0), ({"RC_OVERRIDE_TIME": 1}, 1.0)])
+def test_with_a_receiver_overrides_expire_after_rc_override_time(parameters, after):
+    ground = _driving(**WITH_RECEIVER, MOT_SLEWRATE=0, **parameters)
     ground.sticks = None
-    assert _time_until(ground, lambda: ground.servos[0] == 1500) == pytest.approx(3.0 - 0.1, abs=0.06)
+    assert _time_until(ground, lambda: ground.servos[0] == 1500) == pytest.approx(after - 0.1, abs=0.06)
     assert ground.mode_number == MANUAL
 
 
-def test_the_expiry_time_can_be_shortened():
-    ground = _driving(**WITH_RECEIVER, RC_OVERRIDE_TIME=1)
-    ground.sticks = None
-    assert _time_until(ground, lambda: ground.servos[0] == 1500) == pytest.approx(1.0 - 0.1, abs=0.06)
-
-
-def test_a_negative_expiry_time_means_never():
-    ground = _driving(**WITH_RECEIVER, RC_OVERRIDE_TIME=-1)
+@pytest.mark.parametrize("parameters", [{**WITH_RECEIVER, "RC_OVERRIDE_TIME": -1}, {"FS_THR_ENABLE": 0}])
+def test_a_negative_expiry_time_and_a_failsafe_that_is_off_keep_the_last_override(parameters):
+    ground = _driving(**parameters)
     ground.sticks = None
     ground.run(20.0)
     assert ground.servos[0] != 1500
 
 
-def test_an_expiry_time_of_zero_disables_overrides():
-    ground = boat(parameters={**WITH_RECEIVER, "RC_OVERRIDE_TIME": 0})
-    ground.sticks = DRIVING
-    ground.run(1.0)
-    assert ground.servos[0] == 1500
-
-
-def test_rc_options_can_ignore_overrides():
-    ground = boat(parameters={**WITH_RECEIVER, "RC_OPTIONS": 2})
-    ground.sticks = DRIVING
+@pytest.mark.parametrize(
+    ("parameters", "throttle"),
+    [({**WITH_RECEIVER, "RC_OVERRIDE_TIME": 0}, 1700), ({**WITH_RECEIVER, "RC_OPTIONS": 2}, 1700), ({}, 900)],
+    ids=["no expiry time", "overrides ignored", "throttle below the failsafe value"],
+)
+def test_overrides_that_are_disabled_or_count_as_lost_drive_nothing(parameters, throttle):
+    ground = boat(parameters=parameters)
+    ground.sticks = {1: 1700, 3: throttle}
     ground.run(1.0)
     assert ground.servos[0] == 1500
 
@@ -112,13 +106,6 @@ def test_released_without_a_receiver_a_channel_keeps_its_last_value_until_the_fa
     assert ground.servos[0] == 1500
 
 
-def test_a_throttle_stick_below_the_failsafe_value_counts_as_lost():
-    ground = boat()
-    ground.sticks = {1: 1700, 3: 900}
-    ground.run(0.2)
-    assert ground.servos[0] == 1500
-
-
 def test_the_radio_failsafe_acts_in_guided_too():
     ground = boat(mode=GUIDED)
     ground.sticks = None
@@ -135,13 +122,6 @@ def test_the_failsafe_action_is_the_owners_choice(action, mode, armed):
     assert (ground.mode_number, ground.armed) == (mode, armed)
 
 
-def test_with_the_radio_failsafe_off_the_last_override_stays_for_ever():
-    ground = _driving(FS_THR_ENABLE=0)
-    ground.sticks = None
-    ground.run(10.0)
-    assert ground.servos[0] != 1500
-
-
 def test_a_receiver_lost_under_way_is_a_radio_failsafe():
     ground = boat(parameters=WITH_RECEIVER)
     ground.sticks = None
@@ -149,13 +129,6 @@ def test_a_receiver_lost_under_way_is_a_radio_failsafe():
     ground.set("SIM_RC_FAIL", 1)
     ground.run(3.0)
     assert ground.mode_number == HOLD
-
-
-def test_a_silent_ground_station_is_no_matter_by_default():
-    ground = _driving(**WITH_RECEIVER)
-    ground.sticks, ground._heartbeats = None, False
-    ground.run(15.0)
-    assert ground.mode_number == MANUAL
 
 
 def test_the_ground_station_failsafe_holds_after_timeout_and_delay_under_a_misleading_name():
@@ -166,10 +139,13 @@ def test_the_ground_station_failsafe_holds_after_timeout_and_delay_under_a_misle
     assert "Radio Failsafe" in ground.texts()
 
 
-def test_sticks_alone_keep_the_ground_station_alive():
-    ground = _driving(FS_GCS_ENABLE=1)
-    ground._heartbeats = False
-    ground.run(12.0)
+@pytest.mark.parametrize(
+    ("parameters", "sticks"), [(WITH_RECEIVER, None), ({"FS_GCS_ENABLE": 1}, DRIVING)], ids=["off", "sticks alone"]
+)
+def test_a_ground_station_that_is_silent_by_default_or_moves_sticks_is_not_missed(parameters, sticks):
+    ground = _driving(**parameters)
+    ground.sticks, ground._heartbeats = sticks, False
+    ground.run(15.0)
     assert ground.mode_number == MANUAL
 
 

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.coupled import FORMS, CoupledModel
-from gcs_autotune.models.coupled.form import Form
+from gcs_autotune.models import FORMS, CoupledModel, Form, SingleDof
 from sitl import BadModel, read_model
 from sitl.__main__ import main
 from sitl.plants import Wrench

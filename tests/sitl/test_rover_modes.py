@@ -164,20 +164,6 @@ def test_guided_follows_a_heading_step_at_the_asked_speed():
     assert math.degrees(ground.vehicle.state.psi) == pytest.approx(math.degrees(1.1), abs=2.0)
 
 
-def test_guided_speed_is_a_fraction_of_wp_speed():
-    ground = _guided()
-    ground.hold_heading(0.6, thrust=0.5)
-    ground.run(40.0)
-    assert ground.vehicle.state.u == pytest.approx(0.6, abs=0.05)
-
-
-def test_guided_follows_a_turn_rate():
-    ground = _guided()
-    ground.repeated = lambda: mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 3, [1, 0, 0, 0], 0, 0, 0.08, 1.0)
-    ground.run(40.0)
-    assert ground.vehicle.state.r == pytest.approx(0.08, abs=0.015)
-
-
 def test_guided_ignores_an_attitude_target_without_thrust():
     ground = boat(mode=GUIDED)
     ground.hold_heading(1.5)
@@ -193,19 +179,28 @@ def _velocity_target(mask: int, rate: float = 0.0, vx: float = 1.0):
     )
 
 
-def test_guided_follows_body_velocity_with_yaw_rate():
+def _attitude_target(r: float):
+    return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 3, [1, 0, 0, 0], 0, 0, r, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "r", "u"),
+    [
+        (lambda ground: ground.hold_heading(0.6, thrust=0.5), None, 0.6),
+        (lambda ground: setattr(ground, "repeated", lambda: _attitude_target(0.08)), 0.08, None),
+        (lambda ground: setattr(ground, "repeated", lambda: _velocity_target(0b010111000111, rate=-0.08)), -0.08, 1.0),
+        (lambda ground: setattr(ground, "repeated", lambda: _velocity_target(0b110111000111)), None, 1.0),
+    ],
+    ids=["fraction of WP_SPEED", "turn rate", "velocity and turn rate", "velocity alone"],
+)
+def test_guided_follows_speeds_and_turn_rates(target, r, u):
     ground = _guided()
-    ground.repeated = lambda: _velocity_target(0b010111000111, rate=-0.08)
+    target(ground)
     ground.run(40.0)
-    assert ground.vehicle.state.r == pytest.approx(-0.08, abs=0.015)
-    assert ground.vehicle.state.u == pytest.approx(1.0, abs=0.06)
-
-
-def test_guided_follows_body_velocity_alone():
-    ground = boat(mode=GUIDED)
-    ground.repeated = lambda: _velocity_target(0b110111000111)
-    ground.run(30.0)
-    assert ground.vehicle.state.u == pytest.approx(1.0, abs=0.06)
+    if r is not None:
+        assert ground.vehicle.state.r == pytest.approx(r, abs=0.015)
+    if u is not None:
+        assert ground.vehicle.state.u == pytest.approx(u, abs=0.05)
 
 
 def test_an_acceleration_target_is_not_understood():

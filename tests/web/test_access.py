@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from starlette.datastructures import Headers
 
-from gcs_autotune.web.access import TOKEN_HEADER, WITHIN, WRONG, Access, is_loopback
+from gcs_autotune.web import Access
+from gcs_autotune.web.access import TOKEN_HEADER, WITHIN, WRONG, is_loopback
 
 
 class Watch:

@@ -128,6 +128,11 @@ class SitlHarness:
         assert self.found in ("", self.mode)
         assert dict(self.vehicle.parameters.values) == self.parameters
 
+    def assert_restored(self) -> None:
+        """As :meth:`assert_untouched`, of a vehicle whose state was recorded."""
+        assert self.found
+        self.assert_untouched()
+
     def assert_neutral(self) -> None:
         assert all(pwm in (0, 1500) for pwm in self.vehicle.autopilot.pwm)
 

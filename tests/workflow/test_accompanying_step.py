@@ -10,9 +10,9 @@ import pytest
 from gcs_autotune.design import Actuator
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.models import SingleDof
+from gcs_autotune.workflow import Connection, TuneSettings
 from gcs_autotune.workflow.accompanying_step import within
 from gcs_autotune.workflow.proof import Known, proof_of_turn_rate
-from gcs_autotune.workflow.settings import Connection, TuneSettings
 
 DEG = math.pi / 180.0
 BOAT = Known(SingleDof("yaw", "1", 0.858, 1.494), Actuator(), 0.1 * DEG)

@@ -57,10 +57,93 @@ def attitude(change, after):
     return meddle
 
 
-def test_no_heartbeat(tmp_path):
-    harness = SitlHarness(tmp_path, QUICK, meddling=lambda t, m: ())
-    with pytest.raises(NoVehicle, match="no autopilot's heartbeat"):
+def blind(t, m):
+    m.yaw = math.nan
+
+
+def frozen():
+    held = {}
+
+    def freeze(t, m):
+        for name in ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"):
+            setattr(m, name, held.setdefault(name, getattr(m, name)))
+
+    return freeze
+
+
+def jumping(milliseconds, after):
+    def jump(t, message):
+        if t > after and hasattr(message, "time_boot_ms"):
+            message.time_boot_ms += milliseconds
+        return (message,)
+
+    return jump
+
+
+def parameter(name, value=None):
+    """Meddle with PARAM_VALUE of *name*: it always has *value*, or never comes."""
+
+    def meddle(t, message):
+        if message.get_type() == "PARAM_VALUE" and message.param_id == name:
+            if value is None:
+                return ()
+            message.param_value = value
+        return (message,)
+
+    return meddle
+
+
+ON_SHORE = {
+    "no heartbeat": (NoVehicle, "no autopilot's heartbeat", {"meddling": lambda t, m: ()}),
+    "arming refused": (ArmingRefused, r"[Bb]attery", {"parameters": {"BATT_ARM_VOLT": 60.0}}),
+    "parameter missing": (ParameterMissing, "ATC_STR_RAT_FF", {"meddling": parameter("ATC_STR_RAT_FF")}),
+    "overrides never expire": (PreconditionFailed, "RC_OVERRIDE_TIME", {"parameters": {"RC_OVERRIDE_TIME": -1.0}}),
+}
+
+
+@pytest.mark.parametrize(("error", "words", "options"), ON_SHORE.values(), ids=ON_SHORE)
+def test_what_is_wrong_from_the_start_is_named(tmp_path, error, words, options):
+    harness = SitlHarness(tmp_path, QUICK, **options)
+    with pytest.raises(error, match=words):
         harness.tune()
+    harness.assert_as_found()
+
+
+UNDER_WAY = {
+    "not a number": (TelemetryFault, r"NaN|not a number|finite", lambda end: attitude(blind, 60.0)),
+    "frozen": (TelemetryFault, r"frozen|same", lambda end: attitude(frozen(), 0.6 * end)),
+    "clock ahead": (TelemetryFault, r"clock|stamp|reboot|jump", lambda end: jumping(60_000, 0.6 * end)),
+    "clock back": (TelemetryFault, r"clock|stamp|reboot|jump", lambda end: jumping(-30_000, 0.6 * end)),
+    "write not taken": (ParameterNotAccepted, "ATC_STR_ANG_P", lambda end: parameter("ATC_STR_ANG_P", 2.0)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("error", "words", "meddling"), UNDER_WAY.values(), ids=UNDER_WAY)
+def test_what_goes_wrong_under_way_is_named_and_undone(tmp_path, whole, error, words, meddling):
+    harness = SitlHarness(tmp_path, QUICK, meddling=meddling(whole[1]))
+    with pytest.raises(error, match=words):
+        harness.tune()
+    harness.assert_as_found()
+
+
+REFUSED = {
+    "requirement": (NoGainsMeetSpec, "settling", "charlie", {"settling_time": 0.3}),
+    "envelope": (
+        GuardTripped,
+        "heading excursion",
+        "automarine",
+        {"envelope": Envelope(heading_excursion=math.radians(15.0))},
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("error", "words", "name", "settings"), REFUSED.values(), ids=REFUSED)
+def test_settings_that_cannot_be_met_or_that_end_it_are_named(tmp_path, error, words, name, settings):
+    harness = SitlHarness(tmp_path, name, **(SLOW_LOOP if name == "automarine" else {}))
+    with pytest.raises(error, match=words):
+        harness.tune(**settings)
     harness.assert_as_found()
 
 
@@ -77,31 +160,9 @@ def test_a_vehicle_that_is_neither_boat_nor_rov(tmp_path):
     assert not harness.directory.exists()
 
 
-def test_arming_refused_says_the_vehicles_own_reason(tmp_path):
-    harness = SitlHarness(tmp_path, QUICK, parameters={"BATT_ARM_VOLT": 60.0})
-    with pytest.raises(ArmingRefused, match=r"[Bb]attery"):
-        harness.tune()
-    harness.assert_as_found()
-
-
-def test_a_parameter_the_firmware_lacks_is_named(tmp_path):
-    def without(t, message):
-        lacks = message.get_type() == "PARAM_VALUE" and message.param_id == "ATC_STR_RAT_FF"
-        return () if lacks else (message,)
-
-    harness = SitlHarness(tmp_path, QUICK, meddling=without)
-    with pytest.raises(ParameterMissing, match="ATC_STR_RAT_FF"):
-        harness.tune()
-    harness.assert_as_found()
-
-
 @pytest.mark.slow
 def test_a_missing_context_parameter_is_said_and_done_without(tmp_path):
-    def without(t, message):
-        lacks = message.get_type() == "PARAM_VALUE" and message.param_id == "ATC_TURN_MAX_G"
-        return () if lacks else (message,)
-
-    harness = SitlHarness(tmp_path, QUICK, meddling=without)
+    harness = SitlHarness(tmp_path, QUICK, meddling=parameter("ATC_TURN_MAX_G"))
     harness.tune(dry_run=True)
     assert any("ATC_TURN_MAX_G" in text for text in harness.said)
     harness.assert_as_found()
@@ -144,45 +205,6 @@ def test_after_a_link_lost_in_mid_proof_restore_puts_the_old_gains_back_from_the
 
 
 @pytest.mark.slow
-def test_nan_telemetry(tmp_path):
-    def blind(t, m):
-        m.yaw = math.nan
-
-    harness = SitlHarness(tmp_path, QUICK, meddling=attitude(blind, 60.0))
-    with pytest.raises(TelemetryFault, match=r"NaN|not a number|finite"):
-        harness.tune()
-    harness.assert_as_found()
-
-
-@pytest.mark.slow
-def test_frozen_telemetry(tmp_path, whole):
-    held = {}
-
-    def freeze(t, m):
-        for name in ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"):
-            setattr(m, name, held.setdefault(name, getattr(m, name)))
-
-    harness = SitlHarness(tmp_path, QUICK, meddling=attitude(freeze, 0.6 * whole[1]))
-    with pytest.raises(TelemetryFault, match=r"frozen|same"):
-        harness.tune()
-    harness.assert_as_found()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("jump_ms", [60_000, -30_000])
-def test_a_clock_that_jumps(tmp_path, whole, jump_ms):
-    def jump(t, message):
-        if t > 0.6 * whole[1] and hasattr(message, "time_boot_ms"):
-            message.time_boot_ms += jump_ms
-        return (message,)
-
-    harness = SitlHarness(tmp_path, QUICK, meddling=jump)
-    with pytest.raises(TelemetryFault, match=r"clock|stamp|reboot|jump"):
-        harness.tune()
-    harness.assert_as_found()
-
-
-@pytest.mark.slow
 def test_a_limit_cycle_that_never_settles(tmp_path):
     def gusts(t, m):
         m.yaw += 0.3 * math.sin(0.61 * t) + 0.2 * math.sin(0.37 * t + 1.0)
@@ -192,42 +214,6 @@ def test_a_limit_cycle_that_never_settles(tmp_path):
         harness.tune(stop_rule="settled")
     harness.assert_as_found()
     assert any(harness.directory.glob("trials/*relay-1.csv"))
-
-
-@pytest.mark.slow
-def test_a_write_that_does_not_take_is_undone(tmp_path):
-    def stubborn(t, message):
-        if message.get_type() == "PARAM_VALUE" and message.param_id == "ATC_STR_ANG_P":
-            message.param_value = 2.0
-        return (message,)
-
-    harness = SitlHarness(tmp_path, QUICK, meddling=stubborn)
-    with pytest.raises(ParameterNotAccepted, match="ATC_STR_ANG_P"):
-        harness.tune()
-    harness.assert_as_found()
-
-
-@pytest.mark.slow
-def test_a_wish_no_gains_can_meet(tmp_path):
-    harness = SitlHarness(tmp_path)
-    with pytest.raises(NoGainsMeetSpec, match="settling"):
-        harness.tune(settling_time=0.3)
-    harness.assert_as_found()
-
-
-@pytest.mark.slow
-def test_leaving_the_safety_envelope(tmp_path):
-    harness = SitlHarness(tmp_path, "automarine", **SLOW_LOOP)
-    with pytest.raises(GuardTripped, match="heading excursion"):
-        harness.tune(envelope=Envelope(heading_excursion=math.radians(15.0)))
-    harness.assert_as_found()
-
-
-def test_overrides_that_never_expire_are_refused(tmp_path):
-    harness = SitlHarness(tmp_path, QUICK, parameters={"RC_OVERRIDE_TIME": -1.0})
-    with pytest.raises(PreconditionFailed, match="RC_OVERRIDE_TIME"):
-        harness.tune()
-    harness.assert_as_found()
 
 
 @pytest.mark.slow

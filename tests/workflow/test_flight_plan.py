@@ -152,6 +152,7 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     assert not twin.vehicle.autopilot.armed
 
 
+@pytest.mark.slow
 def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_read_again(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "bluerov2", **SLOW_LOOP)
     text = "".join(

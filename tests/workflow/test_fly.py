@@ -12,8 +12,7 @@ import pytest
 
 from benchmarks.zig_zag_accuracy import truth
 from gcs_autotune.errors import NotAchieved, OperatorStopped, PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.identify import fit_axis
-from gcs_autotune.identify.model_file import ModelFile, load_model
+from gcs_autotune.identify import ModelFile, fit_axis, load_model
 from gcs_autotune.logs import load_runs
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.seatrials import ship_figures
@@ -131,10 +130,7 @@ def test_everything_is_announced_and_the_vehicle_is_left_as_found(charlie: tuple
     ):
         assert words in said
     assert said.index("will move") < said.index("Go ahead?") < said.index("State before the run: mode")
-    harness.assert_neutral()
-    assert not harness.vehicle.autopilot.armed
-    assert harness.mode == harness.found
-    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    harness.assert_restored()
     page = (harness.directory / "report.html").read_text()
     assert "20/20 zig-zag" in page
     assert json.loads((harness.directory / "summary.json").read_text()) == {
@@ -163,10 +159,7 @@ def test_stopped_in_any_phase_the_vehicle_is_left_as_found_and_the_record_kept(p
     observer = Stops(harness.said, phase)
     with pytest.raises(OperatorStopped):
         flown(harness, observer=observer, operator=observer)
-    harness.assert_neutral()
-    assert not harness.vehicle.autopilot.armed
-    assert harness.mode == harness.found
-    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    harness.assert_restored()
     assert list((harness.directory / "trials").glob("*.csv"))
     summary = json.loads((harness.directory / "summary.json").read_text())
     assert (summary["title"], summary["ending"]) == ("fly zig-zag", "aborted")

@@ -21,10 +21,7 @@ def ended(harness: SitlHarness, error: type[AutotuneError], words: str, name: st
     with pytest.raises(error, match=words) as caught:
         flown(harness, *args, name=name, **more)
     assert "\n" not in str(caught.value)
-    harness.assert_neutral()
-    assert not harness.vehicle.autopilot.armed
-    assert harness.mode == harness.found
-    assert dict(harness.vehicle.parameters.values) == harness.parameters
+    harness.assert_restored()
     (last,) = [run for run in load_runs(harness.directory) if run.name == name]
     assert last.ending == "aborted"
 

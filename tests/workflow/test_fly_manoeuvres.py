@@ -75,6 +75,7 @@ def test_a_boat_that_stops_by_weaker_thrust_astern_is_told_what_its_one_gain_hid
     assert doubt.cause.split()[0] in (tmp_path / "run" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_an_s_says_what_else_it_moved_and_how_to_read_it(tmp_path: Path) -> None:
     options = {"duration": 30.0, "steering": 0.4}
     result = flown(SitlHarness(tmp_path / "a", "videoray-coupled", **SLOW_LOOP), options, "s-manoeuvre")

@@ -11,10 +11,9 @@ from scipy.signal import lfilter
 
 from gcs_autotune.design import Actuator
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify.surge import fit_surge
+from gcs_autotune.identify import fit_surge
 from gcs_autotune.manoeuvres import StepSettings
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.simulation import simulate
+from gcs_autotune.models import SingleDof, simulate
 from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.workflow import Connection, TuneSettings
 from gcs_autotune.workflow.experiments import noise_in

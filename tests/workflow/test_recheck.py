@@ -122,6 +122,7 @@ def test_a_loop_that_oscillates_for_ever_ends_in_red_with_its_amplitude(tmp_path
     harness.assert_neutral()
 
 
+@pytest.mark.slow
 def test_sizes_that_show_nothing_are_halved_and_flown_again_and_nothing_is_called_good(tmp_path: Path) -> None:
     """The space ends before the second relay, whatever its size."""
     harness = SitlHarness(tmp_path)

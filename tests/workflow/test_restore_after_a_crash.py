@@ -20,9 +20,9 @@ from gcs_autotune.errors import LinkLost, NotAsFound, PreconditionFailed, UsageE
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.link import Commands, Journal, JournalState, Parameters, ParameterTransaction, Session
 from gcs_autotune.observer import SilentObserver
-from gcs_autotune.workflow import Unattended, restore_run
+from gcs_autotune.workflow import Unattended, is_settled, link_of, restore_run
 from gcs_autotune.workflow import restore as restore_module
-from gcs_autotune.workflow.restore import _Restoring, is_settled, link_of
+from gcs_autotune.workflow.restore import _Restoring
 
 pytestmark = pytest.mark.usefixtures("plainly")
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,13 +10,11 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import (
-    BadFile,
     GuardTripped,
     LinkLost,
     OperatorStopped,
     PreconditionFailed,
     UsageError,
-    WrongVehicle,
 )
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import tune
@@ -94,19 +90,6 @@ def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlH
     assert not any(text.startswith("State before the run: mode") for text in again.said)
 
 
-def copied(harness: SitlHarness, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(harness.directory, tmp_path / "copied"))
-
-
-def test_another_vehicle_is_not_gone_on_with(ended_early: SitlHarness, tmp_path: Path) -> None:
-    run = copied(ended_early, tmp_path)
-    told = json.loads((run / "setting_out.json").read_text())
-    told["vehicle"]["uid"] = "c0ffee"
-    (run / "setting_out.json").write_text(json.dumps(told))
-    with pytest.raises(WrongVehicle, match=r"flown by another vehicle .*c0ffee"):
-        Again(ended_early, tmp_path, resume=run).tune()
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [({"step": 0.25}, "step None there, 0.25 here"), ({"axis": "yaw"}, "axis heading there, yaw here")],
@@ -118,23 +101,6 @@ def test_other_settings_are_refused_before_the_link_is_opened(
     with pytest.raises(UsageError, match=words):
         again.tune()
     assert again.said == [] and not again.directory.exists()
-
-
-def test_a_run_that_owes_something_is_put_back_first(ended_early: SitlHarness, tmp_path: Path) -> None:
-    run = copied(ended_early, tmp_path)
-    journal = run / "journal.jsonl"
-    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-1]))
-    with pytest.raises(PreconditionFailed, match="First run `gcs-autotune restore"):
-        Again(ended_early, tmp_path, resume=run).tune()
-
-
-def test_what_is_no_run_of_a_tune_is_refused(ended_early: SitlHarness, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="cannot be resumed"):
-        Again(ended_early, tmp_path, resume=tmp_path).tune()
-    run = copied(ended_early, tmp_path)
-    (run / "setting_out.json").write_text("{")
-    with pytest.raises(BadFile, match=r"setting_out\.json cannot be read"):
-        Again(ended_early, tmp_path, resume=run).tune()
 
 
 def test_the_way_on_after_a_limit_that_tripped_asks_for_another_limit_for_the_same_trips_again() -> None:

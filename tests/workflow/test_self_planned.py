@@ -34,13 +34,6 @@ def trial(harness: SitlHarness, until: str, minutes: float = 10.0, observer: Any
     return fly_plan(plan, settings, observer or Unattended(), ear, WHEN)
 
 
-def assert_as_found(harness: SitlHarness) -> None:
-    harness.assert_neutral()
-    assert not harness.vehicle.autopilot.armed
-    assert harness.mode == harness.found
-    assert dict(harness.vehicle.parameters.values) == harness.parameters
-
-
 @pytest.mark.parametrize(
     ("text", "form", "wanted"),
     [
@@ -142,7 +135,7 @@ def test_it_goes_on_until_what_was_asked_for_is_known_so_well(flown: tuple[SitlH
     inertia = result.fit.parameters["alpha_r"]
     assert inertia.std / inertia.value <= 0.0008
     assert all(r["alpha_r"] > 0.0008 for r in relative[:-1])
-    assert_as_found(harness)
+    harness.assert_restored()
 
 
 @pytest.mark.slow
@@ -175,7 +168,7 @@ def test_it_ends_when_the_time_that_was_given_is_up_and_says_so(tmp_path: Path) 
     assert "takes longer than the remaining time" in result.steps[-1].ended
     assert result.steps[-1].ended.startswith("not reached")
     assert sum(s.seconds for s in result.steps) < 2.0 * 60.0 + LONGEST
-    assert_as_found(harness)
+    harness.assert_restored()
 
 
 @pytest.mark.slow
@@ -185,7 +178,7 @@ def test_it_ends_where_the_model_itself_is_what_is_wrong(tmp_path: Path) -> None
     result = trial(harness, "N_r 0.1%, N_rdot 0.05%")
     assert "the model lacks an effect" in result.steps[-1].ended
     assert result.fit.doubts
-    assert_as_found(harness)
+    harness.assert_restored()
 
 
 @pytest.mark.slow
@@ -200,7 +193,7 @@ def test_stopped_in_a_run_that_it_chose_itself_the_vehicle_is_left_as_found(tmp_
     observer = StopsInSecond(said, "")
     with pytest.raises(OperatorStopped):
         trial(harness, "N_r 0.001%", observer=observer)
-    assert_as_found(harness)
+    harness.assert_restored()
 
 
 @pytest.mark.slow
@@ -208,7 +201,7 @@ def test_an_rov_does_so_in_depth(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "videoray", **SLOW_LOOP)
     result = trial(harness, "Z_wdot 2%")
     assert result.steps[-1].ended == "the required precision is reached"
-    assert_as_found(harness)
+    harness.assert_restored()
 
 
 def test_options_hold_for_every_run_that_takes_them_and_for_those_only(tmp_path: Path) -> None:

@@ -16,8 +16,7 @@ from gcs_autotune.design import ProvisionalGains, Spec, reference_model
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import Relay, RelaySettings
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.simulation import simulate
+from gcs_autotune.models import SingleDof, simulate
 from gcs_autotune.observer import Fact, SilentObserver
 from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.workflow import stop_rule

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gcs_autotune.trial import Channel, Trial
-from gcs_autotune.workflow.study import StudySettings, study
+from gcs_autotune.workflow import StudySettings, study
 from sitl.effects.table import make_effect
 from sitl.open_loop import Hull, open_loop
 

@@ -15,7 +15,8 @@ from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.manoeuvres import StepSettings
 from gcs_autotune.mavlink import load_params
 from gcs_autotune.trial import Channel, Trial, save_trial
-from gcs_autotune.workflow.supplied_gains import load_gains, step_of
+from gcs_autotune.workflow import load_gains
+from gcs_autotune.workflow.supplied_gains import step_of
 
 from .sitl_harness import SLOW_LOOP, Answers, SitlHarness
 

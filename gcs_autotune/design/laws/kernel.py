@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from gcs_autotune.design.actuator import PERFECT, Actuator, ActuatorStep
 from gcs_autotune.design.laws.law import Scenario
+from gcs_autotune.jit import entry, inlined, pasted
 from gcs_autotune.models import SingleDof
 
 __all__ = [
@@ -29,16 +29,7 @@ __all__ = [
     "shaped_throttle",
 ]
 
-_LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
-compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(
-    **{**_LEAN, "no_cpython_wrapper": True, "forceinline": True}
-)
-"""Compile a function of floats and arrays for others that are compiled, into which it is copied. Nobody calls it from
-Python and it allocates nothing: an entry for that, and counting references, would be half of what there is to compile.
-No division is asked whether it is one by zero: a flight takes half the time it took with that and with calls. ``min``
-and ``max`` are not used here: each is compiled for every kind of number it is given."""
-pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(**{**_LEAN, "inline": "always"})
-"""The same for what is called in one place: pasted there before types are known, and never compiled for itself."""
+# ``min`` and ``max`` are not used here: each is compiled anew for every kind of number it is given.
 
 MAX_STANDING_ERROR = 0.5
 """A loop without integral action starts from the error it would stand at, at most this [rad or m]."""
@@ -219,12 +210,12 @@ def shaped_throttle(throttle: float, least: float, expo: float) -> float:
     return size if throttle > 0.0 else -size
 
 
-shape = compiled(shaped_throttle)
-clip = compiled(_clip)
+shape = inlined(shaped_throttle)
+clip = inlined(_clip)
 mixed = pasted(_mixed)
-wrap = compiled(_wrap)
-sqrt_control = compiled(_sqrt_control)
-smoothing = compiled(_smoothing)
+wrap = inlined(_wrap)
+sqrt_control = inlined(_sqrt_control)
+smoothing = inlined(_smoothing)
 advance = pasted(_advance)
 
 
@@ -235,7 +226,7 @@ def _bent(u: float, actuator: ActuatorStep) -> float:
     return float(actuator.ahead * size if u >= 0.0 else -actuator.astern * size)
 
 
-bent = compiled(_bent)
+bent = inlined(_bent)
 
 
 def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64]) -> float:
@@ -410,7 +401,7 @@ def _fly(
         acceleration = (v - was) / dt
 
 
-fly: Callable[..., None] = njit(**_LEAN)(_fly)
+fly: Callable[..., None] = entry(_fly)
 
 
 def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT) -> LoopPlant:

@@ -30,7 +30,7 @@ from gcs_autotune.link.vehicle.watchdog import Watchdog
 from gcs_autotune.mavlink import Message, mavlink, message_number
 from gcs_autotune.untrusted_text import quoted
 
-__all__ = ["InterferenceMonitor", "RateKeeper"]
+__all__ = ["Evidence", "InterferenceMonitor", "RateKeeper"]
 
 _LOOK_BACK = 5.0
 """Age up to which an order may cause a change seen now [s]; heartbeats show a mode a second late. Chosen."""
@@ -65,6 +65,16 @@ class _Change:
     mode: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What shows who changed the vehicle: other stations, the RC sticks, how regularly we sent, restarts."""
+
+    other_stations: OtherStations
+    rc_monitor: RcMonitor
+    send_rate: SendRate
+    watchdog: Watchdog
+
+
 class InterferenceMonitor:
     """The expected state of the vehicle while we control it, compared at every tick.
 
@@ -88,22 +98,17 @@ class InterferenceMonitor:
         session: Session,
         firmware: Firmware,
         parameters: Parameters,
-        other_stations: OtherStations,
-        rc_monitor: RcMonitor,
-        send_rate: SendRate,
         commands: Commands,
-        watchdog: Watchdog,
+        evidence: Evidence,
         *,
         let_go: Callable[[], None] = lambda: None,
     ) -> None:
         self._session = session
         self._firmware = firmware
         self._parameters = parameters
-        self._other_stations = other_stations
-        self._rc_monitor = rc_monitor
-        self._send_rate = send_rate
         self._commands = commands
-        self._watchdog = watchdog
+        self._other_stations, self._rc_monitor = evidence.other_stations, evidence.rc_monitor
+        self._send_rate, self._watchdog = evidence.send_rate, evidence.watchdog
         self.failsafes: Sequence[SetFailsafe] = ()
         self.lateness: Callable[[], float] = lambda: 0.0
         self.on_yield: Callable[[Mapping[str, Any]], None] = lambda what: None

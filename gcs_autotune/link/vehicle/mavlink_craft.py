@@ -16,7 +16,7 @@ from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.actuation_check import await_neutral, check_outputs_follow, check_overrides_taken
 from gcs_autotune.link.vehicle.commands import Commands
 from gcs_autotune.link.vehicle.congestion import check_uplink
-from gcs_autotune.link.vehicle.interference_monitor import InterferenceMonitor, RateKeeper
+from gcs_autotune.link.vehicle.interference_monitor import Evidence, InterferenceMonitor, RateKeeper
 from gcs_autotune.link.vehicle.latency import Latency, LinkTimes, least_period
 from gcs_autotune.link.vehicle.other_stations import OtherStations
 from gcs_autotune.link.vehicle.rates import Rates
@@ -78,25 +78,13 @@ class MavlinkCraft:
         self.latency = Latency(session)
         self.other_stations = OtherStations(session)
         self._rc_monitor = RcMonitor(session)
-        self._streamer = SetpointStreamer(
-            session,
-            firmware,
-            config.overrides,
-            config.full_speed,
-            self.telemetry,
-            self.latency,
-            self._rc_monitor,
-            rate_stick=config.rate_stick,
-        )
+        self._streamer = SetpointStreamer(session, firmware, config, self.telemetry, self.latency, self._rc_monitor)
         self._interference = InterferenceMonitor(
             session,
             firmware,
             parameters,
-            self.other_stations,
-            self._rc_monitor,
-            self._streamer.send_rate,
             commands,
-            self.telemetry.watchdog,
+            Evidence(self.other_stations, self._rc_monitor, self._streamer.send_rate, self.telemetry.watchdog),
             let_go=self._rest_sticks,
         )
         self._interference.lateness = lambda: self.latency.lateness
@@ -369,17 +357,21 @@ class MavlinkCraft:
         """
         with self.session.operator.shielded():
             try:
-                try:
-                    self._make_neutral()
-                except LinkLost:
-                    if not self.session.outlast(_PATIENCE):
-                        raise
-                    self._make_neutral()
+                self._make_neutral_in_time()
             except BaseException:
                 self._let_go()
                 raise
             if not self.armed:
                 self.release()
+
+    def _make_neutral_in_time(self) -> None:
+        """Make it neutral; wait once for a vehicle that has fallen silent."""
+        try:
+            self._make_neutral()
+        except LinkLost:
+            if not self.session.outlast(_PATIENCE):
+                raise
+            self._make_neutral()
 
     def _make_neutral(self) -> None:
         if self._is_taken():

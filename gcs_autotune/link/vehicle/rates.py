@@ -362,13 +362,16 @@ class Rates:
         """Restore every interval. The operator cannot interrupt; a failure is noted, not raised."""
         with self._session.operator.shielded():
             for name, request in reversed(list(self.granted.items())):
-                try:
-                    self._set_interval(name, request.previous)
-                except AutotuneError as error:
-                    refused = request.granted == 0.0 < request.asked and isinstance(error, CommandDenied)
-                    if not refused:  # what was refused when it was asked for has never changed
-                        self._session.notes.append(f"the rate of {name} was not restored: {error}")
+                self._restore(name, request)
         self.granted.clear()
+
+    def _restore(self, name: str, request: Granted) -> None:
+        try:
+            self._set_interval(name, request.previous)
+        except AutotuneError as error:
+            refused = request.granted == 0.0 < request.asked and isinstance(error, CommandDenied)
+            if not refused:  # what was refused when it was asked for has never changed
+                self._session.notes.append(f"the rate of {name} was not restored: {error}")
 
 
 def _count(counts: Counter[str], name: str, _: Message) -> None:

@@ -13,7 +13,7 @@ from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.latency import Latency
 from gcs_autotune.link.vehicle.rc_monitor import RcMonitor
 from gcs_autotune.link.vehicle.telemetry import Telemetry
-from gcs_autotune.link.vehicle.vehicle_config import OverrideMap, RateStick
+from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
 from gcs_autotune.mavlink import Message, mavlink
 
 __all__ = ["ATTITUDE_TARGETS", "FOLLOW_TIMEOUT", "SendRate", "SetpointStreamer", "depth_target", "turn_rate_target"]
@@ -167,23 +167,20 @@ class SetpointStreamer:
         self,
         session: Session,
         firmware: Firmware,
-        overrides: OverrideMap,
-        full_speed: float,
+        config: VehicleConfig,
         telemetry: Telemetry,
         latency: Latency,
         rc_monitor: RcMonitor,
-        *,
-        rate_stick: RateStick | None = None,
     ) -> None:
         assert session.vehicle is not None
         self._session = session
         self._firmware = firmware
-        self._overrides = overrides
-        self._full_speed = full_speed
+        self._overrides = config.overrides
+        self._full_speed = config.full_speed
         self._telemetry = telemetry
         self._latency = latency
         self._rc_monitor = rc_monitor
-        self._rate_stick = rate_stick
+        self._rate_stick = config.rate_stick
         self._ids = (session.vehicle.system, session.vehicle.component)
         self._probing = False
         self._copies = 1

@@ -16,12 +16,13 @@ truths are handed to a compiled function, for numba compiles it anew for each.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from gcs_autotune.jit import called, inlined, pasted
 
 __all__ = [
     "COS_PSI",
@@ -41,7 +42,6 @@ __all__ = [
     "sweep",
 ]
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -60,19 +60,9 @@ RUNAWAY = 1e6
 """State at which a simulation is given up."""
 
 
-_LEAN: dict[str, Any] = {"_nrt": False, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-
-_outer: Callable[[_Function], _Function] = njit(cache=True, **_LEAN)
-_inner: Callable[[_Function], _Function] = njit(forceinline=True, **_LEAN)
-"""For what allocates nothing and is called for every stage: without counting references and without passing a hundred
-words per call it takes a quarter of the time, and gives the same bits. Nobody calls them from Python, and a wrapper
-that could would be half of what there is to compile. One inlined is stored with what it is inlined into. A division
-by zero gives infinity, and the motion is given up: where it may raise instead, and where ``_advance`` is called and not
-inlined, a simulation takes up to three times as long."""
-
-_pasted: Callable[[_Function], _Function] = njit(inline="always", **_LEAN)
-"""The same, for what one caller has: inlined before types are known, and never compiled for itself. Where a function is
-long or pasted into several, finding the types anew takes longer than that: measured, each of those here."""
+# What is called for every stage is inlined: without passing a hundred words per call a simulation takes a quarter of
+# the time. Where ``_advance`` is called and not inlined, it takes up to three times as long. Which of them are pasted
+# was measured, each.
 
 
 class Program(NamedTuple):
@@ -107,7 +97,7 @@ class Program(NamedTuple):
     m: int
 
 
-@_inner
+@inlined
 def _cross(momentum: Array, nu: Array, out: Array) -> None:
     """Add ``[nu_2 x a; nu_1 x a + nu_2 x b]`` to *out* (6,), bilinear in momentum and velocity (Fossen2011, (3.46)).
 
@@ -123,7 +113,7 @@ def _cross(momentum: Array, nu: Array, out: Array) -> None:
     out[5] += u * a1 - v * a0 + p * b1 - q * b0
 
 
-@_inner
+@inlined
 def _kinematics(P: Program, theta: Array, deriv: bool, f: Array, A: Array, W: Scratch) -> None:
     """Fill the eta rows of *f* and *A* from ``W.full``, which is nu, then eta."""
     full = W.full
@@ -217,7 +207,7 @@ def _kinematics(P: Program, theta: Array, deriv: bool, f: Array, A: Array, W: Sc
                 A[i, c] = by[d, j]
 
 
-@_inner
+@inlined
 def _factor(
     code: int, full: Array, place: Index, u: Array, lagged: Array, first: int, reach: float, bottom: float
 ) -> tuple[float, float, int]:
@@ -307,7 +297,7 @@ def scratch(n: int, q: int) -> Scratch:
     )
 
 
-@_inner
+@inlined
 def evaluate(
     P: Program,
     theta: Array,
@@ -398,7 +388,7 @@ def evaluate(
                 B[2 * k + i, free[P.lag]] = -f[2 * k + i] / T
 
 
-@_pasted
+@pasted
 def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deriv: bool, W: Scratch) -> None:
     """Add all terms to ``W.force``, with *deriv* their derivatives to ``W.by_x`` and ``W.by_p``."""
     rows, pars, scales, coefs, factors, place = P.rows, P.pars, P.scales, P.coefs, P.factors, P.column
@@ -445,7 +435,7 @@ def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deri
             by_p *= share
 
 
-@_pasted
+@pasted
 def _coriolis(place: Index, M: Array, deriv: bool, W: Scratch) -> None:
     """Take ``C(nu) nu`` off ``W.force``, with *deriv* its derivative off ``W.by_x``."""
     momentum, c, unit, column = W.momentum, W.c, W.unit, W.column
@@ -475,7 +465,7 @@ def _coriolis(place: Index, M: Array, deriv: bool, W: Scratch) -> None:
             by_x[i, place[j]] -= c[i]
 
 
-@_pasted
+@pasted
 def _rate(A: Array) -> float:
     """Return a measure of the fastest rate [1/s] that does not depend on the units of the states.
 
@@ -491,7 +481,7 @@ def _rate(A: Array) -> float:
     return largest
 
 
-@_inner
+@inlined
 def _advance(
     P: Program,
     theta: Array,
@@ -609,8 +599,8 @@ def _carry(
     return True, fastest, row, spent
 
 
-carry = _outer(_carry)
-_carried = _pasted(_carry)
+carry = called(_carry)
+_carried = pasted(_carry)
 """The same inlined, for simulations: to hand over the hundreds of words that ``P`` and ``W`` are, once a sample, is a
 third of their time."""
 

@@ -12,12 +12,12 @@ With ``z = a h`` over a time *h*: ``E = exp(z)``, ``A1`` its integral, ``A2`` th
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from gcs_autotune.jit import entry_without_lock, pasted
 from gcs_autotune.models.coupled.kernel import INPUT, INPUT_SIZE, RUNAWAY, Program
 
 __all__ = ["LinearProgram", "linear_program_of", "linear_sweep"]
@@ -163,12 +163,8 @@ def _sweep(
 
 
 # Compiled in place, as those of models/simulation.py: the one is pasted into the other, which is compiled once.
-_LEAN: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy"}
-_pasted: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(
-    **{**_LEAN, "no_cpython_wrapper": True, "inline": "always"}
-)
-_equation = _pasted(_equation)
-_compiled: Callable[..., bool] = njit(**_LEAN, cache=True, nogil=True)(_sweep)
+_equation = pasted(_equation)
+_compiled: Callable[..., bool] = entry_without_lock(_sweep)
 
 
 def linear_sweep(

@@ -133,6 +133,7 @@ def test_gps_and_compass_alone_are_enough() -> None:
         assert parameter.std < 0.2 * abs(BOAT[name])
 
 
+@pytest.mark.slow
 def test_errors_over_noise_seeds_are_those_promised() -> None:
     """A small version of benchmarks/coupled_accuracy.py: ten seeds, fourteen parameters."""
     clean = [sailed(seed, seconds=30.0, quiet=True) for seed in (1, 2)]

@@ -82,9 +82,9 @@ def test_the_integrals_along_a_response_are_table_4_1_from_rest():
 @pytest.mark.parametrize(
     ("plant", "structure"),
     [
-        ((0.04, 0.02, 0.0, 0.002), "linear"),
+        pytest.param((0.04, 0.02, 0.0, 0.002), "linear", marks=pytest.mark.slow),
         ((0.04, 0.0, 0.03, 0.002), "nonlinear"),
-        ((0.04, 0.01, 0.02, 0.0), "affine"),
+        pytest.param((0.04, 0.01, 0.02, 0.0), "affine", marks=pytest.mark.slow),
     ],
 )
 def test_steps_of_a_measured_position_give_structure_and_parameters_within_their_errors(record, plant, structure):
@@ -103,6 +103,7 @@ def test_steps_of_a_measured_velocity_give_the_same(record):
     assert fit.parameters["beta_rr"].value == pytest.approx(0.03, rel=0.01)
 
 
+@pytest.mark.slow
 def test_standard_errors_of_steps_cover_the_truth(record):
     z = []
     for seed in range(12):
@@ -185,6 +186,7 @@ def coasting(seed: int, alpha: float = 0.63, drag: float = 1.146, delta: float =
     return Trial("steps", {"N": Channel("N", "1", t, tau), "psi": Channel("psi", "rad", t, psi_measured)})
 
 
+@pytest.mark.slow
 def test_steps_back_to_neutral_under_quadratic_drag_do_not_bias_the_inertia():
     errors = []
     for seed in range(3):

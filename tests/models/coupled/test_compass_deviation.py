@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from gcs_autotune.identify import fit
-from gcs_autotune.models.coupled import FORMS, Form, Simulator
+from gcs_autotune.models import FORMS, Form, Simulator
 from gcs_autotune.trial import Channel, Trial
 
 DEVIATION = {"A_psi": 0.02, "B_psi": -0.09, "C_psi": 0.06}

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.models.coupled import unit_of
-from gcs_autotune.models.coupled.derivatives import FORCES, STATES, inertia_of, term_of
+from gcs_autotune.models import FORCES, STATES, inertia_of, term_of, unit_of
 
 INPUTS = ("delta", "n")
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.models.coupled import CoupledModel, Form, Simulator, form_from, kernel
+from gcs_autotune.models import CoupledModel, Form, Simulator, form_from
+from gcs_autotune.models.coupled import kernel
 from gcs_autotune.models.coupled.model import PATIENCE, STEPS, TRIES
 
 STEP = 0.25

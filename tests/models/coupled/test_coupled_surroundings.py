@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.models.coupled import Form, Simulator, unit_of
+from gcs_autotune.models import Form, Simulator, unit_of
 
 T_IN = np.array([0.0, 1.5, 3.1, 4.0, 6.2])
 T_OUT = np.linspace(0.0, 8.0, 33)

@@ -11,21 +11,21 @@ import pytest
 from numba import njit
 from numpy.typing import NDArray
 
-from gcs_autotune.models.coupled import kernel
-from gcs_autotune.models.coupled.kernel import (
+from gcs_autotune.models import (
     COS_PSI,
     ETA,
     INPUT,
     INPUT_SIZE,
     NEAR,
-    NU,
     NU_SIZE,
     SIN_PHI,
     SIN_PSI,
     SIN_THETA,
     Program,
+    balance_of,
 )
-from gcs_autotune.models.coupled.regressors import balance_of
+from gcs_autotune.models.coupled import kernel
+from gcs_autotune.models.coupled.kernel import NU
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,7 @@ import pytest
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
-from gcs_autotune.models import LEVER_ARM, SHOWN_OFF_CENTRE
-from gcs_autotune.models.coupled import Form, Simulator
+from gcs_autotune.models import LEVER_ARM, SHOWN_OFF_CENTRE, Form, Simulator
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects import make_effect
 from sitl.open_loop import Hull, open_loop

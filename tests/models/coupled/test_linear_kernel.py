@@ -9,10 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.models import Form
-from gcs_autotune.models.coupled import Simulator
+from gcs_autotune.models import Form, Simulator, program_of
 from gcs_autotune.models.coupled.linear_kernel import linear_program_of
-from gcs_autotune.models.coupled.program import program_of
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 import pytest
 
-from gcs_autotune.models.coupled import FORMS, Form, Simulator
-from gcs_autotune.models.simulation import COLUMNS, simulate_explicit
+from gcs_autotune.models import FORMS, Form, Simulator, simulate_explicit
+from gcs_autotune.models.simulation import COLUMNS
 
 STEP = 1e-30
 LONGEST, FINE = 0.01, 0.0002

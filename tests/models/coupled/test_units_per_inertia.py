@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gcs_autotune.errors import BadFile, UsageError
-from gcs_autotune.models.coupled import FORMS, CoupledModel
-from gcs_autotune.models.coupled.form import form_from
+from gcs_autotune.models import FORMS, CoupledModel, form_from
 
 TWIN = {"force_left": "N", "force_right": "N"}
 
