@@ -198,7 +198,7 @@ class AutoMode(_NavigationMode):
         return done
 
     def finish(self) -> None:
-        """Do what MIS_DONE_BEHAVE says."""
+        """Act on MIS_DONE_BEHAVE."""
         self._owner.say(NOTICE, "Mission Complete")
         behaviour = int(self._owner.parameters["MIS_DONE_BEHAVE"])
         self._carry_out = self._helm.stop

@@ -12,6 +12,7 @@ from sitl.autopilot import INFO, WARNING
 from sitl.autopilot.mission import MOST_ITEMS, Command, Mission, MissionItem
 from sitl.mavlink.dialect import Message, mavlink
 from sitl.mavlink.port import Port
+from sitl.mavlink.telemetry import make_mission_current
 from sitl.place import to_globe
 
 __all__ = ["MissionProtocol"]
@@ -129,10 +130,10 @@ class MissionProtocol:
             self._ack(_sender(message), _ACCEPTED if cleared else _ERROR)
 
     def set_current(self, message: Message) -> None:
-        """Go on with another item (MISSION_SET_CURRENT); MISSION_CURRENT with that number says that it worked."""
+        """Go on with another item (MISSION_SET_CURRENT); MISSION_CURRENT with that number confirms it."""
         autopilot = self._port.vehicle.autopilot
         if autopilot.set_mission_item(message.seq):
-            self._port.send_now(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
+            self._port.send(make_mission_current(self._port.vehicle, message.seq))
 
     def send_reached(self) -> None:
         """Send MISSION_ITEM_REACHED for what has been reached."""

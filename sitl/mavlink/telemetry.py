@@ -14,7 +14,7 @@ from sitl.mavlink.dialect import Message, fit_float, mavlink
 from sitl.place import to_globe
 from sitl.vehicle import Vehicle
 
-__all__ = ["MESSAGES", "available_messages", "make_heartbeat", "make_pid_tuning"]
+__all__ = ["MESSAGES", "available_messages", "make_heartbeat", "make_mission_current", "make_pid_tuning"]
 
 _YAW_AXIS, _ACCZ_AXIS, _STEER_AXIS = 3, 4, 5
 _ROVER_STEER, _ROVER_SPEED = 1, 2
@@ -180,11 +180,14 @@ _ONLY_POSITION = 0xFDF8
 _MOST_DISTANCE = 65535
 
 
-def _mission_current(vehicle: Vehicle) -> Message:
+def make_mission_current(vehicle: Vehicle, seq: int | None = None) -> Message:
+    """Return MISSION_CURRENT; *seq* instead of the present item answers a station that has set that one."""
     autopilot, mission = vehicle.autopilot, vehicle.autopilot.mission
     total = max(len(mission.items) - 1, 0)
     state = int(mission.progress) if total else _NO_MISSION
-    return mavlink.MAVLink_mission_current_message(mission.current, total, state, int(autopilot.mode.in_mission))
+    return mavlink.MAVLink_mission_current_message(
+        mission.current if seq is None else seq, total, state, int(autopilot.mode.in_mission)
+    )
 
 
 def _nav_controller_output(vehicle: Vehicle) -> Iterable[Message]:
@@ -228,7 +231,7 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: (_one(_water_pressure), 1.0),
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: (_distance, 0.0),
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: (_one(_estimator), 1.0),
-    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (_one(_mission_current), 1.0),
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (_one(make_mission_current), 1.0),
     mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: (_nav_controller_output, 1.0),
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: (_position_target, 1.0),
     mavlink.MAVLINK_MSG_ID_PID_TUNING: (make_pid_tuning, 2.0),

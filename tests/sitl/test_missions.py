@@ -304,6 +304,17 @@ def test_the_station_skips_to_another_item():
     assert ground.last("MISSION_CURRENT").seq == 2
 
 
+def test_a_skip_is_confirmed_with_the_number_that_was_sent():
+    ground = boat()
+    upload(ground, [waypoint(15 + 0j), step(CHANGE_SPEED, None, (1.0, 0.6, -1.0, 0.0)), waypoint(0j)])
+    ground.heard.clear()
+    ground.send(mavlink.MAVLink_mission_set_current_message(1, 1, 2))
+    ground.run(0.1)
+    assert ground.all("MISSION_CURRENT")[0].seq == 2
+    ground.run(1.5)
+    assert ground.last("MISSION_CURRENT").seq == 3
+
+
 def test_the_mission_goes_on_where_it_was_left():
     ground = sailing(TRIANGLE)
     run_until_reached(ground, 1)
