@@ -400,8 +400,9 @@ def main() -> int:
     figures = [
         count("missions with the firmware's cross-track rms within 10 %", rms, len(good), least=1.0),
         count("missions with the firmware's corner overshoot within 0.2 m", corners, len(good), least=1.0),
-        count("missions with an rms within the spread of the firmware's own", inside, len(good)),
     ]
+    if options.starts > 1:
+        figures.append(count("missions with an rms within the spread of the firmware's own", inside, len(good)))
     if os.environ.get(BINARIES["sub"]):
         apart = max(show_rov(water, options) for water in options.water)
         figures.append(Figure("ROV in GUIDED, greatest distance between the two tracks", apart, "m", most=WITHIN_TRACK))
