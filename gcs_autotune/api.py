@@ -28,7 +28,16 @@ from gcs_autotune.diagnose import diagnose as diagnose_runs
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Fit, ModelFile, Validation, extended_of, load_model, save_model
+from gcs_autotune.identify import (
+    Fit,
+    Model,
+    ModelFile,
+    Validation,
+    extended_of,
+    is_of_one_axis,
+    load_model,
+    save_model,
+)
 from gcs_autotune.identify import fit as fit_runs
 from gcs_autotune.identify import simulated as simulate
 from gcs_autotune.identify import validate as validate_model
@@ -121,7 +130,7 @@ def fit(
     effects: Sequence[str] = (),
     start: ExtendedModel | Mapping[str, float] | None = None,
     **options: Any,
-) -> Fit:
+) -> Fit[Model]:
     """Identify a model from runs; parameters and errors as in :func:`gcs_autotune.identify.fit`.
 
     The result is displayed as a table; see :func:`simulate`, :func:`validate` and :func:`plot`. It has
@@ -142,7 +151,7 @@ def fit(
     )
 
 
-def validate(found: Fit, runs: Runs) -> Validation:
+def validate(found: Fit[Model], runs: Runs) -> Validation:
     """Simulate *runs* that *found* was not fitted to; only their initial states are fitted.
 
     Raises
@@ -167,7 +176,7 @@ def diagnose(
     unseen: Sequence[Trial] = (),
     dof: str | None = None,
     use: Sequence[str] | None = None,
-    model: ExtendedModel | ModelFile | Fit | None = None,
+    model: ExtendedModel | ModelFile | Fit[Model] | None = None,
     simulations: Sequence[Trial] = (),
     effects: Sequence[str] | None = None,
     horizon: float | None = None,
@@ -199,7 +208,7 @@ def diagnose(
 
 
 def design(
-    source: Fit | ModelFile,
+    source: Fit[Model] | ModelFile,
     axis: str,
     present: Mapping[str, float] | Path | str,
     *,
@@ -237,7 +246,7 @@ def design(
     given = load_params(Path(present)) if isinstance(present, (str, Path)) else present
     values = dict(given)
     wish = Spec(**spec)
-    if isinstance(source, AxisFit) and not source.effects:
+    if is_of_one_axis(source) and not source.effects:
         return design_plain(source.model, source.craft_covariance, loop, values, wish)
     if isinstance(source, Fit):
         covariance, names = source.covariance, tuple(source.parameters)

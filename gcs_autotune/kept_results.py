@@ -28,7 +28,7 @@ SCHEMA = "gcs-autotune kept results 1"
 
 
 class KeptResults:
-    """Results in the file *path*, which is made with the first of them; each is written as soon as it is known.
+    """Results in the file *path*, which is created with the first one; each is written as soon as it is known.
 
     subject : fingerprint of what all results are about.
 

@@ -1,4 +1,4 @@
-"""An ArduRover/ArduSub-style vehicle in a simulated sea, speaking MAVLink 2. Knows nothing of the tuner.
+"""A simulated vehicle with an ArduRover- or ArduSub-style autopilot, speaking MAVLink 2. Independent of the tuner.
 
 ``catalogue`` and ``vehicles/`` say which craft there are; ``vehicle`` is one craft (``body``, ``actuators``,
 ``sensors``, ``battery``, ``autopilot/``); ``mavlink/`` speaks for it; ``lockstep`` and ``listen`` put it on a pipe

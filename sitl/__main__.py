@@ -26,7 +26,7 @@ __all__ = ["main"]
 
 _OK, _USAGE, _IN_USE = 0, 2, 3
 _SLOWEST, _QUICKEST = 0.01, 1000.0
-"""Chosen: simulated seconds per second that may be asked for."""
+"""Range of simulated seconds per second. Chosen."""
 _DEFAULT_ADDRESS = "udp:127.0.0.1:14550"
 
 
@@ -39,7 +39,7 @@ def _seed(text: str) -> int:
 
 
 class _Stopped(BaseException):
-    """Somebody asked the process to end."""
+    """The process was asked to end."""
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -104,7 +104,7 @@ def _make_parser() -> argparse.ArgumentParser:
 
 
 class _Usage(ValueError):
-    """The command line cannot be carried out as it stands."""
+    """The command line is not valid."""
 
 
 def _read_presets(arguments: Sequence[str]) -> dict[str, float]:
@@ -174,7 +174,7 @@ def _run(args: argparse.Namespace) -> None:
 
 
 def _run_under_ardupilot(args: argparse.Namespace) -> None:
-    """Serve the bare hull to ArduPilot's own firmware, or write what that needs."""
+    """Serve the bare hull to ArduPilot's own firmware, or write the parameters that it needs."""
     if args.vehicle is None:
         raise _Usage(f"no vehicle given. Use one of {', '.join(VEHICLES)}")
     strange = [name for name in ("param", "eeprom", "lockstep") if getattr(args, name)]
@@ -204,7 +204,7 @@ def _show_effects() -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line *argv* and return the exit code: 0 ok, 2 wrong usage, 3 address not to be had."""
+    """Run the command line *argv* and return the exit code: 0 ok, 2 wrong usage, 3 address not available."""
     args = _make_parser().parse_args(argv)
     before = {number: signal.signal(number, _stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -1,4 +1,4 @@
-"""From servo pulses to forces: a rudder behind a propeller, two thrusters side by side, or a frame of thrusters."""
+"""From servo pulses to forces: a rudder behind a propeller, two thrusters, or a frame of thrusters."""
 
 from __future__ import annotations
 
@@ -26,26 +26,27 @@ _LONGEST_PULSE = 65535
 
 
 class Actuators(ABC):
-    """Turns the pulses on the servo rail into a wrench on the hull, by way of the share of full asked of each axis."""
+    """Converts servo pulses into a wrench on the hull, via the normalised output of each axis."""
 
     __slots__ = ()
 
     @property
     @abstractmethod
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at a share of 1; those it drives."""
+        """Degree of freedom -> force at full output; those it drives."""
 
     @abstractmethod
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return the shares of full asked of ``N``, ``X`` (``Z``, ``Y``); a pulse [us] of 0 is no signal: none."""
+        """Return the normalised outputs of ``N``, ``X`` (``Z``, ``Y``); a pulse of 0 us is no signal and counts as
+        none."""
 
     @abstractmethod
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses that differ least from *pwm* and ask for *shares*; limits do not count."""
+        """Return the pulses nearest to *pwm* that command *shares*; limits are ignored."""
 
     @abstractmethod
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench* with what these shares do."""
+        """Fill *wrench* with the forces of these normalised outputs."""
 
     def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
         """Fill *wrench* from the pulses."""
@@ -71,7 +72,7 @@ class YawSchedule:
     rows: Sequence[tuple[float, float, float]]
 
     def at(self, n2: float) -> tuple[float, float, float]:
-        """Return (alpha, beta, share of the rudder's moment) at *n2* [V^2]; linear between the rows."""
+        """Return (alpha, beta, normalised rudder moment) at *n2* [V^2]; linear between the rows."""
         low = self.rows[0]
         if n2 <= low[0]:
             return low[1], low[2], n2 / low[0]
@@ -102,11 +103,11 @@ class RudderBoat(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at a share of 1; yaw's is the rudder angle [rad]."""
+        """Degree of freedom -> force at full output; yaw's is the rudder angle [rad]."""
         return {"yaw": self.full_rudder, "surge": self.full_thrust}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return rudder (``N``) and throttle (``X``) as shares of full."""
+        """Return rudder (``N``) and throttle (``X``) as normalised outputs."""
         return {
             "N": _fraction(pwm[self.rudder_channel - 1], _RUDDER_SPAN),
             "X": _fraction(pwm[self.throttle_channel - 1], _RUDDER_SPAN),
@@ -146,7 +147,7 @@ class TwinThrusterBoat(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at a share of 1: one ahead and one astern, both ahead."""
+        """Degree of freedom -> force at full output: opposite thrust, and both ahead."""
         return {"yaw": self.arm * (1.0 + self.astern) * self.full_thrust, "surge": 2.0 * self.full_thrust}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
@@ -156,7 +157,7 @@ class TwinThrusterBoat(Actuators):
         return {"N": 0.5 * (left - right), "X": 0.5 * (left + right)}
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses with both thrusters at what gives *shares*."""
+        """Return the pulses for *shares*."""
         pulses = list(pwm)
         pulses[self.left_channel - 1] = _pulse(shares["X"] + shares["N"], _RUDDER_SPAN)
         pulses[self.right_channel - 1] = _pulse(shares["X"] - shares["N"], _RUDDER_SPAN)
@@ -175,7 +176,7 @@ class TwinThrusterBoat(Actuators):
 
 @dataclass(frozen=True, slots=True)
 class ThrustCurve:
-    """What a thruster makes of its command: an odd polynomial (coefficients of u, u^3, u^5 ...), 0 within ``dead``.
+    """Thrust of a command: an odd polynomial (coefficients of u, u^3, u^5 ...), 0 within ``dead``.
 
     Scaled so that full command is full force.
     """
@@ -184,7 +185,7 @@ class ThrustCurve:
     dead: float = 0.0
 
     def __call__(self, u: float) -> float:
-        """Return the share of full force at a share *u* of full command."""
+        """Return the normalised force of a normalised command *u*."""
         if abs(u) <= self.dead:
             return 0.0
         value, square = 0.0, u * u
@@ -194,7 +195,7 @@ class ThrustCurve:
 
 
 class Motor(NamedTuple):
-    """What one thruster adds at full output, as a share of each axis' authority; ``Z`` down, ``M`` bow up."""
+    """Contribution of one thruster at full output, relative to each axis' authority; ``Z`` down, ``M`` bow up."""
 
     N: float = 0.0
     X: float = 0.0
@@ -223,12 +224,12 @@ class ThrusterFrame(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at a share of 1; pitch is nobody's to command."""
+        """Degree of freedom -> force at full output; pitch is not commanded."""
         sway = {"sway": self.full_Y} if self.full_Y else {}
         return {"yaw": self.full_N, "surge": self.full_X, "heave": self.full_Z, **sway}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return what all motors together make of full ``N``, ``X``, ``Z`` (``Y``, ``M``)."""
+        """Return the combined normalised ``N``, ``X``, ``Z`` (``Y``, ``M``) of all motors."""
         N = X = Z = Y = M = 0.0
         for pulse, (yaw, ahead, down, side, pitching) in zip(pwm, self.motors, strict=False):
             if pulse == _NEUTRAL_PWM:

@@ -1,4 +1,4 @@
-"""The battery: a voltage that sags with the load and a charge that runs down."""
+"""The battery: voltage drop under load, and remaining charge."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Battery:
         self.consumed_mah = 0.0
 
     def drain(self, pwm: Sequence[int], dt: float) -> None:
-        """Run *dt* [s] with these servo pulses [us]."""
+        """Discharge for *dt* [s] with these servo pulses [us]."""
         load = 0.0
         for pulse in pwm:
             if pulse:
@@ -33,7 +33,7 @@ class Battery:
         return open_circuit - _RESISTANCE * self.current
 
     def remaining_percent(self, capacity_mah: float) -> int:
-        """Return what is left [%], or -1 when the capacity is not known."""
+        """Return the remaining charge [%], or -1 if the capacity is unknown."""
         if capacity_mah <= 0.0:
             return -1
         return max(0, min(100, int(100.0 - 100.0 * self.consumed_mah / capacity_mah)))

@@ -1,4 +1,4 @@
-"""The vehicles there are, and the loader of their data files.
+"""The available vehicles, and the loader of their data files.
 
 A data file is TOML; every number in it is a table ``{ value, unit, source }``. Adding a vehicle is one file in
 ``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file. ``like = "NAME"``
@@ -56,7 +56,7 @@ _FIRMWARE = ("rover", "sub")
 
 
 class UnknownVehicle(KeyError):
-    """There is no vehicle of that name; the message gives the nearest ones."""
+    """There is no vehicle of that name; the message lists the nearest ones."""
 
     def __init__(self, name: str) -> None:
         near = difflib.get_close_matches(name, VEHICLES, n=3, cutoff=0.5)
@@ -68,7 +68,7 @@ class UnknownVehicle(KeyError):
 
 
 class BadVehicle(ValueError):
-    """A file describes no vehicle that can be simulated; the message says what is wrong with it."""
+    """A file that does not describe a vehicle; the message states what is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class VehicleData:
         return hull
 
     def make_rangefinder(self, seed: int) -> Rangefinder | None:
-        """Return what looks at the wall ahead; None when it has none."""
+        """Return the rangefinder facing a wall ahead, or None."""
         if "rangefinder" not in self.tables:
             return None
         at = _values(self.tables["rangefinder"])
@@ -129,7 +129,7 @@ class VehicleData:
         return coupling_of(derivatives, coriolis=coriolis)
 
     def make_actuators(self) -> Actuators:
-        """Return what turns servo pulses into forces."""
+        """Return the actuators that convert servo pulses into forces."""
         yaw, surge = _values(self.tables["yaw"]), _values(self.tables["surge"])
         if self.tables["actuators"] == _TWIN:
             each = _values(self.tables["thruster"])
@@ -190,7 +190,7 @@ def load_vehicle(name: str) -> VehicleData:
 
 
 def _tables(path: Path) -> dict[str, Any]:
-    """Return the tables of a file, what it does not say from the vehicle it is ``like``."""
+    """Return the tables of a file, completed from the vehicle it is ``like``."""
     own = read(path, "toml")
     name = own.get("like")
     if isinstance(name, str) and name not in VEHICLES:

@@ -1,4 +1,4 @@
-"""Simulated time against the wall clock, for a vehicle that runs free. The only sleep is here."""
+"""Simulated time relative to the wall clock, for a free-running vehicle. The only sleep is here."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Callable
 __all__ = ["Pacer"]
 
 _MOST_BEHIND = 0.5
-"""Chosen: wall seconds of delay that are caught up; beyond them the simulation slips instead."""
+"""Longest delay that is caught up [wall s]; beyond it the simulation slips. Chosen."""
 
 
 class Pacer:
-    """Says how much simulated time has passed at *speedup*, and waits for more of it.
+    """Computes the simulated time at *speedup*, and waits for it.
 
     ``wall`` and ``sleep`` can be replaced, for tests; ``speedup``: simulated seconds per second.
     """
@@ -30,11 +30,11 @@ class Pacer:
         self._origin = wall()
 
     def now(self) -> float:
-        """Return the simulated time [s] it should be."""
+        """Return the simulated time [s] that is due."""
         return (self._wall() - self._origin) * self.speedup
 
     def wait_until(self, t: float) -> None:
-        """Sleep until simulated time *t* [s]; when that is long past, let the clock slip back to it."""
+        """Sleep until simulated time *t* [s]; if that is long past, set the clock back to it."""
         ahead = (t - self.now()) / self.speedup
         if ahead > 0.0:
             self._sleep(ahead)

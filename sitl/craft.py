@@ -22,7 +22,7 @@ _DOF_OF = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
 _CHANNEL = {"delta": "N"}
 """A model's channel -> the vehicle's, where the names differ."""
 _SIDEWAYS = "Y"
-"""What most vehicles do not command: a model's input of that name then stays 0."""
+"""Input that most vehicles do not command; a model's input of that name stays 0."""
 _CHANNELS = {"yaw": "N", "surge": "X", "heave": "Z", "sway": "Y"}
 _NAMES = {
     "N": ("steering", "rudder", "yaw", "delta"),
@@ -33,7 +33,7 @@ _NAMES = {
 
 
 class Craft:
-    """The plant of a vehicle in its water, moved by servo pulses.
+    """The plant of a vehicle in its water, driven by servo pulses.
 
     Parameters
     ----------
@@ -64,12 +64,12 @@ class Craft:
         self._plain = dict(self.plant.parameters)
 
     def begin(self, seed: str) -> None:
-        """Let the effects begin; *seed* is that of their chances. ``BadEffect`` when there is no place for one."""
+        """Start the effects; *seed*: of their random numbers. ``BadEffect`` if one has no place."""
         for effect in self.effects:
             effect.begin(_describe(self, seed))
 
     def move(self, t: float, dt: float, pwm: Sequence[int]) -> None:
-        """Let *dt* [s] pass, up to time *t* [s], under servo pulses *pwm* [us]."""
+        """Advance by *dt* [s] to time *t* [s] under servo pulses *pwm* [us]."""
         if self.effects:
             self._drive_altered(t, dt, pwm)
         else:
@@ -80,12 +80,12 @@ class Craft:
         self.plant.step(self._wrench, dt)
 
     def alter(self, t: float, reading: SensorReading) -> None:
-        """Let the effects at what the sensors tell."""
+        """Apply the effects to the sensor readings."""
         for effect in self.effects:
             effect.alter_measurement(t, reading)
 
     def _drive_altered(self, t: float, dt: float, pwm: Sequence[int]) -> None:
-        """Drive with what the effects make of *pwm*, on the plant's own parameters."""
+        """Apply the effects to *pwm* and drive with the plant's own parameters."""
         pulses = list(pwm)
         for effect in self.effects:
             effect.alter_command(t, pulses)
@@ -119,11 +119,11 @@ class _ModelActuators(Actuators):
         return self._full
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return the shares of full asked for."""
+        """Return the normalised outputs."""
         return self._own.read(pwm)
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses that ask for *shares*."""
+        """Return the pulses for *shares*."""
         return self._own.write(pwm, shares)
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
@@ -162,7 +162,7 @@ def _fit_model(model: FlownModel, plant: PlanarHull, actuators: Actuators) -> Ac
 
 
 def _describe(craft: Craft, seed: str) -> Setting:
-    """Return what effects may know of *craft* at power-up."""
+    """Return the data of *craft* that effects may use at power-up."""
     plant, full = craft.plant, craft.actuators.full
     sways = "sway" in plant.dofs
     inputs = {_CHANNELS[dof]: dof for dof in full}
@@ -184,7 +184,7 @@ def _describe(craft: Craft, seed: str) -> Setting:
 
 
 def _full_speed(craft: Craft) -> float:
-    """Return the speed ahead [m/s] that full throttle holds."""
+    """Return the steady speed ahead [m/s] at full throttle."""
     beta, beta2 = (craft.plant.parameters[f"surge.{name}"] for name in ("beta", "beta2"))
     force = craft.actuators.full["surge"]
     if beta2 <= 0.0 >= beta:

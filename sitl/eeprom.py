@@ -1,4 +1,4 @@
-"""Parameters that outlive the process: a text file of ``NAME,VALUE`` lines."""
+"""Persistent parameters: a text file of ``NAME,VALUE`` lines."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["keep_parameters", "read_parameters"]
 
 
 def read_parameters(path: Path) -> Mapping[str, float]:
-    """Return what *path* holds, nothing when there is no such file yet.
+    """Return the content of *path*; empty if there is no such file yet.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def keep_parameters(store: ParameterDialect, path: Path) -> None:
-    """From now on write every changed parameter to *path* (whole file, renamed into place)."""
+    """From now on write every changed parameter to *path* (whole file, then renamed)."""
     changed = dict(read_parameters(path))
 
     def save(name: str, value: float) -> None:

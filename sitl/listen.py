@@ -1,4 +1,4 @@
-"""The links a free-running vehicle can be reached by: UDP, a TCP server, a serial device."""
+"""Links to a free-running vehicle: UDP, a TCP server, a serial device."""
 
 from __future__ import annotations
 
@@ -18,40 +18,40 @@ __all__ = ["LINKS", "AddressError", "CannotListen", "Link", "host_and_port", "op
 _CHUNK = 65536
 _DATAGRAM = 1400
 _BACKLOG_LIMIT = 1 << 20
-"""Chosen: bytes kept for a client that does not read; more is dropped."""
+"""Bytes kept for a client that does not read; more is dropped. Chosen."""
 _DEFAULT_BAUD = 57600
 _SHORTEST_WAIT = 0.002
-"""Chosen: wall seconds between two looks at the link."""
+"""Wall seconds between two reads of the link. Chosen."""
 _LEAST_SERVED = 50
-"""Looks at the link per second of the vehicle's, at the least."""
+"""Least reads of the link per second of vehicle time."""
 
 
 class AddressError(ValueError):
-    """The address cannot be understood."""
+    """The address is not valid."""
 
 
 class CannotListen(OSError):
-    """The address is taken or not ours to use."""
+    """The address is in use or not available."""
 
 
 class Link(Protocol):
-    """A link that never waits."""
+    """A link that never blocks."""
 
     def read(self) -> bytes:
-        """Return what has come in, perhaps nothing."""
+        """Return the received bytes, if any."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Send, or keep, or drop; never block."""
+        """Send, keep or drop; never block."""
         ...
 
     def close(self) -> None:
-        """Let go of the address."""
+        """Release the address."""
         ...
 
 
 class UdpLink:
-    """Bound to a port (answers the last who spoke), or calling a fixed address."""
+    """Bound to a port (answers the last sender), or sending to a fixed address."""
 
     def __init__(self, host: str, port: int, *, calls: bool = False) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -61,7 +61,7 @@ class UdpLink:
             _bind(self._socket, host, port)
 
     def read(self) -> bytes:
-        """Return the datagrams that have come in, joined."""
+        """Return the received datagrams, joined."""
         data = bytearray()
         while True:
             try:
@@ -88,7 +88,7 @@ class UdpLink:
 
 
 class TcpLink:
-    """A server for one client at a time; a new one takes over."""
+    """A server for one client at a time; a new one replaces it."""
 
     def __init__(self, host: str, port: int) -> None:
         self._server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -100,7 +100,7 @@ class TcpLink:
         self._backlog = bytearray()
 
     def read(self) -> bytes:
-        """Return what the client has sent; take in a new client."""
+        """Return the bytes from the client; accept a new client."""
         self._accept()
         if self._client is None:
             return b""
@@ -115,7 +115,7 @@ class TcpLink:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send as much as the client takes; keep the rest for later."""
+        """Send what the client accepts; keep the rest."""
         if self._client is None:
             return
         if len(self._backlog) < _BACKLOG_LIMIT:
@@ -161,14 +161,14 @@ class SerialLink:
             ) from error
 
     def read(self) -> bytes:
-        """Return what has come in. ``CannotListen`` when the device has gone."""
+        """Return the received bytes. ``CannotListen`` if the device is gone."""
         try:
             return bytes(self._port.read(_CHUNK))
         except serial.SerialException as error:
             raise CannotListen(f"the serial device {self._port.port} was disconnected: {error}") from error
 
     def write(self, data: bytes) -> None:
-        """Send what the device takes; the rest is lost, as on a real wire."""
+        """Send what the device accepts; the rest is lost, as on a real line."""
         try:
             self._port.write(data)
         except serial.SerialTimeoutException:
@@ -194,7 +194,7 @@ def _bind(bound: socket.socket, host: str, port: int) -> None:
 
 
 def host_and_port(rest: str) -> tuple[str, int]:
-    """Return host and port of ``HOST:PORT``. ``AddressError`` when it is none."""
+    """Return host and port of ``HOST:PORT``. ``AddressError`` if it is not valid."""
     host, _, port = rest.rpartition(":")
     try:
         if host:
@@ -220,7 +220,7 @@ LINKS: Mapping[str, Callable[[str], Link]] = {
     "tcp": lambda rest: TcpLink(*host_and_port(rest)),
     "serial": _open_serial,
 }
-"""Scheme -> what opens the rest of the address. ``udp`` waits to be called, ``udpout`` calls."""
+"""Scheme -> function that opens the rest of the address. ``udp`` waits for a sender, ``udpout`` sends first."""
 
 
 def open_link(address: str) -> Link:

@@ -48,7 +48,7 @@ _SPECIAL = {
 
 
 class BadModel(ValueError):
-    """The file is no model, or one that cannot be flown; the message says why."""
+    """A file that is not a model, or whose model cannot be flown; the message states why."""
 
 
 @dataclass(frozen=True, slots=True)

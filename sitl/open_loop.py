@@ -1,4 +1,4 @@
-"""A bare hull in open loop, as in a towing tank: commands in, hidden effects, and the file one would write down.
+"""A bare hull in open loop: commands in, hidden effects, and the recorded file.
 
 The hull is uncoupled; effects couple it. Steps are short against every time constant there is and end on the stamps of
 the file.
@@ -25,7 +25,7 @@ Command = Array | Sequence[float] | Sequence[tuple[float, float]]
 """Values on the file's stamps (n,), or steps as (time [s], value from then on); before the first step: 0."""
 
 SIGNALS = ("x", "y", "z", "psi", "u", "v", "w", "r")
-"""What can be measured, SI and radians; the heading is continuous."""
+"""Measurable signals, SI and radians; the heading is continuous."""
 
 _Step = Callable[[float, float, tuple[float, ...]], tuple[float, ...]]
 """Time [s], step [s], state in the order of :data:`SIGNALS` -> state after it."""

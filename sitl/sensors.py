@@ -1,4 +1,4 @@
-"""What the craft measures: the truth, with seeded noise and the compass' quantisation."""
+"""Measurements of the craft: true values with seeded noise and the compass' quantisation."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Rangefinder:
         self._next, self._held = 0.0, math.nan
 
     def measure(self, t: float, state: State) -> float:
-        """Return the distance [m] it tells at *t* [s]."""
+        """Return the measured distance [m] at *t* [s]."""
         if t >= self._next:
             self._next = t + self._period
             towards = math.cos(state.psi - self._heading)

@@ -94,7 +94,7 @@ class Vehicle:
         return self.tick / self.rate
 
     def move(self) -> None:
-        """Let one tick pass in the water, under the pulses of the last loop, and sample the sensors."""
+        """Advance by one tick under the pulses of the last loop, and sample the sensors."""
         self.tick += 1
         pwm: Sequence[int] = self.autopilot.pwm
         t, dt = self.seconds, self._dt
@@ -109,7 +109,7 @@ class Vehicle:
         self.craft.alter(t, self._reading)
 
     def control(self) -> None:
-        """Let the autopilot run its loop on that sample."""
+        """Run the autopilot's loop on that sample."""
         voltage = self.battery.voltage(self.parameters["SIM_BATT_VOLTAGE"])
         self.autopilot.tick(self.ms, self._reading, voltage, self.battery.consumed_mah)
 

@@ -1,4 +1,4 @@
-"""The schema of vehicle files: which numbers there are, their units and ranges.
+"""The schema of vehicle files: names, units and ranges of their numbers.
 
 Every number is a table ``{ value, unit, source }``. All values are SI and radians whatever the unit says, so the unit
 must be the one of the table here, or ``SI``: a file with another was written with something else in mind.
@@ -140,11 +140,11 @@ VehicleFile: type[Struct] = defstruct(
     forbid_unknown_fields=True,
     frozen=True,
 )
-"""A vehicle file, or what it changes of the vehicle it is ``like``."""
+"""A vehicle file, or the changes to the vehicle that it is ``like``."""
 
 
 def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
-    """See that a file (*own*) is of the schema, and that the vehicle it makes (*tables*, all said) makes sense.
+    """Verify that a file (*own*) matches the schema, and that its vehicle (*tables*, complete) is consistent.
 
     Raises
     ------

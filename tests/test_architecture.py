@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -42,3 +44,36 @@ def test_each_step_of_the_walks_is_there(name):
 def test_an_arrow_is_left_out_only_where_a_longer_way_says_the_same():
     graph = {"a": {"b", "c", "d"}, "b": {"c"}, "c": set(), "d": set()}
     assert draw_architecture.needed(graph) == [("a", "b"), ("a", "d"), ("b", "c")]
+
+
+def circle_in(imports):
+    """Return the modules of one import circle, none where there is none; *imports*: module -> modules it imports."""
+    try:
+        TopologicalSorter(imports).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+def imports_of(files):
+    """Return module -> modules it imports, wherever in it; *files*: module -> path."""
+    found = {}
+    for module, path in files.items():
+        nodes = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.ImportFrom)]
+        places = {
+            f"{n.module}.{a.name}" if f"{n.module}.{a.name}" in files else n.module for n in nodes for a in n.names
+        }
+        found[module] = {place for place in places if place in files and place != module}
+    return found
+
+
+def test_no_modules_import_each_other_in_a_circle_not_even_late_or_for_types():
+    paths = [p for package in ("gcs_autotune", "gcs_autotune_files", "sitl") for p in (ROOT / package).rglob("*.py")]
+    files = {".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p for p in paths}
+    assert sum(map(len, imports_of(files).values())) > 1000
+    assert circle_in(imports_of(files)) == []
+
+
+def test_a_circle_of_imports_is_seen():
+    assert set(circle_in({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == {"a", "b", "c"}
+    assert circle_in({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []

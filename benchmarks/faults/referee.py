@@ -25,7 +25,8 @@ from benchmarks.faults.vehicle import Condition, Moored, VehicleAsFound, events
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, NotAsFound, exit_code
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify.model_file import as_extended, load_model
+from gcs_autotune.identify.axis.form import as_extended
+from gcs_autotune.identify.model_file import load_model
 from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import SilentObserver

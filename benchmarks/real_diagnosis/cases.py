@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from benchmarks.real_diagnosis.clones import FERRY, KVLCC2, READERS, TANK, clone_of
+from benchmarks.real_diagnosis.clones import ESSO, FERRY, KVLCC2, READERS, ROV, TANK, clone_of
 from gcs_autotune.trial import Trial, load_trial
 
 __all__ = ["CASES", "DATA", "Case"]
@@ -83,5 +83,12 @@ CASES: Mapping[str, Case] = {
     "tank-yaw": Case(TANK, "yaw", ("11_10_52_sync_0_3dof", "11_57_50_0_3dof"), ()),
     "tank-surge": Case(TANK, "surge", ("11_10_52_sync_0_3dof", "11_57_50_0_3dof"), ()),
     "kvlcc2-marin-yaw": Case(KVLCC2, "yaw", ("10", "-10", "20", "-20"), ()),
+    "esso-yaw": Case(ESSO, "yaw", ("13_29_19", "14_03_39", "14_10_05"), ()),
+    "rov-yaw": Case(
+        ROV,
+        "yaw",
+        ("act_3_4_test_2_2016-03-21-15-06-06", "act_3_4_test_5_2016-03-21-15-15-26"),
+        ("act_3_4_test_3_2016-03-21-15-09-30",),
+    ),
 }
 """Name -> case. More runs of the same craft exist elsewhere; these are for looking at, not for tuning to."""

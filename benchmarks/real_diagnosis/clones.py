@@ -9,24 +9,31 @@ from __future__ import annotations
 import io
 import os
 import subprocess
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.trial import Channel, Trial
+from gcs_autotune.logs import load_runs
+from gcs_autotune.trial import Channel, Trial, load_trial
 
-__all__ = ["FERRY", "KVLCC2", "READERS", "TANK", "clone_of"]
+__all__ = ["ESSO", "FERRY", "KVLCC2", "READERS", "ROV", "TANK", "clone_of"]
 
 Array = NDArray[np.float64]
 
-FERRY, TANK, KVLCC2 = (
+FERRY, TANK, KVLCC2, ESSO, ROV = (
     "Andeshog/milliampere_data",
     "SAABmarine-MEX/saabmarineMEX_learning",
     "martinlarsalbert/System-identification-of-Vessel-Manoeuvring-Models",
+    "NAOE-5thLab/FRT-DS-ESSO",
+    "MrEkelund/ExjobbROV",
 )
-"""Repositories: a passenger ferry that keeps its place, a BlueROV2 in a tank, a tanker model free running."""
+"""Repositories: a passenger ferry that keeps its place, a BlueROV2 in a tank, a tanker model free running, another on a
+pond in the wind, a BlueROV whose thrusters were switched at random."""
 
 STEP = 0.1
 """Interval [s] that the ferry's topics, each with stamps of its own, are brought to."""
@@ -129,5 +136,63 @@ def marin(name: str) -> Trial:
     return _trial(f"zz_{name}", rows[:, 0], values, {**UNITS, "delta": "rad"})
 
 
-READERS: Mapping[str, Callable[[str], Trial]] = {FERRY: ferry, TANK: tank, KVLCC2: marin}
+# -- a tanker model on a pond (a table), and a ROV (a ROS bag), as any user's files are read
+
+ESSO_COLUMNS = {
+    "t [s]": "t[s]",
+    "psi_hat [rad]": "psi[rad]",
+    "r_angvelo [rad/s]": "r[rad/s]",
+    "u_velo [m/s]": "u[m/s]",
+    "vm_velo [m/s]": "v[m/s]",
+    "delta_rudder [rad]": "delta[rad]",
+    "n_prop [rps]": "n",
+}
+
+
+def esso(name: str) -> Trial:
+    """Return a zig-zag of the Esso Osaka model, from where its propeller turns on."""
+    with _file(ESSO, f"data/zigzag/zigzag_31-Jul-2020_{name}.csv") as path:
+        run = load_trial(path, ESSO_COLUMNS)
+    begin = float(run["n"].t[np.flatnonzero(run["n"].values > 0.0)[0]]) + SETTLED
+    used = {n: c for n, c in run.channels.items() if n in {*UNITS, "delta"}}
+    return Trial(name, {n: replace(c, t=c.t[c.t >= begin], values=c.values[c.t >= begin]) for n, c in used.items()})
+
+
+SETTLED = 5.0
+"""Seconds after its start in which the propeller speeds up."""
+
+GYRO, LEFT, RIGHT = "sensor_fusion_states_6", "rovio_thrusters_3", "rovio_thrusters_4"
+EVERY = 11
+"""Of 224 samples a second one of so many is used."""
+
+
+def rov(name: str) -> Trial:
+    """Return a test of the ROV: turn rate (deg/s), and the two thrusters ahead as shares of full output.
+
+    Its compass is left out: it does not follow the gyro where the vehicle pitches by 15 degrees.
+    """
+    with _file(ROV, f"simulink/Estimation/bag/{name}.bag") as path:
+        (run,) = load_runs(path)
+    begin, end = run[LEFT].t[0], run[LEFT].t[-1]
+    left, right = ((run[n].values - 1500.0) / 400.0 for n in (LEFT, RIGHT))
+    gyro, at = run[GYRO], run[LEFT].t - begin
+    used = np.flatnonzero((gyro.t >= begin) & (gyro.t <= end))[::EVERY]
+    channels = {
+        "r": Channel("r", "rad/s", gyro.t[used] - begin, np.radians(gyro.values[used])),
+        "N": Channel("N", "1", at, 0.5 * (left - right)),
+        "X": Channel("X", "1", at, 0.5 * (left + right)),
+    }
+    return Trial(name.partition("_2016")[0], channels)
+
+
+@contextmanager
+def _file(repository: str, path: str) -> Iterator[Path]:
+    """Write a file of the newest commit into a folder that is removed afterwards, and yield where it is."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / Path(path).name
+        place.write_bytes(_shown(repository, path))
+        yield place
+
+
+READERS: Mapping[str, Callable[[str], Trial]] = {FERRY: ferry, TANK: tank, KVLCC2: marin, ESSO: esso, ROV: rov}
 """Repository -> how one of its runs is read."""

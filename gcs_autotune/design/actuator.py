@@ -17,22 +17,22 @@ __all__ = ["PERFECT", "Actuator", "ActuatorStep"]
 Array = NDArray[np.float64]
 
 MIN_SLOPE = 0.25
-"""Local gains below this are not held against the margins: the loop is then all but open, as the simulation shows."""
+"""Local gains below this are excluded from the margins: the loop is then nearly open, as the simulation shows."""
 USED = 0.5
 """Largest output for which margins must hold [normalised], independent of the relay sizes. Chosen: the gain of a square
 law at most doubles from here to full output, which is only passed through; the gain margin of 2.5 leaves 1.25 there."""
 
 
 class ActuatorStep(NamedTuple):
-    """An :class:`Actuator` moved on by one loop: as there, but ``rate`` a loop, ``lag`` the share of the way to a new
-    output that is gone in one loop, ``play`` half of it, and ``acts`` 0 where nothing is to be done. All are floats.
+    """An :class:`Actuator` for one loop: ``rate`` per loop, ``lag`` the share of the way covered in one loop,
+    ``backlash`` half of it, ``acts`` 0 for an ideal actuator. All are floats.
     """
 
     acts: float
     limit: float
     rate: float
     lag: float
-    play: float
+    backlash: float
     dead_zone: float
     square: float
     reference: float
@@ -46,7 +46,7 @@ class ActuatorStep(NamedTuple):
 class Actuator:
     """From output to force, in this order; outputs in the model's input unit, or in fractions once scaled.
 
-    ``limit`` it saturates at, ``rate`` [1/s] it moves at, ``lag`` [s] first-order, ``play`` (backlash) and
+    ``limit`` it saturates at, ``rate`` [1/s] it moves at, ``lag`` [s] first-order, ``backlash`` (backlash) and
     ``dead_zone`` (half-width) of its linkage or speed controller, ``subtracted`` the share of that width lost beyond it
     (1: the force grows from nothing; 0: it begins with a jump), ``square`` the share of its force that goes with
     ``u|u|/reference``,
@@ -57,7 +57,7 @@ class Actuator:
     limit: float = math.inf
     rate: float = math.inf
     lag: float = 0.0
-    play: float = 0.0
+    backlash: float = 0.0
     dead_zone: float = 0.0
     subtracted: float = 1.0
     square: float = 0.0
@@ -92,7 +92,7 @@ class Actuator:
             self,
             limit=self.limit / size,
             rate=self.rate / size,
-            play=self.play / size,
+            backlash=self.backlash / size,
             dead_zone=self.dead_zone / size,
             dither=self.dither / size,
             reference=self.reference / size,
@@ -100,9 +100,9 @@ class Actuator:
         )
 
     def static(self, u: Array) -> Array:
-        """Return the force (n,) that settled outputs *u* (n,) give, the play taken up in their own direction."""
+        """Return the force (n,) of settled outputs *u* (n,), with backlash taken up in their direction."""
         held = np.clip(u, -self.limit, self.limit)
-        size = np.maximum(np.abs(held) - 0.5 * self.play, 0.0)
+        size = np.maximum(np.abs(held) - 0.5 * self.backlash, 0.0)
         held = np.sign(held) * np.where(size > self.dead_zone, size - self.lost, 0.0)
         bent = (1.0 - self.square) * held + self.square * held * np.abs(held) / self.reference
         force: Array = np.where(bent >= 0.0, self.ahead, self.astern) * bent
@@ -119,11 +119,10 @@ class Actuator:
         return _output_for(self, force)
 
     def slopes(self) -> tuple[float, ...]:
-        """Return the gains around which small motions live: by direction, size of output and state of the battery.
+        """Return the local gains of small motions: by direction, size of output and state of the battery.
 
-        Outputs are fractions of full (:meth:`in_fractions`), sizes from rest to ``USED``, of which dead zone and play
-        take their part first. Margins are to hold at each. Within dead zone and play the loop is open; that is left to
-        the simulation.
+        Outputs are normalised (:meth:`in_fractions`), sizes from rest to ``USED``, less dead zone and backlash. Margins
+        must hold at each. Within dead zone and backlash the loop is open; that is left to the simulation.
         """
         return _slopes(self)
 
@@ -136,7 +135,7 @@ class Actuator:
             limit=min(self.limit, most),
             rate=min(self.rate * dt, most),
             lag=share,
-            play=0.5 * self.play,
+            backlash=0.5 * self.backlash,
             dead_zone=self.dead_zone,
             square=self.square,
             reference=self.reference,
@@ -153,7 +152,7 @@ PERFECT = Actuator()
 
 @lru_cache(maxsize=256)
 def _output_for(actuator: Actuator, force: float) -> float:
-    """Do as :meth:`Actuator.output_for`: a design asks for the same force in every one of thousands of steps."""
+    """As :meth:`Actuator.output_for`, cached: a design calls it thousands of times."""
     if force == 0.0:
         return 0.0
     grid = np.linspace(0.0, math.copysign(1.0, force), 2001)
@@ -169,8 +168,8 @@ def _output_for(actuator: Actuator, force: float) -> float:
 
 @lru_cache(maxsize=256)
 def _slopes(actuator: Actuator) -> tuple[float, ...]:
-    """Do as :meth:`Actuator.slopes`, which a design asks for as often."""
-    bend = 2.0 * actuator.square * max(USED - 0.5 * actuator.play - actuator.lost, 0.0) / actuator.reference
+    """As :meth:`Actuator.slopes`, cached."""
+    bend = 2.0 * actuator.square * max(USED - 0.5 * actuator.backlash - actuator.lost, 0.0) / actuator.reference
     sizes = (1.0 - actuator.square, 1.0 - actuator.square + bend) if actuator.square else (1.0,)
     found = {
         round(w * s * g, 6) for w in {1.0, actuator.weakest} for s in sizes for g in {actuator.ahead, actuator.astern}

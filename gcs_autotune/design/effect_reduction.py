@@ -107,7 +107,7 @@ def _rate(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 
 
 def _backlash(draft: Draft, own: EffectInstance) -> tuple[str, str]:
-    draft.actuator = replace(draft.actuator, play=own["width"])
+    draft.actuator = replace(draft.actuator, backlash=own["width"])
     return (
         "the gains are chosen with the backlash in the loop, for the smallest limit cycle",
         "no parameter removes backlash; repair the linkage",

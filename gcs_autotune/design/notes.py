@@ -29,7 +29,7 @@ __all__ = ["NEAR_LIMIT", "at_speed", "notes_on", "on_other_speeds", "other_mode_
 LONG_DELAY = 0.05
 """Delay from which its location matters [s]. Chosen."""
 TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
-"""Errors [rad or m] not worth a word."""
+"""Errors [rad or m] too small to mention."""
 POOR_MATCH = 0.08
 """Rms deviation from the reference step, relative to it, from which a note is given. Chosen."""
 NEAR_LIMIT = 0.01

@@ -25,7 +25,7 @@ TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
 reach it. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thrusters' dead zone, where the end
 of a step is random (ITAE +- 20 %); at 60 deg/s it is not (+- 8 %)."""
 SETTLE_OF_TIME = 5.0
-"""A turn-rate step is given so many time constants of the craft."""
+"""Duration of a turn-rate step in time constants of the craft."""
 LEAST_UNDER_WAY, LEAST_AT_REST, MOST = 6.0, 3.5, 20.0
 """...within these bounds [s]."""
 SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)

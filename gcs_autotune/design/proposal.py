@@ -79,7 +79,7 @@ def design(
     spec: Spec | None = None,
     reduction: Reduction | None = None,
 ) -> Proposal:
-    """Return new gains for *axis*, with what they promise and what the present ones do.
+    """Return new gains for *axis*, with their prediction and that of the present gains.
 
     covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay) in the model's units, as in ``Fit``.
     present : the vehicle's parameters under canonical names; every gain of the axis, and as much of ``axis.context`` as
@@ -288,7 +288,7 @@ def _bound(
 
 
 def _left(problem: DesignProblem, pair: tuple[GainCandidate, GainCandidate]) -> tuple[Hunting, Hunting]:
-    """Return what dead zone and play leave behind with the present gains and with those shown, after a small step."""
+    """Return the error left by dead zone and backlash after a small step, for present and shown gains."""
     first, second = (hunting_of(problem, c.settings, SMALL * problem.step) for c in pair)
     return first, second
 

@@ -92,7 +92,7 @@ def reduce(
 
 
 def _drive(model: ExtendedModel, axis: Dof) -> tuple[str, float, str]:
-    """Return the channel that drives the axis, force per unit of it, and what was left out."""
+    """Return the channel that drives the axis, its force per unit, and what is omitted."""
     form = model.base.form
     drives: dict[str, float] = {}
     for channel, pairs in form.inputs.items():

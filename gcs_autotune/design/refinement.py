@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 PARTS = (1.0, 1.0 / 3.0)
 """Step sizes relative to the required one: the full step, and one small enough not to saturate. Chosen."""
 GOOD_OVERSHOOT, DISLIKE = 0.05, 4.0
-"""Chosen: overshoot beyond 5 % must pay for itself: each further 1 % counts like 4 % more error over time."""
+"""Overshoot without penalty (5 %), and the price of more: each further 1 % counts like 4 % more ITAE. Chosen."""
 PRICE = 20.0
 """Chosen: falling short of a margin or limit by 1 % counts like 20 % more error over time..."""
 REGRET = 0.5
@@ -69,7 +69,7 @@ SPREAD = 0.15
 SCATTER = 5
 """Logarithm (base 2) of the number of start points over the ranges; if ranges bind, the minimum may be far away."""
 DESCENTS = 2
-"""The first descents begin at the best so many of all starts."""
+"""Number of best starts from which first descents begin."""
 SEARCHED = 8
 """Logarithm (base 2) of the number of points tried before the present gains count as the best."""
 CLOSER = 32
@@ -86,7 +86,7 @@ FEED, FEEDS = "ATC_STR_RAT_FF", (0.25, 0.5, 0.75, 1.0)
 WIDER = 5.0
 """Factor by which the search exceeds the documented ranges at both ends. Chosen; margins limit the gains first."""
 YIELD = 1.05
-"""The gains of both modes may have so many times the predicted error over time of the gains for one, at most."""
+"""Largest predicted ITAE with gains for both modes, relative to gains for one mode."""
 
 
 def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> GainCandidate:
@@ -334,7 +334,7 @@ class _Cost:
 
 
 def _descend(cost: Callable[[Array], float], start: Array) -> Array:
-    """Return the lowest point a bounded Nelder-Mead finds from *start* (n,) in so many evaluations."""
+    """Return the minimum found by a bounded Nelder-Mead from *start* (n,) in a fixed number of evaluations."""
     n = len(start)
     simplex = np.tile(np.clip(start, 0.0, 1.0), (n + 1, 1))
     for i in range(n):

@@ -15,7 +15,7 @@ __all__ = ["Spec"]
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """The specification. Everything but ``step`` can be left to the design.
+    """The specification. Everything except ``step`` may be left open.
 
     Attributes
     ----------

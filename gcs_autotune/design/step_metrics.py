@@ -19,9 +19,9 @@ __all__ = ["StepError", "combine", "error_behind", "noise_floor", "step_error", 
 Array = NDArray[np.float64]
 MIN_SAMPLES = 8
 SPIKE = 0.25
-"""Chosen: a lone sample this far from its neighbours, as a fraction of the step, is no motion."""
+"""A single sample this far from its neighbours is an outlier; fraction of the step. Chosen."""
 NOISE_STDS = 2.0
-"""Errors within so many standard deviations of the noise count as none."""
+"""Errors within this many standard deviations of the noise count as zero."""
 QUANTUM = 1.01
 """Tolerance in quanta of the sensor, plus a hundredth for float32 rounding."""
 HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)

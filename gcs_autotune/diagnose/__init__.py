@@ -1,29 +1,31 @@
 """What a simulation gets wrong, and why: :func:`diagnose`.
 
-================  =======================================================================
-api               from runs to a verdict
-intake            runs made fit, or refused with the reason
-excitation_check  whether runs can tell causes apart at all
-state             what was asked, the model so far, one step
-strategies        what makes the next state of one: the search, and second looks
-candidates        which effects are worth a fit; fitted roughly, to the end
-starting_points   where fits may begin where the base is lost
-score             evidence, gain, who wins
-evidence          the gain of each cause, and hints: causes supported too weakly to be named
-heldout           errors on data left out
-adequacy          is anything left? would a law without a name do better?
-resonance_check   a wave, or the craft's own ringing
-numbers           which numbers of a given model are wrong
-simulation        somebody else's simulator, modelled
-two_records       its file beside the measured one: clock, order, signs and units
-command_match     the same by the commands that both files hold
-result            what comes out
-report_builder    from a finished search to a :class:`Diagnosis`
-workers           work shared among processes
-craft_changes     has a craft changed between two identifications?
-================  =======================================================================
+====================  =================================================================
+api                   the search from end to end
+intake                runs prepared, or rejected with the reason
+excitation_check      whether runs can distinguish causes at all
+state                 the question, the model so far, one step
+strategies            what follows a state: search, retries, removal
+search                one step of the search
+retries               the search repeated on all runs, or on pieces of them
+search_with_noise     the search with a drifting force in the model
+candidates            effects worth a fit; fitted roughly, then finally
+starting_points       starting points for fits where the plain model diverges
+score                 evidence, gain, winner
+evidence              gain of each cause; hints: causes with too little evidence
+heldout               errors on held-out data
+adequacy              what remains; would a law without a physical cause be better?
+resonance_check       waves, or ringing of the craft itself
+numbers               which numbers of a supplied model are wrong
+simulation            a user's simulator, modelled
+simulation_alignment  its clock, order, signs and units against the run's
+command_match         the same by the commands that both files contain
+result                the result
+report_builder        from a finished search to a :class:`Diagnosis`
+craft_changes         has a craft changed between two identifications?
+====================  =================================================================
 
-Runs made ready and fits with effects come from :mod:`gcs_autotune.identify.extended`.
+Prepared runs and fits with effects come from :mod:`gcs_autotune.identify.extended`.
 """
 
 from __future__ import annotations

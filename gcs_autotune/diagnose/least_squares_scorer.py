@@ -33,6 +33,7 @@ from gcs_autotune.diagnose.score import (
     is_form_of,
     key_of,
     lack_by_error,
+    lasts,
     needed_of,
     ordered,
     winner_of,
@@ -43,6 +44,11 @@ from gcs_autotune.executor import SerialExecutor
 from gcs_autotune.identify import Fitted, Problem
 
 __all__ = ["SHORT_LIST", "LeastSquares", "delay_equivalence", "is_alike", "mistaken_for", "values_of"]
+
+BRIEF = 0.4
+"""Chosen: a time of an effect, in samples of the record, below which it may as well be how commands are held between
+samples: an autopilot that writes its outputs 50 times a second and logs them 10 times shows a lag of 0.02 s. It is less
+than half, because commands with stamps half a sample early are a delay of just that."""
 
 SHORT_LIST = 18
 """Candidates fitted roughly."""
@@ -153,7 +159,8 @@ class LeastSquares:
                 gain = 1.0 - error_ratio(self.unseen, unseen)
                 p = p_value(self.unseen, unseen, fit.levels, raised, present.parameters, self.tried)
                 found = replace(found, gain=gain, p=p)
-        return replace(found, lacks=lack_by_error(found))
+        brief = lasts(found.effect, self.problem.data_summary) < BRIEF * self.problem.data_summary.interval
+        return replace(found, lacks=lack_by_error(found, brief=brief))
 
     def winner(self, scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
         """Return the winner; none that happens at a moment which a recorded command explains as well."""
@@ -167,7 +174,7 @@ class LeastSquares:
         return ()
 
     def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
-        """Whether the runs are explained as well when *effect* of *fitted* follows a recorded command, at no moment."""
+        """Return whether *effect* of *fitted* explains the runs as well when driven by a recorded command."""
         others = fitted.without(effect)
         for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
             if any((e.slug, e.place) == (own.slug, own.place) for e in others):

@@ -22,11 +22,12 @@ from gcs_autotune.diagnose.score import (
     is_form_of,
     key_of,
     lack_by_parts,
+    lasts,
     may_be_none,
     needed_of,
     plainest,
 )
-from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, Effect, EffectInstance, columns_of, name_of, twins_of
+from gcs_autotune.effects import EFFECTS, DataSummary, Effect, EffectInstance, columns_of, name_of, twins_of
 from gcs_autotune.identify import NoisyFit, NoisyProblem, Tangent
 from gcs_autotune.slow_imports import scipy_stats
 
@@ -278,11 +279,11 @@ def _is_brief(problem: NoisyProblem, effect: EffectInstance, fit: NoisyFit) -> b
     """Whether an effect's time is so short that it may as well be a smoother of the recorded signal, or the craft's
     inertia; or shorter than the interval judged where commands answer the heading.
     """
-    lasts, short = _lasts(effect, problem.data_summary), BRIEF * problem.data_summary.interval
+    time, short = lasts(effect, problem.data_summary), BRIEF * problem.data_summary.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
-    if lasts < short or (math.isfinite(lasts) and 1.0 < abs(float(fit.theta[1])) * short):
+    if time < short or (math.isfinite(time) and 1.0 < abs(float(fit.theta[1])) * short):
         return True
-    return lasts < problem.interval and answers_heading(problem, fit)
+    return time < problem.interval and answers_heading(problem, fit)
 
 
 def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
@@ -316,18 +317,6 @@ def _as_likely(judged: Sequence[Score], winner: Score) -> list[Score]:
         if a.gained > enough
         and (a.held_out_gain > WORTH or a.gained - a.fit.price(a.fit.unknowns - winner.fit.unknowns) > winner.gained)
     ]
-
-
-def _lasts(effect: EffectInstance, data: DataSummary) -> float:
-    """Return the shortest time [s] among an effect's numbers, a rate told as the time to the largest command."""
-    times = [math.inf]
-    for q in EFFECTS[effect.slug].parameters:
-        value = abs(effect.values.get(q.name, math.inf))
-        if q.unit == "s":
-            times.append(value)
-        elif q.unit == f"{INPUT}/s":
-            times.append(data.amplitude.get(effect.place, math.inf) / max(value, 1e-300))
-    return min(times)
 
 
 def _rough(

@@ -100,7 +100,7 @@ def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[Day, 
 
 
 def doubt_of_days(dof: str, unit: str, days: Sequence[Day]) -> list[Doubt]:
-    """Return the doubt that the runs differ, with what each surely had of its own; none where they are alike."""
+    """Return the doubt that the runs differ, with each run's own bias and gain; empty if they agree."""
     unit = "of full output" if unit == "1" else unit
     told = [f"{d.run}: {' and '.join(own)}" for d in days if (own := _own(dof, unit, d))]
     if not told:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gcs_autotune import chi_square
 from gcs_autotune.diagnose.heldout import HeldOut, rms_of
 from gcs_autotune.diagnose.result import Lack
-from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
 from gcs_autotune.identify import Fitted, NoisyFit
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "key_of",
     "lack_by_error",
     "lack_by_parts",
+    "lasts",
     "may_be_none",
     "needed_of",
     "ordered",
@@ -158,10 +159,28 @@ def needed_of(more: int, tried: int) -> float:
     return 0.5 * chi_square.threshold(SIGNIFICANCE / max(tried, 1), max(more, 1))
 
 
-def lack_by_error(one: CandidateScore[Fitted]) -> Lack | None:
-    """Return what a candidate lacks to be accepted, by its error on data left out; None for nothing."""
+def lasts(effect: EffectInstance, data: DataSummary) -> float:
+    """Return the shortest time [s] among an effect's numbers, a rate told as the time to the largest command."""
+    times = [math.inf]
+    for q in EFFECTS[effect.slug].parameters:
+        value = abs(effect.values.get(q.name, math.inf))
+        if q.unit == "s":
+            times.append(value)
+        elif q.unit == f"{INPUT}/s":
+            largest = max((data.amplitude.get(n, math.inf) for n in columns_of(effect.place)), default=math.inf)
+            times.append(largest / max(value, 1e-300))
+    return min(times)
+
+
+def lack_by_error(one: CandidateScore[Fitted], *, brief: bool = False) -> Lack | None:
+    """Return what a candidate lacks to be accepted, by its error on data left out; None for nothing.
+
+    brief : see :data:`.Lack`.
+    """
     if one.evidence <= 0.0 or not one.gained > one.needed:
         return "weak"
+    if brief:
+        return "brief"
     if not is_material(one):
         return "no-gain"
     return None if one.p < LUCK else "not-sure"

@@ -177,7 +177,7 @@ SHORT_LIST, KEPT = 8, 3
 """Candidates fitted roughly in pieces, and of these to the end and over whole runs."""
 
 TOLD = 3.0
-"""A number so many standard errors from zero is told by the pieces."""
+"""A parameter this many standard errors from zero counts as determined by the pieces."""
 
 
 def segment_starts(

@@ -1,7 +1,7 @@
 """The strategies of a search, each ``SearchState -> SearchState | None``: None where it has nothing to add.
 
 :data:`SEARCH` looks for causes over the runs as they are, :func:`follow` goes through them in order. Where that found
-nothing, those of ``second_looks`` look again.
+nothing, those of ``retries`` search again.
 
 ===========================  ==========================================================================================
 ``add_causes``               one cause after the other; each earlier one defends its place when the next is known

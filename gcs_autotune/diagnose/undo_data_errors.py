@@ -1,4 +1,4 @@
-"""Signals as they were before bookkeeping gave them another sign or unit."""
+"""Signals corrected for wrong signs and units in the record."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ summary             what is known of the runs, and sizes to begin from
 table               the table of all effects
 extended            a coupled model with effects: simulation with sensitivities, model file
 data_errors         clocks, units, signs, columns
-actuator            characteristics and play; actuator_dynamics: delay, lag, rate; inflow; command_coupling
+actuator            characteristics and backlash; actuator_dynamics: delay, lag, rate; inflow; command_coupling
 hydrodynamics       drag, couplings, mass, buoyancy, the bottom
 velocity_products   forces that go with products of velocities: the family of hydrodynamic terms
 environment         constant force, current, wind, tether; wave_disturbance

@@ -1,4 +1,4 @@
-"""Effects of actuators that act at once: static characteristics and play, and what all effects of actuators share."""
+"""Static actuator effects, backlash, and the common part of all actuator effects."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects.effect import INPUT, Drive, Effect, EffectCurve, EffectInstance, Quantity, columns_of
-from gcs_autotune.effects.kernels import play
+from gcs_autotune.effects.kernels import backlash
 from gcs_autotune.effects.summary import DataSummary
 from gcs_autotune.models import CoupledModel
 from gcs_autotune.sname import DOFS
@@ -47,7 +47,7 @@ QUICK, SLOW = 0.1, 5.0
 """Craft that respond faster or more slowly than this [s] are drawn for as if they did so."""
 
 CAUTION = 3.0
-"""A plain model fitted past a slow actuator takes the craft for slower than it is, by so much at most."""
+"""Largest overestimate of the craft's time constant by a plain model fitted past a slow actuator. Factor."""
 
 RESOLUTION = "resolution"
 """Constant [input unit s] of effects that move between stamps: slope times squared length of a piece held."""
@@ -120,7 +120,7 @@ def quickest(data: DataSummary) -> float:
 
 
 def horizon(data: DataSummary) -> tuple[float, float]:
-    """Return shortest and longest time [s] worth looking for: a sample, and the craft's own pace within the run."""
+    """Return the shortest and longest time [s] to search: a sample, and the craft's time constant within the run."""
     longest = min(data.time_constant, 0.25 * data.duration)
     return data.interval, max(longest, 4.0 * data.interval)
 
@@ -195,6 +195,7 @@ class Saturation(Characteristic):
     parameters = (Quantity("limit", INPUT, "largest command that is carried out"),)
     shown_by = "residual against command: zero up to the limit, then against the command and growing with it"
     mistaken_for = ("quadratic-drag", "rudder-stall", "quadratic-actuator", "rate-limit")
+    yields_to = ("asymmetric-thrust",)  # of two thrusters, where the largest turns take the inner one astern
     separated_by = (
         "steps from rest to a quarter, half, three quarters and all of full command, each held until the speed is "
         "steady, both ways: with a limit the largest steps start equally hard; with drag they start harder and end "
@@ -247,7 +248,7 @@ class DeadZone(Characteristic):
         return {"width": (0.0, 0.95 * largest(place, data))}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Take the width off every command, or let go by what exceeds it."""
+        """Return commands less the dead zone, or zero inside it."""
         size, lost = np.abs(u), effect.constants.get(SUBTRACTED, 1.0) * effect["width"]
         return np.sign(u) * np.where(size > effect["width"], size - lost, 0.0)
 
@@ -418,7 +419,7 @@ def _both_ways(extent: tuple[float, float]) -> bool:
 
 
 class Backlash(SharedActuatorEffect):
-    """Play: what acts stays where it is until the command has gone ``width / 2`` past it, then is dragged along.
+    """Backlash: the output stays where it is until the command has gone ``width / 2`` past it, then is dragged along.
 
     It starts at the first command. Exact for held commands.
     """
@@ -433,8 +434,8 @@ class Backlash(SharedActuatorEffect):
     yields_to = ("dead-zone",)  # to a relay, which always goes from end to end, both are the same
     separated_by = (
         "a staircase up to full command, down to full reverse and up again, five steps each way, each held until the "
-        "speed is steady: with play the same command gives another speed on the way down than on the way up; with a "
-        "dead zone or a lag it does not"
+        "speed is steady: with backlash the same command gives another speed on the way down than on the way up; with "
+        "a dead zone or a lag it does not"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -448,7 +449,7 @@ class Backlash(SharedActuatorEffect):
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
         """Drag what acts along."""
         for name in columns_of(effect.place):
-            drive = drive.with_channel(name, play(drive.channels[name], 0.5 * effect["width"]))
+            drive = drive.with_channel(name, backlash(drive.channels[name], 0.5 * effect["width"]))
         return drive
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
@@ -456,7 +457,7 @@ class Backlash(SharedActuatorEffect):
         full = largest(effect.place, data)
         way = np.linspace(-full, full, 101)
         u = np.concatenate([way, way[::-1], way])
-        y = play(u, 0.5 * effect["width"])
+        y = backlash(u, 0.5 * effect["width"])
         unit = data.inputs[columns_of(effect.place)[0]]
         x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
         return EffectCurve(u[101:], y[101:], x_label, y_label, "Backlash", plain=u[101:])

@@ -143,7 +143,7 @@ class ActuatorLag(Gradual):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """From a sample to the craft's own pace."""
+        """Start values from one sample up to the craft's own time constant."""
         return tuple({"time_constant": float(T)} for T in np.geomspace(*horizon(data), 4))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:

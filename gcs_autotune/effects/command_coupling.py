@@ -41,7 +41,7 @@ class CommandCoupling(ActuatorEffect):
     separated_by = "the other axis alone, ahead and astern at two sizes, from rest, with this one left at zero"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that drives one degree of freedom, with every force commanded beside it that changes."""
+        """Every input that drives one degree of freedom, with every other commanded force that changes."""
         own = [n for n in super().places(data) if n in (*FORCES, "delta")]
         others = [n for n in FORCES if n in data.channels and _varies(n, data)]
         return tuple(f"{n}+{other}" for n in own for other in others if other != n)

@@ -1,4 +1,4 @@
-"""Errors of the data: clocks, units, signs and columns. They mimic physics, and so are looked for beside it."""
+"""Errors of the data: clocks, units, signs and columns. They look like physics, so both are searched together."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class TimeScale(Effect):
     separated_by = "a stopwatch beside the recorder: one minute of recording must span one minute of timestamps"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """The whole file, when a position is measured beside its velocity; else inertia and drag absorb it."""
+        """The whole file, if a position and its velocity are measured; else inertia and drag absorb it."""
         return ("t",) if rates_checked(data) else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -230,14 +230,14 @@ def signal_scale_shows(signal: str, data: DataSummary) -> bool:
 
 
 def rates_checked(data: DataSummary) -> bool:
-    """Return whether some position is measured beside its velocity: what a wrong clock betrays itself by."""
+    """Return whether a position and its velocity are measured, which reveals a wrong clock."""
     have = set(data.signals)
     pairs = any(d.position in have and d.velocity in have for d in DOFS.values())
     return pairs or all(have & group for group in _PLANAR)
 
 
 def input_scale_shows(channel: str, data: DataSummary) -> bool:
-    """Return whether a wrong scale of an input would show: its gain is given, and inertia or a second input is too."""
+    """Return whether a wrong scale of an input is identifiable: its gain and an inertia or second input are known."""
     form = data.form
     for force in _given(channel, form):
         dof = next(d.name for d in DOFS.values() if d.force == force)

@@ -1,4 +1,4 @@
-"""What an effect is: a submodel that may stand between a plain simulation and the measured motion.
+"""The interface of an effect: a submodel between a plain simulation and the measured motion.
 
 An effect overrides the hooks it needs and nothing else; the chain from commands to measurements runs through them:
 
@@ -71,7 +71,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class EffectInstance:
-    """An effect at a place with numbers: what an extended model is made of.
+    """An effect at a place, with values: a part of an extended model.
 
     ``place`` names the input, signal or degree of freedom (``"N"``, ``"psi"``, ``"yaw"``; several joined by ``+``);
     ``values`` the fitted parameters, SI; ``constants`` numbers read off the runs once (a reference speed, say).
@@ -88,7 +88,7 @@ class EffectInstance:
 
     @property
     def sense(self) -> float:
-        """The constant ``sense``: -1 where the base model's inertia came out negative, 1 where nobody said."""
+        """The constant ``sense``: -1 if the base model's inertia is negative, 1 by default."""
         return self.constants.get("sense", 1.0)
 
     def with_values(self, values: Mapping[str, float]) -> EffectInstance:
@@ -203,9 +203,9 @@ class Effect:
     fixed: ClassVar[tuple[str, ...]] = ()
     """Parameters least squares leaves alone: only chosen among :meth:`starts`, or learnt."""
     happens_at: ClassVar[tuple[str, ...]] = ()
-    """Parameters that are moments of the run: a fit may settle a swing too early or too late."""
+    """Parameters that are moments of the run: a fit may end one oscillation too early or late."""
     yields_to: ClassVar[tuple[str, ...]] = ()
-    """Slugs named before this one where runs cannot tell them apart: the more usual cause."""
+    """Slugs reported before this one if runs do not distinguish them: the more common causes."""
     form_of: ClassVar[tuple[str, ...]] = ()
     """Slugs of the same cause by a plainer law: where that holds too, it is named first, and both together."""
     is_structural: ClassVar[bool] = False
@@ -217,9 +217,9 @@ class Effect:
     """Values at which those of ``grows_with`` have no effect, where that is not 0; they grow from there."""
 
     acts_on: ClassVar[frozenset[Stage]] = frozenset()
-    """Where it stands in the chain; set by which hooks a class defines."""
+    """Its place in the chain; derived from the hooks that a class defines."""
     is_disturbance: ClassVar[bool] = False
-    """No simulation foretells it: it is learnt from what is left over, and judges that; set by :meth:`learn`."""
+    """Whether it is a disturbance, which no simulation predicts: :meth:`learn` estimates it from the residual."""
     is_rounding: ClassVar[bool] = False
     """What it leaves has heavy tails by construction; set by :meth:`normal`."""
 
@@ -237,7 +237,7 @@ class Effect:
         raise NotImplementedError
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return values to begin from, few but such that one is near enough to any size worth finding."""
+        """Return a few start values, one of them near enough to any size that matters."""
         return ({},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
@@ -245,7 +245,7 @@ class Effect:
         return {}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return numbers to be read off the runs once."""
+        """Return numbers read from the runs once."""
         return {}
 
     def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:

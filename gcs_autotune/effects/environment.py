@@ -49,7 +49,7 @@ OVER_GROUND, THROUGH_WATER = "over ground", "through water"
 """What the file's ``u``, ``v`` are: from a satellite receiver or a bottom-locked log, or from a paddle wheel."""
 
 FASTEST = 5.0
-"""Fastest current looked for [m/s]; the strongest tidal races run at more than that, but nobody tunes a boat there."""
+"""Fastest current searched [m/s]. Strong tidal races are faster, but not suitable for a tune."""
 
 _NAMES: Mapping[str, Mapping[str, str]] = {
     OVER_GROUND: {"V_x": "V_x", "V_y": "V_y"},
@@ -151,7 +151,7 @@ class WindMoment(Effect):
         return tuple({"strength": strength, "direction": d if d <= pi else d - 2.0 * pi} for d in turns)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Strength is positive, the direction says the rest."""
+        """Strength is positive; the direction gives the sign."""
         return {"strength": (0.0, inf), "direction": (-3.0 * pi, 3.0 * pi)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:

@@ -37,7 +37,7 @@ NUDGE = 1e-4
 """The same for passing sensitivities through sensors."""
 
 PATIENCE = 70
-"""Steps per stamp before a simulation is given up."""
+"""Steps per stamp after which a simulation is abandoned."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +94,7 @@ class _Simulated:
 
 
 class ExtendedSimulator:
-    """A form and a set of effects made ready to run.
+    """A form and its effects, ready to run.
 
     Parameters
     ----------
@@ -353,7 +353,7 @@ class ExtendedModel:
         return cls(base, in_order(effects), dict(told.constants.swing), dict(told.constants.units))
 
     def predict(self, passage: Passage, initial: Mapping[str, float]) -> dict[str, Array] | None:
-        """Return every signal at its own stamps from *initial* states (0 where not given); None if it runs away."""
+        """Return every signal at its own stamps from *initial* states (default 0), or None if it diverges."""
         simulator = ExtendedSimulator(self.base.form, self.effects)
         x_0 = np.array([initial.get(n, 0.0) for n in simulator.states])
         found = simulator.run(self.base.theta, self.effects, x_0, passage)

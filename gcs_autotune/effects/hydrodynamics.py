@@ -131,7 +131,7 @@ TERMS: Mapping[str, tuple[str, str, str]] = {
     "Y_ur": ("sway", "surge", "yaw"),
     "N_uv": ("yaw", "surge", "sway"),
 }
-"""Coefficient -> equation it stands in, and the two velocities it goes with."""
+"""Coefficient -> its equation, and the two velocities whose product it multiplies."""
 
 SHARE = 0.2
 """Share of the largest force to begin from, at the largest speeds."""
@@ -404,7 +404,7 @@ class GroundEffect(Effect):
     )
     shown_by = "residual against depth: right high up, too fast in the simulation near the bottom"
     mistaken_for = ("quadratic-drag", "net-buoyancy", "tether-pull", "gain-drift")
-    separated_by = "the same pushes up and down just above the bottom, a craft's length above it and far up"
+    separated_by = "the same vertical commands up and down just above the bottom, a craft's length above it and far up"
     grows_with = ("strength",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ GAIN_OF = "gain_"
 """Constants ``gain_N`` and so on: what a simulated flow multiplies, the base model's forces per input."""
 
 WIDTHS = (5, 9, 15, 25, 41, 67, 111)
-"""Samples a parabola may be laid through to smooth the speed; which, every run says itself."""
+"""Numbers of samples of a smoothing parabola for the speed; each run selects one."""
 
 
 class SpeedDependentSteering(ActuatorEffect):
@@ -194,7 +194,7 @@ class PropellerWash(ActuatorEffect):
 
 
 def _speed(channels: Mapping[str, object] | frozenset[str]) -> str | None:
-    """Return the channel that tells the speed through the water best."""
+    """Return the channel that best represents the speed through the water."""
     return next((n for n in ("u", "U") if n in channels), None)
 
 

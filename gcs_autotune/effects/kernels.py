@@ -1,4 +1,4 @@
-"""Compiled kernels of effects: actuators between stamps, play, and a sampled motion as it was a moment ago.
+"""Compiled kernels of effects: actuators between stamps, backlash, and a sampled motion as it was a moment ago.
 
 **Between stamps.** A craft of time constant ``tau`` sees a motion of slope ``s``, held at its mean over a piece of
 length ``H``, wrong by at most ``s H**2 / (8 tau)``. So pieces are as long as ``s H**2`` stays below ``resolution``;
@@ -19,13 +19,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["SETTLED", "earlier", "fading", "following", "limited", "play"]
+__all__ = ["SETTLED", "backlash", "earlier", "fading", "following", "limited"]
 
 Array = NDArray[np.float64]
 
 
 SETTLED = 20.0
-"""After so many time constants a lag has caught up."""
+"""Time constants after which a lag has settled."""
 
 
 @njit(cache=True)
@@ -138,8 +138,8 @@ def fading(
 
 
 @njit(cache=True)
-def play(u: Array, half: float) -> Array:
-    """Return what acts (n,) behind a play of *half* either way, starting at the first command."""
+def backlash(u: Array, half: float) -> Array:
+    """Return what acts (n,) behind a backlash of *half* either way, starting at the first command."""
     acting = np.empty(len(u))
     y = u[0]
     for i in range(len(u)):

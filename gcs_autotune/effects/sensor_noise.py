@@ -1,4 +1,4 @@
-"""Effects of sensors on the noise: rounding and outliers, with the likelihoods they ask for.
+"""Sensor effects on the noise: rounding and outliers, with their likelihoods.
 
 The contaminated normal law: Tukey1960; the algorithm that finds it: Dempster1977.
 """
@@ -103,7 +103,7 @@ class Quantisation(Effect):
         return side * ndtri_exp(upper + np.log1p((chance - 1.0) * -np.expm1(np.minimum(below - upper, 0.0))))
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """How exactly a grid is read off."""
+        """Return the precision of a grid."""
         return {"step": TOLERANCE * effect["step"]}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
@@ -117,7 +117,7 @@ class Quantisation(Effect):
 
 
 def _step(x: EffectResidual) -> float:
-    """Return the grid of a run's readings; of a heading also as it was before it was made continuous."""
+    """Return the grid of a run's readings; of a heading also before unwrapping."""
     turn = 2.0 * math.pi
     ways = (x.measured, np.mod(x.measured, turn), np.mod(x.measured + math.pi, turn) - math.pi)
     return next((step for y in ways[: 3 if x.signal in HEADINGS else 1] if (step := grid_step(y)) > 0.0), 0.0)
@@ -146,7 +146,7 @@ def _level(error: Array, step: float) -> float:
 
 
 TOLERANCE = 0.02
-"""Share of a step that a reading may lie beside the grid: files hold rounded numbers."""
+"""Largest deviation of a reading from the grid, in steps: files contain rounded numbers."""
 FINEST_GRID = 1e-5
 """A grid finer than this share of the range is not looked for."""
 
@@ -181,7 +181,7 @@ class Outliers(Effect):
 
     slug = "outliers"
     family = "sensor"
-    meaning = "single samples are far off: lost bits, reflections, jumps of a fix"
+    meaning = "single samples are outliers: lost bits, reflections, jumps of a fix"
     plain = "Your {signal} has single wrong samples; that of {simulation} has none."
     parameters = (
         Quantity("share", "1", "fraction of samples that are outliers"),
@@ -228,7 +228,7 @@ class Outliers(Effect):
         return weight * left.error, weight[:, None] * columns, count * math.log(broader) - 2.0 * odds
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """Of a count, and of the rms of so many."""
+        """Return the standard errors of a count, and of an rms of that many values."""
         n = sum(len(x.error) for x in left if x.signal == effect.place)
         count = max(effect["share"] * n, 1.0)
         return {"share": math.sqrt(effect["share"] / max(n, 1)), "size": effect["size"] / math.sqrt(2.0 * count)}
@@ -251,9 +251,9 @@ class Outliers(Effect):
 Flags = NDArray[np.bool_]
 
 WINDOW = 7
-"""Samples a lone deviation is held against."""
+"""Samples around a single deviation that it is compared with."""
 MOST, LEAST_SIZE = 0.3, 3.0
-"""Chosen: outliers are at most this share of the samples, and at least so many times the noise."""
+"""Most outliers as a share of the samples, and their least size in multiples of the noise. Chosen."""
 DOUBT = 1e-3
 """Chance of taking outliers that strike anywhere for ones that do not."""
 SWEEPS = 60

@@ -58,15 +58,15 @@ class DataSummary:
     twins: tuple[tuple[str, str], ...] = ()
     """Pairs of inputs that drive the craft with the same gains, but for a sign: two thrusters of one kind."""
     commanded_alike: tuple[tuple[str, str], ...] = ()
-    """Those of them whose commands were nearly equal in all runs: nothing tells one from the other."""
+    """Inputs whose commands were nearly equal in all runs, so that they are not distinguished."""
     still: frozenset[str] = frozenset()
-    """Recorded velocities that never left their own noise: nothing goes with them."""
+    """Recorded velocities that never exceed their noise, so that nothing can depend on them."""
     lags: Mapping[str, float] = field(default_factory=dict)
     """How late [s] a filter aboard makes each signal, where its stamps have been dated back by that."""
 
     @property
     def full(self) -> Mapping[str, float]:
-        """What full output of each input is: 1 where it is recorded in shares of full, else the largest seen."""
+        """Full output of each input: 1 if recorded as a normalised output, else the largest value recorded."""
         return {n: 1.0 if self.inputs.get(n) == "1" else s for n, s in self.amplitude.items()}
 
     def command_unit(self, name: str) -> str:
@@ -134,7 +134,7 @@ def sense(dof: str, data: DataSummary) -> dict[str, float]:
 
 
 def top_speed(dof: str, data: DataSummary) -> float:
-    """Return the largest speed recorded, else what the positions recorded speak for; 1 when neither tells."""
+    """Return the largest recorded speed, else the one implied by recorded positions, else 1."""
     d = DOFS[dof]
     fastest = max((abs(e) for e in data.extent.get(d.velocity, ())), default=0.0)
     return fastest or 2.0 * data.spread.get(d.position, 0.0) / max(data.time_constant, data.interval) or 1.0

@@ -93,7 +93,7 @@ OURS: tuple[Effect, ...] = (
 
 
 class Effects(Mapping[str, Effect]):
-    """Slug -> effect: ours, then what other packages offer, which is loaded at the first look."""
+    """Slug -> effect: built-in ones, then those of other packages, loaded on first use."""
 
     def __init__(self) -> None:
         self._rows: dict[str, Effect] | None = None

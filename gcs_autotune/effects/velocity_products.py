@@ -1,4 +1,4 @@
-"""Hydrodynamic forces that go with products of velocities: one family, made systematically.
+"""Hydrodynamic forces proportional to products of velocities: one family, generated systematically.
 
 :func:`product_terms` lists every product of one or two velocities (three on request), with moduli, that a hull alike to
 port and starboard can have, and those of a craft that pulls to one side. The terms are those of Abkowitz1964 (odd and
@@ -236,19 +236,19 @@ def is_in(form: Form, term: ProductTerm) -> bool:
 
 
 def ahead_only(data: DataSummary) -> bool:
-    """Whether the craft was never seen to go astern, as far as speeds tell: ``u`` and its modulus are one then."""
+    """Return whether the craft never went astern, as far as is known: ``u`` then equals its modulus."""
     low, high = data.extent.get("u", (0.0, 0.0))
     return low > -ASTERN * abs(high)
 
 
 class ProductEffect(Effect):
-    """A force per product of velocities: which one, and where, a subclass says."""
+    """A force proportional to a product of velocities; a subclass defines which one, and where."""
 
     family = "hydrodynamics"
     is_structural = True
 
     def term(self, place: str) -> ProductTerm:
-        """Return what goes with what at *place*."""
+        """Return the term at *place*."""
         raise NotImplementedError
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
@@ -321,11 +321,11 @@ class NamedProduct(ProductEffect):
         cls.grows_with = (cls.derivative,)
 
     def term(self, place: str) -> ProductTerm:
-        """As the class says."""
+        """Return the term of this class."""
         return TERMS[self.derivative]
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Its degree of freedom, where the model lacks the term and has, or was given, its velocities."""
+        """Its degree of freedom, if the model lacks the term and its velocities are simulated or measured."""
         term = TERMS[self.derivative]
         dof = DOF_OF[term.own]
         if dof not in data.form.dofs or not seen_or_simulated(term, data) or is_in(data.form, term):
@@ -452,7 +452,7 @@ def name_of(effect: EffectInstance) -> str:
 
 
 def twins_of(effect: EffectInstance, data: DataSummary) -> tuple[str, ...]:
-    """Return derivatives that these runs cannot tell from *effect*, because the craft was never seen to go astern."""
+    """Return derivatives that these runs do not distinguish from *effect*, because the craft never went astern."""
     entry = OWN.get(effect.slug)
     if entry is None or not ahead_only(data):
         return ()

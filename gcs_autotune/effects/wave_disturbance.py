@@ -40,7 +40,7 @@ sensors' noise a tenth and more)."""
 PARTS, MEMORY = 8, 4
 """Parts of a period in which, and periods back to which, the craft's own motion is held against the band."""
 OWN, CHANCE = 0.1, 2.0
-"""What the craft's own motion may gain on top of a band: this share of the band's gain, or so much per regressor."""
+"""Allowed gain of the craft's own motion over a band: a share of the band's gain, or an amount per regressor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,7 +315,8 @@ class WaveDisturbance(Effect):
         return white[:, 0], white[:, 1:], 2.0 * float(np.sum(np.log(deviation / settled)))
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """From the curvature of the likelihood; the amplitude's from how few independent swings there were."""
+        """Return standard errors from the curvature of the likelihood; the amplitude's from the number of independent
+        oscillations."""
         if "std frequency" not in effect.constants:
             return {}
         found = {n: effect[n] * effect.constants[f"std {n}"] for n in ("frequency", "bandwidth")}

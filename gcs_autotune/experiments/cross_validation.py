@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, Trace, correlation_time, validate
+from gcs_autotune.identify import Fit, Model, Trace, correlation_time, validate
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = [
@@ -75,7 +75,7 @@ def _part(trial: Trial, start: float, end: float, k: int, inputs: frozenset[str]
     return replace(trial, name=f"{trial.name}/{k + 1}", channels=channels, marks=(), meta={})
 
 
-Fitter = Callable[[Sequence[Trial]], Fit]
+Fitter = Callable[[Sequence[Trial]], Fit[Model]]
 
 
 def log_likelihood_of(traces: Sequence[Trace]) -> float:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.experiments.cross_validation import amplitudes_of, cross_validated, folds_of
-from gcs_autotune.identify import FREE, AxisFit, Decision, Structure, fit_axis, validate
+from gcs_autotune.identify import FREE, AxisFit, Decision, Structure, fit_axis, structure_of, validate
 from gcs_autotune.sname import signal_meaning
 from gcs_autotune.trial import Trial
 
@@ -89,7 +89,7 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
         broken = any(math.isinf(e) for e in per_fold)
         left_out = math.inf if broken or not rms else rms[signal]
         table.append(ScoredDrag(structure, bic.get(structure, math.nan), left_out, tuple(per_fold)))
-    return AxisChoice(fit.structure, fit.decision, tuple(table), signal, _reasons(fit, table, signal))
+    return AxisChoice(structure_of(fit.structure), fit.decision, tuple(table), signal, _reasons(fit, table, signal))
 
 
 def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[str, ...]:

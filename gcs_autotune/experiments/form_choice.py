@@ -25,7 +25,7 @@ from gcs_autotune.experiments.cross_validation import (
     log_likelihood_of,
     rms_per_signal,
 )
-from gcs_autotune.identify import METHODS, CoupledCase, Fit, physical, prepare_form, validate
+from gcs_autotune.identify import METHODS, Case, Fit, Model, physical, prepare_form, validate
 from gcs_autotune.models import RIGID_BODY, CoupledModel, Form, inertia_of
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import SIGNALS
@@ -49,7 +49,7 @@ SURE = 3.0
 """Standard errors beyond zero from which negative damping is reported. Chosen."""
 
 
-def complaints_about(fit: Fit) -> tuple[str, ...]:
+def complaints_about(fit: Fit[Model]) -> tuple[str, ...]:
     """Return the unphysical values in *fit*: inertia that is not positive, negative damping.
 
     Inertia must be symmetric positive definite (Fossen2011, (3.54)); a craft's own drag must damp. Sway may
@@ -83,7 +83,7 @@ class ScoredForm:
     """
 
     form: Form
-    fit: Fit | None
+    fit: Fit[Model] | None
     parameters: int
     fit_percent: float
     log_likelihood: float
@@ -204,7 +204,7 @@ class _Judge:
     correlation: float = 0.0
     swings: dict[str, float] = field(default_factory=dict)
 
-    def fit(self, form: Form, trials: Sequence[Trial]) -> Fit:
+    def fit(self, form: Form, trials: Sequence[Trial]) -> Fit[Model]:
         method = lookup(METHODS, self.method, "identification method")
         if method.coupled is None:
             able = ", ".join(n for n, m in METHODS.items() if m.coupled)
@@ -212,7 +212,14 @@ class _Judge:
         records = tuple(r for t in trials for r in prepare_form(t, form))
         names = tuple(t.name for t in trials)
         return method.coupled(
-            CoupledCase(form, records, self.delay, False, names, tuple(trials), options=dict(self.options))
+            Case(
+                form=form,
+                records=records,
+                delay=self.delay,
+                names=names,
+                trials=tuple(trials),
+                options=dict(self.options),
+            )
         )
 
     def score(self, form: Form) -> ScoredForm:
@@ -343,7 +350,7 @@ def _judge(
     return _Judge(runs, method, delay, options, folds_of(runs, tuple(forms[0].inputs)))
 
 
-def _started(form: Form, fit: Fit, name: str = "") -> Form:
+def _started(form: Form, fit: Fit[Model], name: str = "") -> Form:
     """Return *form* with the search begun where *fit* ended."""
     model = fit.model
     assert isinstance(model, CoupledModel)
@@ -370,7 +377,7 @@ def _weakest(scored: ScoredForm, kept: set[str]) -> str | None:
     return min(sure, key=lambda n: sure[n]) if sure else None
 
 
-def _sureness(fit: Fit, name: str) -> float:
+def _sureness(fit: Fit[Model], name: str) -> float:
     """Return how many standard errors a term is from zero; 0 for what is not determined at all."""
     parameter = fit.parameters[name]
     return abs(parameter.value) / parameter.std if parameter.std > 0.0 else 0.0

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.experiments.preview import ManoeuvringRoom, room_of_runs
 from gcs_autotune.experiments.scales import Scales, scales_of
-from gcs_autotune.identify import BLIND, Doubt, Fit, FittedModel, Information, fitted_model_of, information_on
+from gcs_autotune.identify import BLIND, Doubt, Fit, FittedModel, Information, Model, fitted_model_of, information_on
 from gcs_autotune.models import STATES, inertia_of
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
@@ -246,7 +246,7 @@ class Identifiability:
         return (*groups, *(unseen_doubt(u, self.seen) for u in self.unseen))
 
 
-def identifiability(fit: Fit, trials: Trial | Sequence[Trial]) -> Identifiability:
+def identifiability(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> Identifiability:
     """Return the identifiability of the parameters of *fit* from *trials*.
 
     Raises

@@ -28,7 +28,7 @@ from gcs_autotune.experiments.preview import (
     allocation_of_shares,
     fly,
 )
-from gcs_autotune.identify import Fit, FittedModel, Information, fitted_model_of, information_on
+from gcs_autotune.identify import Fit, FittedModel, Information, Model, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
@@ -133,7 +133,7 @@ class RankedManoeuvre:
 
 
 def plan_next(
-    fit: Fit,
+    fit: Fit[Model],
     trials: Trial | Sequence[Trial],
     candidates: Sequence[str | Preset] | None = None,
     *,
@@ -208,7 +208,7 @@ def shortfall(relative: Mapping[str, float], wanted: Mapping[str, float]) -> flo
     return sum(math.log(max(min(relative[n], UNTOLD) / share, 1.0)) for n, share in wanted.items())
 
 
-def relative_errors(fit: Fit, names: Iterable[str]) -> Mapping[str, float]:
+def relative_errors(fit: Fit[Model], names: Iterable[str]) -> Mapping[str, float]:
     """Return standard error over value of each of *names*; infinite for one that was not fitted."""
     found = {}
     for name in names:
@@ -219,7 +219,7 @@ def relative_errors(fit: Fit, names: Iterable[str]) -> Mapping[str, float]:
 
 
 def rank_by_precision(
-    fit: Fit,
+    fit: Fit[Model],
     trials: Trial | Sequence[Trial],
     wanted: Mapping[str, float],
     candidates: Sequence[Preset],

@@ -24,6 +24,7 @@ from gcs_autotune.identify import (
     Fit,
     FittedModel,
     Limits,
+    Model,
     NoiseModel,
     Objective,
     Problem,
@@ -88,7 +89,7 @@ class Profile:
         return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs do not bound it {other}"
 
 
-def profile(fit: Fit, trials: Trial | Sequence[Trial], name: str, *, level: float = 0.95) -> Profile:
+def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, level: float = 0.95) -> Profile:
     """Return the profile likelihood of one fitted parameter.
 
     Raises

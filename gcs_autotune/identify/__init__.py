@@ -10,14 +10,15 @@ simulation        what a fitted model makes of inputs on its own
 simulators        what a likelihood asks of a model: one axis, coupled forms, forms with effects
 noise             Gaussian, robust, rounded by a coarse sensor
 likelihood        of parameters, effects, initial states and the shift of stamps
-problem           what is to be fitted, for searches over effects
+problem           what is to be fitted, for searches over effects; ``fitted``: what that leaves
 solution          maximum likelihood, covariance, what coloured residuals cost (``whiteness``, ``reweighting``)
 stamp_correction  at which loop an input changed; ``settled_stamps`` for methods that take stamps as exact
-initial_guess     where a fit of a form begins; ``first_look`` before any fit
+initial_guess     where a fit of a form begins; ``quick_fit`` before any fit
 delay             whether the craft answers late: one rule for every form
-doubts            reasons not to trust a fit, with cause and cure; ``odd_run``: one of another craft
+doubts            reasons not to trust a fit, with cause and cure; ``outlier_run``: one of another craft
 information       Fisher information of any fit on its runs, and its Cramer-Rao bounds
-thrust_curve      an actuator that is weak for small commands; ``lopsided_thrust``: weaker one way
+thrust_curve      an actuator that is weak for small commands; ``asymmetric_thrust``: weaker one way
+case              what every method receives; ``fit_builder``: from what it found to a ``Fit``
 result            what comes out: ``Fit``, its parameters, traces and doubts; ``free_run`` on runs not seen
 ================  =============================================================================================
 
@@ -28,7 +29,8 @@ on a ``base_model``), ``kalman``, ``regression``, ``relay``, ``frequency``, ``op
 from __future__ import annotations
 
 from gcs_autotune.identify.api import fit, fit_axis, form_of, scaled_form
-from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.asymmetric_thrust import with_doubt_of_thrust
+from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure, derivative_names, structure_of
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
 from gcs_autotune.identify.base_model import (
     THRUSTERS,
@@ -39,13 +41,13 @@ from gcs_autotune.identify.base_model import (
     overlooked,
     plain_form,
 )
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.cleaning import clean, moves, noise_of, quantum
-from gcs_autotune.identify.coupled.case import CoupledCase
 from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.coupled.one_axis import SIGNS, derivative_names, with_actuator
+from gcs_autotune.identify.coupled.one_axis import with_actuator
 from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.free_numbers import label_of
-from gcs_autotune.identify.free_run import ResidualStatistics, Validation, free_run, join, residual_statistics, validate
+from gcs_autotune.identify.free_run import Validation, free_run, join, residual_statistics, validate
 from gcs_autotune.identify.frequency import COHERENT, FrequencyResponse, harmonic_response
 from gcs_autotune.identify.information import (
     BLIND,
@@ -57,15 +59,14 @@ from gcs_autotune.identify.information import (
 )
 from gcs_autotune.identify.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.intake import CONTRADICTION, check_axes, clock_jump, left_out, parts_of
-from gcs_autotune.identify.kalman.days import Day, RunSays, common_gain, spread_between
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING
 from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.kalman.run_to_run import Day, RunSays, common_gain, spread_between
 from gcs_autotune.identify.kalman.thinning import thinned_to
 from gcs_autotune.identify.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.likelihood import Limits, Objective, Residual, judged_by
-from gcs_autotune.identify.lopsided_thrust import with_doubt_of_thrust
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.model_file import (
@@ -74,7 +75,6 @@ from gcs_autotune.identify.model_file import (
     model_document,
     model_file_of,
     save_model,
-    whole_model,
 )
 from gcs_autotune.identify.moved import MOVED_TOO, moved_besides, moved_too
 from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
@@ -96,7 +96,7 @@ from gcs_autotune.identify.preparation import INPUTS, prepare, prepare_as_record
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import NU, GriddedMotion, motion_of
-from gcs_autotune.identify.relay.iso import decide, from_delay, from_integrators
+from gcs_autotune.identify.relay.iso import decide
 from gcs_autotune.identify.relay.limit_cycle import SCATTER, LimitCycleMonitor, MonitorState, find_cycles
 from gcs_autotune.identify.relay.linear_process import (
     experiments_needed,
@@ -115,11 +115,13 @@ from gcs_autotune.identify.result import (
     Fit,
     IsoEstimate,
     LimitCycle,
+    Model,
     Parameter,
     Status,
-    Structure,
     StructureFit,
     Trace,
+    is_of_one_axis,
+    whole_model,
 )
 from gcs_autotune.identify.reweighting import alternate
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal, within_horizon, without_signal
@@ -159,7 +161,7 @@ __all__ = [
     "THRUSTERS",
     "Agreement",
     "AxisFit",
-    "CoupledCase",
+    "Case",
     "Day",
     "Decision",
     "Doubt",
@@ -178,6 +180,7 @@ __all__ = [
     "Local",
     "LocalFit",
     "Method",
+    "Model",
     "ModelFile",
     "MonitorState",
     "NoiseModel",
@@ -192,7 +195,6 @@ __all__ = [
     "RecordedMotion",
     "Remainder",
     "Residual",
-    "ResidualStatistics",
     "RunSays",
     "Segment",
     "ShipLog",
@@ -233,8 +235,6 @@ __all__ = [
     "fitted_model_of",
     "form_of",
     "free_run",
-    "from_delay",
-    "from_integrators",
     "gaussian_noise",
     "given_base",
     "harmonic_response",
@@ -243,6 +243,7 @@ __all__ = [
     "information_on",
     "initial_guess_of",
     "inverse_of",
+    "is_of_one_axis",
     "join",
     "judged_by",
     "label_of",
@@ -290,6 +291,7 @@ __all__ = [
     "spread_between",
     "square_of",
     "steered",
+    "structure_of",
     "thinned_to",
     "thrust_curve_told",
     "unexplained",

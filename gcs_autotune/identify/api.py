@@ -10,21 +10,19 @@ from typing import Any, Literal, TypeVar
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import DataError, NotInformative, UsageError
-from gcs_autotune.identify.axis.case import Case
-from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.axis.form import FREE, Structure, axis_form, structure_of
 from gcs_autotune.identify.base_model import by_thrusters, plain_form
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.cleaning import noted
-from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.coupled.one_axis import axis_form
-from gcs_autotune.identify.extended.by_output_error import ExtendedCase, fit_with_effects
+from gcs_autotune.identify.extended.by_output_error import fit_with_effects
 from gcs_autotune.identify.extended.effect_spec import effect_spec_of
 from gcs_autotune.identify.information import with_bounds
 from gcs_autotune.identify.intake import CONTRADICTION, prepared_runs, take_in
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
-from gcs_autotune.identify.preparation import form_driven, guess_dof, prepare, prepare_form
+from gcs_autotune.identify.preparation import form_driven, guess_dof, prepare, prepare_as_recorded, prepare_form
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
-from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Structure
+from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Model
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import FORMS, LEVER_ARM, RIGID_BODY, Form, load_form
 from gcs_autotune.registry import lookup
@@ -46,7 +44,7 @@ def fit(
     effects: Sequence[str] = (),
     start: ExtendedModel | Mapping[str, float] | None = None,
     **options: Any,
-) -> Fit:
+) -> Fit[Model]:
     """Identify a model from one or more recorded runs.
 
     Parameters
@@ -68,7 +66,7 @@ def fit(
     Returns
     -------
     Fit
-        :class:`AxisFit` for one degree of freedom. A poor answer carries doubts.
+        An ``AxisFit`` for one degree of freedom. A poor answer carries doubts.
 
     Raises
     ------
@@ -81,13 +79,13 @@ def fit(
         options, start = {**options, "start": start}, None
     if effects or start is not None:
         _refuse_what_effects_cannot(method, options, structure if start is not None else None)
-        case = _case(_all_as_they_are(runs), structure, dof, delay, use, effects, start)
+        case = _case_with_effects(_all_as_they_are(runs), structure, dof, delay, use, effects, start)
         return fit_with_effects(replace(case, robust=loss == "soft_l1"))
     runs = _all(runs, use)
     form = form_of(structure, dof, runs)
     if form is not None:
         return _fit_coupled(runs, form, method, delay, use, loss, options)
-    drag = None if structure is None else lookup({str(n): n for n in FREE}, str(structure), "drag structure")
+    drag = None if structure is None else structure_of(str(structure))
     return fit_axis(runs, dof=dof, structure=drag, delay=delay, method=method, use=use, loss=loss, **options)
 
 
@@ -116,7 +114,7 @@ def _refuse_what_effects_cannot(method: str, options: dict[str, Any], structure:
         raise UsageError("the start model fixes the structure: leave --structure out")
 
 
-def _case(
+def _case_with_effects(
     runs: tuple[Trial, ...],
     structure: str | Form | Path | None,
     dof: str | None,
@@ -124,23 +122,34 @@ def _case(
     use: Sequence[str] | None,
     effects: Sequence[str],
     start: ExtendedModel | None,
-) -> ExtendedCase:
-    form = None if start is not None else form_of(structure, dof)
+) -> Case:
+    """Return the question about a form with effects, of runs as they were recorded."""
+    form = start.base.form if start is not None else form_of(structure, dof)
     if form is None and structure is not None:
-        drag: Structure = lookup({str(n): n for n in FREE}, str(structure), "drag structure")
+        drag = structure_of(str(structure))
         axis = _common_axis(runs, dof)
         record = prepare(runs[0], axis)[0]
         form = axis_form(axis, record.input_names[0], drag, normalised=record.input_units[0] == "1")
-    if form is not None:
+    if form is None:
+        form = plain_form(runs, dof)
+    elif start is None:
         form = form.driven_by({name for run in runs for name in run.channels})
-    return ExtendedCase(
-        runs=runs,
+    specs = tuple(effect_spec_of(e) for e in effects)
+    known_delay = _known(delay)
+    if known_delay:
+        form = form.fixing({"delay": known_delay})
+    chosen = None if use is None else tuple(use)
+    records, doubts = prepare_as_recorded(runs, form, chosen)
+    return Case(
         form=form,
-        specs=tuple(effect_spec_of(e) for e in effects),
+        records=tuple(records),
+        names=tuple(run.name for run in runs),
+        trials=runs,
+        delay=known_delay,
+        use=chosen,
+        notes=tuple(doubts),
+        effects=specs,
         start=start,
-        dof=dof,
-        delay=None if delay == "auto" else _seconds(delay),
-        use=None if use is None else tuple(use),
     )
 
 
@@ -152,7 +161,7 @@ def _fit_coupled(
     use: Sequence[str] | None,
     loss: str,
     options: dict[str, Any],
-) -> Fit:
+) -> Fit[Model]:
     chosen = _method(method, loss, options)
     if chosen.coupled is None:
         raise UsageError(_no_answer(method, f"structure '{form.name}'", [n for n, m in METHODS.items() if m.coupled]))
@@ -165,10 +174,11 @@ def _fit_coupled(
     driven, unscaled = scaled_form(form.driven_by({name for run in runs for name in run.channels}), runs)
     with _contradictions_named(runs):
         runs, records, doubts = prepared_runs(runs, lambda run: prepare_form(run, driven, use))
-    case = CoupledCase(
+    case = Case(
         form=driven,
         records=tuple(records),
-        delay=None if delay == "auto" else _seconds(delay),
+        delay=_known(delay),
+        use=None if use is None else tuple(use),
         robust=loss == "soft_l1",
         names=tuple(run.name for run in runs),
         trials=runs,
@@ -182,10 +192,10 @@ def _fit_coupled(
 
 
 def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
-    """Return *form* with free gains ``k_X`` ... where inputs are shares of full and an inertia is known.
+    """Return *form* with free gains ``k_X`` ... where inputs are normalised and an inertia is known.
 
-    Where none is, each equation is per full output of its own force, which is said as a doubt. Only the sum of mass and
-    added mass stands in the equations: a mass alone tells no force, and where it is known that is said as well.
+    If no inertia is known, each equation is per full output of its own force, and a doubt reports that. Only the sum of
+    mass and added mass appears in the equations: a mass alone does not determine a force, which is reported too.
     """
     units = {run[c].unit for run in runs for c in form.inputs if c in run}
     if form.normalised or form.per_inertia or units != {"1"}:
@@ -249,18 +259,18 @@ def fit_axis(
     if chosen.axis is None:
         raise UsageError(_no_answer(method, "one degree of freedom", [n for n, m in METHODS.items() if m.axis]))
     if structure is not None:
-        lookup({str(name): name for name in FREE}, structure, "drag structure")
-    known_delay = None if delay == "auto" else _seconds(delay)
+        structure_of(structure)
+    known_delay = _known(delay)
     axis = _common_axis(runs, dof)
     with _contradictions_named(runs):
         runs, records, doubts = prepared_runs(runs, lambda run: prepare(run, axis))
     _check_one_input({r.input_names[0] for r in records}, {r.input_units[0] for r in records})
     case = Case(
-        records=records,
-        cycles=_cycles(runs, axis),
+        records=tuple(records),
+        cycles=tuple(_cycles(runs, axis)),
         structure=structure,
         delay=known_delay,
-        use=use,
+        use=None if use is None else tuple(use),
         robust=loss == "soft_l1",
         names=tuple(run.name for run in runs),
         dropped_rows=sum(int(run.meta.get("dropped_rows", 0)) for run in runs),
@@ -287,10 +297,10 @@ def _contradictions_named(runs: Sequence[Trial]) -> Iterator[None]:
         raise NotInformative(f"{said}. Nothing could be identified: {error}") from error
 
 
-_Kind = TypeVar("_Kind", bound=Fit)
+ModelT = TypeVar("ModelT", bound=Model)
 
 
-def _with_doubts(fit: _Kind, doubts: Sequence[Doubt]) -> _Kind:
+def _with_doubts(fit: Fit[ModelT], doubts: Sequence[Doubt]) -> Fit[ModelT]:
     """Add what is doubtful about the runs themselves, each once."""
     known = {(d.slug, d.cause) for d in fit.doubts}
     new = {(d.slug, d.cause): d for d in doubts if (d.slug, d.cause) not in known}
@@ -346,6 +356,11 @@ def _method(name: str, loss: str, options: dict[str, Any]) -> Method:
 
 def _no_answer(method: str, what: str, others: list[str]) -> str:
     return f"method '{method}' does not fit {what}; these do: {', '.join(others)}"
+
+
+def _known(delay: Literal["auto"] | float) -> float | None:
+    """Return a known delay [s]; None: to be fitted on evidence."""
+    return None if delay == "auto" else _seconds(delay)
 
 
 def _seconds(delay: float | str) -> float:

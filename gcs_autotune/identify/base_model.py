@@ -13,12 +13,12 @@ from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.cleaning import moves
 from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.first_look import first_levels
 from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.preparation import INPUTS
 from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.quick_fit import first_levels
 from gcs_autotune.identify.result import Doubt
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
 from gcs_autotune.models import FORMS, CoupledModel, Form, inertia_of

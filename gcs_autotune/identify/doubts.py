@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.axis.signals import first_names
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter, Structure
+from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import Solution
 from gcs_autotune.models import SingleDof

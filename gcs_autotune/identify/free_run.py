@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.start import bounds_of
 from gcs_autotune.identify.base_model import base_limits, data_summary_of
-from gcs_autotune.identify.first_look import first_levels, first_states
 from gcs_autotune.identify.least_squares import Local, descend
 from gcs_autotune.identify.preparation import prepare, prepare_as_recorded, prepare_form
 from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.quick_fit import first_levels, first_states
 from gcs_autotune.identify.result import AxisFit, Doubt, Trace
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import solve
-from gcs_autotune.identify.whiteness import autocorrelation, whiteness
+from gcs_autotune.identify.whiteness import autocorrelation, explained, whiteness
 from gcs_autotune.models import CoupledModel, Simulator, SingleDof, explicit_parameters
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
@@ -129,7 +129,7 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
     NotInformative
         When the model runs away on this input; and as :func:`gcs_autotune.identify.preparation.prepare`.
     """
-    model = fit.model if isinstance(fit, AxisFit) else fit
+    model = fit if isinstance(fit, SingleDof) else fit.model
     return _joined(trial.name, [run_freely(model, record)[0] for record in prepare(trial, model.dof)])
 
 
@@ -174,14 +174,8 @@ def runs_or_doubt(
 
 def fit_percent_of(traces: Sequence[Trace]) -> float:
     """Return 100 (1 - rms/std) averaged over signals, each over all runs; NaN where nothing moves."""
-    shares = []
-    for name in dict.fromkeys(t.signal for t in traces):
-        own = [t for t in traces if t.signal == name]
-        power = sum(float(np.var(t.measured)) * len(t.t) for t in own)
-        squares = sum(float(np.sum((t.measured - t.fitted) ** 2)) for t in own)
-        if power > 0.0:
-            shares.append(100.0 * (1.0 - math.sqrt(squares / power)))
-    return float(np.mean(shares)) if shares else math.nan
+    shares = explained((t.signal, t.measured, t.measured - t.fitted) for t in traces)
+    return float(np.mean(list(shares.values()))) if shares else math.nan
 
 
 def rms_of(traces: Sequence[Trace]) -> float:

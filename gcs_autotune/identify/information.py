@@ -18,16 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import DataError, NotInformative, UsageError
-from gcs_autotune.identify.axis.uncertainty import PHYSICAL, cramer_rao
-from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
+from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, axis_form, derivative_names, structure_of
+from gcs_autotune.identify.axis.uncertainty import cramer_rao
 from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.preparation import prepare, prepare_form, signals_of
 from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.result import AxisFit, Fit
+from gcs_autotune.identify.result import AxisFit, Fit, Model, is_of_one_axis
 from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
 from gcs_autotune.identify.solution import solve_form
-from gcs_autotune.models import CoupledModel, Form, Simulator, SingleDof
+from gcs_autotune.models import CoupledModel, Form, Simulator
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
@@ -88,7 +88,7 @@ class FittedModel:
         return stamps, found[0]
 
 
-def fitted_model_of(fit: Fit, trials: Trial | Sequence[Trial]) -> FittedModel:
+def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedModel:
     """Return *fit* on *trials*, its initial states fitted to them.
 
     Noise is what the fit found, and where it says nothing the rms of what the free run leaves.
@@ -106,8 +106,8 @@ def fitted_model_of(fit: Fit, trials: Trial | Sequence[Trial]) -> FittedModel:
         form, theta = model.form, model.theta
         free = tuple(n for n in form.parameters if n in fit.parameters and fit.parameters[n].status == "fitted")
         names, signs = free, np.ones(len(free))
-    elif isinstance(model, SingleDof) and isinstance(fit, AxisFit):
-        form, theta, free, names, signs = _of_axis(fit, model, runs)
+    elif is_of_one_axis(fit):
+        form, theta, free, names, signs = _of_axis(fit, runs)
     else:
         raise UsageError(
             f"the information in runs about a {type(model).__name__} is not computed here; use diagnose for the next "
@@ -130,15 +130,14 @@ def model_delay(form: Form, theta: Array) -> float:
     return float(theta[form.parameters.index("delay")]) if "delay" in form.parameters else 0.0
 
 
-def _of_axis(
-    fit: AxisFit, model: SingleDof, runs: Sequence[Trial]
-) -> tuple[Form, Array, tuple[str, ...], tuple[str, ...], Array]:
+def _of_axis(fit: AxisFit, runs: Sequence[Trial]) -> tuple[Form, Array, tuple[str, ...], tuple[str, ...], Array]:
+    model = fit.model
     dof = DOFS[model.dof]
     labels, derivatives = tuple(fit.parameters), derivative_names(dof)
     fitted = [fit.parameters[n].status == "fitted" for n in labels]
     delay = None if fitted[4] else model.delay
     input_name = prepare(runs[0], dof)[0].input_names[0]
-    form = axis_form(dof, input_name, fit.structure, normalised=model.input_unit == "1", delay=delay)
+    form = axis_form(dof, input_name, structure_of(fit.structure), normalised=model.input_unit == "1", delay=delay)
     numbers = (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
     values = {n: s * v for n, s, v in zip(derivatives, SIGNS, numbers, strict=True)}
     theta = np.array([values[n] for n in form.parameters])
@@ -147,13 +146,13 @@ def _of_axis(
     return form, theta, free, tuple(labels[i] for i in at), np.array([SIGNS[i] for i in at])
 
 
-def _signals(fit: Fit, form: Form, run: Trial) -> tuple[str, ...] | None:
+def _signals(fit: Fit[Model], form: Form, run: Trial) -> tuple[str, ...] | None:
     """Return the signals the fit was made from, None when it does not say."""
     there = tuple(n for n in signals_of(form) if n in fit.noise and n in run and len(run[n]) >= MIN_SAMPLES)
     return there or None
 
 
-FitT = TypeVar("FitT", bound=Fit)
+ModelT = TypeVar("ModelT", bound=Model)
 
 BLIND = 1e-8
 """Singular value, relative to columns of length one, below which a direction is not seen at all. Chosen: sensitivities
@@ -286,7 +285,7 @@ def _without(J: Array, states: Array) -> Array:
     return left
 
 
-def with_bounds(fit: FitT, trials: Trial | Sequence[Trial]) -> FitT:
+def with_bounds(fit: Fit[ModelT], trials: Trial | Sequence[Trial]) -> Fit[ModelT]:
     """Return *fit* with the Cramer-Rao bound of every fitted parameter, whatever method made it.
 
     One degree of freedom from its own likelihood, rounding sensors and inexact stamps included; several from
@@ -296,8 +295,8 @@ def with_bounds(fit: FitT, trials: Trial | Sequence[Trial]) -> FitT:
     if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
         return fit
     try:
-        if isinstance(fit, AxisFit) and isinstance(fit.model, SingleDof):
-            bounds = _axis_bounds(fit, fit.model, trials)
+        if is_of_one_axis(fit):
+            bounds = _axis_bounds(fit, trials)
         else:
             bounds = information_on(fitted_model_of(fit, trials)).bounds
     except (DataError, UsageError):
@@ -306,7 +305,8 @@ def with_bounds(fit: FitT, trials: Trial | Sequence[Trial]) -> FitT:
     return replace(fit, parameters=parameters)
 
 
-def _axis_bounds(fit: AxisFit, model: SingleDof, trials: Trial | Sequence[Trial]) -> dict[str, float]:
+def _axis_bounds(fit: AxisFit, trials: Trial | Sequence[Trial]) -> dict[str, float]:
+    model = fit.model
     names = dict(zip(PHYSICAL, fit.parameters, strict=True))
     free = [n for n, label in names.items() if fit.parameters[label].status == "fitted"]
     given: Mapping[str, float] = fit.extra.get("sigma") or fit.noise

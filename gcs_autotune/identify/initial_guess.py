@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.first_look import first_levels
 from gcs_autotune.identify.free_numbers import StampedProblem
 from gcs_autotune.identify.least_squares import Rules, descend
 from gcs_autotune.identify.likelihood import Limits, Objective, first_input
 from gcs_autotune.identify.noise import gaussian_noise
+from gcs_autotune.identify.quick_fit import first_levels
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models import (
     COEFFICIENTS,

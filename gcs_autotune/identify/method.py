@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from gcs_autotune.identify.axis.case import Case
-from gcs_autotune.identify.coupled.case import CoupledCase
-from gcs_autotune.identify.result import AxisFit, Fit
+from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.result import AxisFit, Fit, Model
 
 __all__ = ["Bears", "Method"]
 
@@ -30,6 +29,6 @@ class Method:
     name: str
     summary: str
     axis: Callable[[Case], AxisFit] | None = None
-    coupled: Callable[[CoupledCase], Fit] | None = None
+    coupled: Callable[[Case], Fit[Model]] | None = None
     options: tuple[tuple[str, str], ...] = ()
     bears: frozenset[Bears] = frozenset()

@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.documents import conformed, load_json
-from gcs_autotune.effects import EffectInstance, ExtendedModel
+from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.coupled.one_axis import SIGNS, axis_form, derivative_names
-from gcs_autotune.identify.result import AxisFit, Fit, Model, Structure
+from gcs_autotune.identify.axis.form import SIGNS, as_extended, derivative_names
+from gcs_autotune.identify.result import Fit, Model
 from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.sname import DOFS
 from gcs_autotune_files import Refused
 from gcs_autotune_files.model import KnownFrom, SingleDofData, model_data
 
-__all__ = ["ModelFile", "load_model", "model_document", "model_file_of", "save_model", "whole_model"]
+__all__ = ["ModelFile", "load_model", "model_document", "model_file_of", "save_model"]
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class ModelFile:
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def save_model(fit: Fit, path: Path) -> None:
+def save_model(fit: Fit[Model], path: Path) -> None:
     """Write the model of *fit* to *path*, with what its numbers rest on.
 
     Examples
@@ -72,21 +72,11 @@ def save_model(fit: Fit, path: Path) -> None:
     path.write_text(json_text(model_document(fit)), encoding="utf-8")
 
 
-def model_document(fit: Fit) -> dict[str, Any]:
+def model_document(fit: Fit[Model]) -> dict[str, Any]:
     """Return what a model file of *fit* holds: the whole model, and what its numbers rest on."""
     data = fit.to_dict()
     known = {k: data[k] for k in ("structure", "parameters", "correlation", "noise", "used")}
     return {**data["model"], "known_from": {**known, "inputs": data.get("inputs", {})}}
-
-
-def whole_model(fit: Fit) -> Model:
-    """Return the model of *fit* with the effects of its actuator, where it is one of a single axis that has some."""
-    if not isinstance(fit, AxisFit) or not fit.effects:
-        return fit.model
-    plain = as_extended(fit.model)
-    inputs = plain.base.form.inputs
-    swing = {str(k): float(v) for k, v in fit.extra.get("swing", {}).items() if k in inputs}
-    return ExtendedModel(plain.base, (*plain.effects, *fit.effects), swing, dict.fromkeys(inputs, fit.model.input_unit))
 
 
 def load_model(path: Path) -> ModelFile:
@@ -109,7 +99,7 @@ def load_model(path: Path) -> ModelFile:
     return _file(load_json(path, "a model file"), path)
 
 
-def model_file_of(fit: Fit) -> ModelFile:
+def model_file_of(fit: Fit[Model]) -> ModelFile:
     """Return what the model file of *fit* would hold, under the name of its method."""
     return _file(model_document(fit), Path(fit.method))
 
@@ -148,20 +138,6 @@ def _built(data: Mapping[str, Any], path: Path) -> tuple[ExtendedModel, SingleDo
     except (BadFile, Refused) as error:
         raise BadFile(f"{path}: {error}") from error
     return model, axis
-
-
-def as_extended(axis: SingleDof) -> ExtendedModel:
-    """Return a model of one degree of freedom as a coupled one; its delay becomes the effect ``input-delay``."""
-    dof = axis.axis
-    channel = "delta" if axis.input_unit == "rad" else dof.force
-    structure: Structure = "affine" if axis.beta_quadratic else "linear"
-    form = axis_form(dof, channel, structure, normalised=axis.input_unit == "1")
-    numbers = (axis.alpha, axis.beta, axis.beta_quadratic, axis.delta)
-    names = derivative_names(dof)[:4]
-    values = {n: s * v for n, s, v in zip(names, SIGNS, numbers, strict=False)}
-    base = CoupledModel(form, {n: values[n] for n in form.parameters})
-    delay = (EffectInstance("input-delay", channel, {"delay": axis.delay}),) if axis.delay > 0.0 else ()
-    return ExtendedModel(base, delay)
 
 
 def _uncertainty(known: KnownFrom, dofs: Sequence[str], path: Path) -> tuple[tuple[str, ...], Array]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Generic, Literal, Protocol, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.effects import EffectInstance
+from gcs_autotune.effects import EffectInstance, ExtendedModel
+from gcs_autotune.identify.axis.form import Structure, as_extended
 from gcs_autotune.identify.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.notebook import html_block, html_table, pandas_module
@@ -30,11 +31,10 @@ __all__ = [
     "Structure",
     "StructureFit",
     "Trace",
+    "is_of_one_axis",
     "plain_data",
+    "whole_model",
 ]
-
-Structure = Literal["linear", "nonlinear", "affine"]
-"""Miskovic2010 says: ``linear`` = linear damping, ``nonlinear`` = quadratic damping (|nu| nu), ``affine`` = both."""
 
 Status = Literal["fitted", "absent", "fixed", "at_bound"]
 
@@ -164,20 +164,29 @@ class Model(Protocol):
         ...
 
 
+ModelT = TypeVar("ModelT", bound=Model, covariant=True)
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Fit:
+class Fit(Generic[ModelT]):
     """An identified model with its uncertainty, whatever the method and the structure.
 
     ``covariance`` (p, p) stands in the order of ``parameters``, with zero rows for what was not fitted;
     ``fit_percent`` = 100 (1 - rms/std) of the free-run simulation, averaged over signals; ``noise`` the standard
     deviation per signal (SI) that the fit took for noise, :attr:`remainder` how much of it is noise; ``used`` the names
     of the runs.
+
+    Of one degree of freedom ``parameters`` are ``(alpha, beta, beta_quadratic, delta, delay)``, then those of
+    ``effects`` of its actuator (thrust curve, dead zone), if any were fitted with it. ``noise_std`` is the standard
+    deviation [rad or m] of what the fit took for noise in its main signal, ``residual_rms`` that of the free-run
+    simulation; ``iso`` holds the readings of limit cycles, ``decision`` and ``candidates`` tell how the damping was
+    chosen. All these are empty or NaN of several degrees of freedom.
     """
 
     dof: str
     structure: str
     method: str
-    model: Model
+    model: ModelT
     parameters: Mapping[str, Parameter]
     covariance: NDArray[np.float64]
     fit_percent: float
@@ -186,6 +195,17 @@ class Fit:
     doubts: tuple[Doubt, ...] = ()
     traces: tuple[Trace, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
+    noise_std: float = math.nan
+    residual_rms: float = math.nan
+    iso: tuple[IsoEstimate, ...] = ()
+    decision: Decision | None = None
+    candidates: tuple[StructureFit, ...] = ()
+    effects: tuple[EffectInstance, ...] = ()
+
+    @property
+    def craft_covariance(self) -> NDArray[np.float64]:
+        """Covariance (5, 5) of ``(alpha, beta, beta_quadratic, delta, delay)`` of one degree of freedom."""
+        return self.covariance[:5, :5]
 
     @property
     def correlation(self) -> NDArray[np.float64]:
@@ -265,6 +285,8 @@ class Fit:
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form: ``dof``, ``structure``, ``parameters``, ``correlation``, ``doubts`` and more.
 
+        ``model`` is a model file's: of one axis with the effects of its actuator, if the fit has any.
+
         Examples
         --------
         >>> from gcs_autotune.api import example_run, fit
@@ -289,52 +311,38 @@ class Fit:
             "fit_percent": self.fit_percent,
             "used": list(self.used),
             "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
-            "model": self.model.to_dict(),
+            "model": whole_model(self).to_dict(),
             **self.extra,
         }
+        if is_of_one_axis(self):
+            data |= {
+                "noise_std": self.noise_std,
+                "residual_rms": self.residual_rms,
+                "iso": [_iso_dict(e) for e in self.iso],
+                "decision": None if self.decision is None else _slots_dict(self.decision),
+                "candidates": [{**_slots_dict(c), "model": c.model.to_dict()} for c in self.candidates],
+            }
         plain: dict[str, Any] = plain_data(data)
         return plain
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class AxisFit(Fit):
-    """A model of one degree of freedom.
+AxisFit: TypeAlias = Fit[SingleDof]
+"""A :class:`Fit` of one degree of freedom."""
 
-    ``effects`` of its actuator (thrust curve, dead zone), if any were fitted with it. ``parameters`` are those of
-    ``(alpha, beta, beta_quadratic, delta, delay)``, then those of the effects. ``noise_std`` is the standard
-    deviation [rad or m] of what the fit took for noise; ``residual_rms`` that of the free-run simulation.
-    """
 
-    structure: Structure
-    model: SingleDof
-    noise_std: float
-    residual_rms: float
-    iso: tuple[IsoEstimate, ...] = ()
-    decision: Decision | None = None
-    candidates: tuple[StructureFit, ...] = ()
-    effects: tuple[EffectInstance, ...] = ()
+def is_of_one_axis(fit: object) -> TypeGuard[Fit[SingleDof]]:
+    """Whether this is a fit of one degree of freedom."""
+    return isinstance(fit, Fit) and isinstance(fit.model, SingleDof)
 
-    @property
-    def craft_covariance(self) -> NDArray[np.float64]:
-        """Covariance (5, 5) of ``(alpha, beta, beta_quadratic, delta, delay)``."""
-        return self.covariance[:5, :5]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form, with what one axis adds: ``iso``, ``decision``, ``candidates``.
-
-        ``model`` is a model file's: with the effects of the actuator, if the fit has any.
-        """
-        from gcs_autotune.identify.model_file import whole_model
-
-        return {
-            **Fit.to_dict(self),
-            "model": plain_data(whole_model(self).to_dict()),
-            "noise_std": self.noise_std,
-            "residual_rms": self.residual_rms,
-            "iso": [_iso_dict(e) for e in self.iso],
-            "decision": None if self.decision is None else _slots_dict(self.decision),
-            "candidates": [{**_slots_dict(c), "model": c.model.to_dict()} for c in self.candidates],
-        }
+def whole_model(fit: Fit[Model]) -> Model:
+    """Return the model of *fit* with the effects of its actuator, where it is one of a single axis that has some."""
+    if not is_of_one_axis(fit) or not fit.effects:
+        return fit.model
+    plain = as_extended(fit.model)
+    inputs = plain.base.form.inputs
+    swing = {str(k): float(v) for k, v in fit.extra.get("swing", {}).items() if k in inputs}
+    return ExtendedModel(plain.base, (*plain.effects, *fit.effects), swing, dict.fromkeys(inputs, fit.model.input_unit))
 
 
 def _slots_dict(thing: Any) -> dict[str, Any]:

@@ -7,23 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.local import local_fit
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.result import Fit
+from gcs_autotune.models import CoupledModel
 
 __all__ = ["on_settled_stamps"]
 
 
-def on_settled_stamps(method: Callable[[CoupledCase], Fit]) -> Callable[[CoupledCase], Fit]:
+def on_settled_stamps(method: Callable[[Case], Fit[CoupledModel]]) -> Callable[[Case], Fit[CoupledModel]]:
     """Make a method that takes input stamps as exact one for stamps that may all be off (decision 3).
 
     Their shift is found by output error and taken off; what is unknown of it is carried to the estimate by fitting once
     more with the shift moved by its standard error.
     """
 
-    def fit(case: CoupledCase) -> Fit:
-        form = case.form if not case.delay else case.form.fixing({"delay": case.delay})
+    def fit(case: Case) -> Fit[CoupledModel]:
+        form = case.the_form if not case.delay else case.the_form.fixing({"delay": case.delay})
         if not any(s.dating for s in case.records) or "delay" in form.free:
             return method(case)
         solution = local_fit(form, case.records, Limits({}, {}), robust=case.robust).solution
@@ -40,6 +41,6 @@ def on_settled_stamps(method: Callable[[CoupledCase], Fit]) -> Callable[[Coupled
     return fit
 
 
-def _at_shift(case: CoupledCase, shift: float) -> CoupledCase:
+def _at_shift(case: Case, shift: float) -> Case:
     moved = [replace(s, t_in=s.t_in + shift if s.dating else s.t_in, dating=0.0) for s in case.records]
     return replace(case, records=tuple(moved))

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.effects import ExtendedModel, ExtendedSimulator, passage_of
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.model_file import as_extended, whole_model
-from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.axis.form import as_extended
+from gcs_autotune.identify.result import Fit, Model, whole_model
 from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Trial
@@ -23,7 +23,7 @@ STEP = 0.1
 """Seconds between stamps where none are given."""
 
 
-def extended_of(fit: Fit) -> ExtendedModel:
+def extended_of(fit: Fit[Model]) -> ExtendedModel:
     """Return the model of *fit* as one with effects (perhaps none).
 
     Raises
@@ -42,7 +42,7 @@ def extended_of(fit: Fit) -> ExtendedModel:
 
 
 def simulated(
-    fit: Fit,
+    fit: Fit[Model],
     inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]],
     *,
     stamps: ArrayLike | None = None,
@@ -91,7 +91,7 @@ def simulated(
     return Trial("simulated", {**given, **motion}, meta={"source": "simulated"})
 
 
-def _unit(fit: Fit, model: ExtendedModel, name: str) -> str:
+def _unit(fit: Fit[Model], model: ExtendedModel, name: str) -> str:
     """Return the unit of an input as the fit knew it; empty when nobody said."""
     if isinstance(fit.model, SingleDof):
         return fit.model.input_unit

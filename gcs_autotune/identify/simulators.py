@@ -7,13 +7,13 @@ a likelihood all are a form (names of parameters and states) and a :class:`Segme
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, STEP, DataSummary, EffectInstance, ExtendedSimulator, horizon
+from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.models import (
     COS_PSI,
@@ -27,18 +27,15 @@ from gcs_autotune.models import (
     program_of,
     simulate_explicit,
 )
-from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.sname import DOFS
 
-__all__ = ["EXPLICIT", "ExplicitForm", "Predicted", "SegmentSimulator", "free_states", "simulator_of", "typical_of"]
+__all__ = ["Predicted", "SegmentSimulator", "free_states", "simulator_of", "typical_of"]
 
 Array = NDArray[np.float64]
 Predicted = dict[str, tuple[Array, Array]]
 
 PATIENCE = 30
 """Steps per stamp of a simulation without effects; what is stiffer is no craft whose samples these are."""
-
-EXPLICIT = ("b", "a", "c", "d", "delay")
-"""Parameters of :class:`ExplicitForm`, in this order."""
 
 _POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
 
@@ -71,22 +68,6 @@ class SegmentSimulator(Protocol):
         """
 
 
-@dataclass(frozen=True, slots=True)
-class ExplicitForm(Form):
-    """One degree of freedom: ``nu_dot = b*tau(t - delay) - a*nu - c*|nu|*nu + d``, of :mod:`..models.simulation`.
-
-    In these numbers the motion is nearly linear, and limits on rates are limits on numbers.
-    """
-
-    def __post_init__(self) -> None:
-        """Names here are no derivatives, nothing is checked."""
-
-    @classmethod
-    def of(cls, dof: Dof) -> ExplicitForm:
-        """Return the form of *dof*."""
-        return cls(f"{dof.name}/explicit", dof.name, (dof.name,), EXPLICIT, {}, {})
-
-
 class AxisSimulator:
     """The exact kernel of one degree of freedom; later stamps are a longer delay."""
 
@@ -94,8 +75,9 @@ class AxisSimulator:
         dof = DOFS[form.dofs[0]]
         self.states = (dof.position, dof.velocity)
         self.free_states = tuple(free_states)
-        states = [len(EXPLICIT) + self.states.index(n) for n in free_states]
-        self._columns = [*(EXPLICIT.index(n) for n in free), *states, *([EXPLICIT.index("delay")] if dated else [])]
+        names = (*form.parameters, *self.states)
+        self._delay = names.index("delay")
+        self._columns = [*(names.index(n) for n in (*free, *free_states)), *([self._delay] if dated else [])]
         self._position = dof.position
 
     def predict(
@@ -111,7 +93,7 @@ class AxisSimulator:
         """As :class:`SegmentSimulator`; derivatives come in any case."""
         numbers = np.concatenate([theta, x_0])
         if segment.dating:
-            numbers[EXPLICIT.index("delay")] += shift
+            numbers[self._delay] += shift
         motion = simulate_explicit(numbers, segment.t_in, segment.tau, segment.stamps)
         if not motion.finite:
             return None

@@ -29,11 +29,11 @@ from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Trace
 from gcs_autotune.identify.reweighting import Effort, alternate, errors_of, likeliest
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.whiteness import all_white, correlation_time, scores_covariance
+from gcs_autotune.identify.whiteness import all_white, correlation_time, explained, scores_covariance
 from gcs_autotune.models import Form
 from gcs_autotune.sname import SIGNALS
 
-__all__ = ["THOROUGH", "Solution", "fit_percent_of", "fit_percents", "solution_of", "solve", "solve_form", "traces_of"]
+__all__ = ["THOROUGH", "Solution", "fit_percents", "solution_of", "solve", "solve_form", "traces_of"]
 
 Array = NDArray[np.float64]
 
@@ -280,9 +280,9 @@ def _rounded(name: str, gaussian: NoiseModel, quantum: float, segments: Sequence
     return Rounded(gaussian.sigma, quantum, span)
 
 
-def traces_of(segments: Sequence[Segment], solution: Solution, factor: float | None = None) -> tuple[Trace, ...]:
-    """Return fit against measurement; the band is that of prediction and noise together, *factor* for colour."""
-    raised = float(solution.factors.max(initial=1.0)) if factor is None else factor
+def traces_of(segments: Sequence[Segment], solution: Solution) -> tuple[Trace, ...]:
+    """Return fit against measurement; the band is that of prediction and noise together, raised for colour."""
+    raised = float(solution.factors.max(initial=1.0))
     traces = []
     for r, rows in zip(solution.rests, solution.rows, strict=True):
         spread = np.einsum("ij,jk,ik->i", rows, solution.whole, rows, optimize=True) * raised**2
@@ -295,17 +295,4 @@ def traces_of(segments: Sequence[Segment], solution: Solution, factor: float | N
 
 def fit_percents(solution: Solution) -> dict[str, float]:
     """Return 100 (1 - rms/std) per signal that moves."""
-    shares = {}
-    for name in solution.noise_models:
-        own = [r for r in solution.rests if r.signal == name]
-        power = sum(float(np.var(r.measured[r.known])) * int(r.known.sum()) for r in own)
-        squares = sum(float(r.judged[r.known] @ r.judged[r.known]) for r in own)
-        if power > 0.0:
-            shares[name] = 100.0 * (1.0 - float(np.sqrt(squares / power)))
-    return shares
-
-
-def fit_percent_of(solution: Solution) -> float:
-    """Return 100 (1 - rms/std) averaged over signals."""
-    shares = list(fit_percents(solution).values())
-    return float(np.mean(shares)) if shares else 0.0
+    return explained((r.signal, r.measured[r.known], r.judged[r.known]) for r in solution.rests)

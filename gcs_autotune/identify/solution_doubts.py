@@ -9,12 +9,12 @@ import numpy as np
 
 from gcs_autotune import chi_square
 from gcs_autotune.effects import EFFECTS
+from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.doubts import COLOUR, REVERSED_INPUT, poor_fit
 from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.free_numbers import label_of
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.result import Doubt, Parameter
-from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import Solution, fit_percents
 from gcs_autotune.identify.whiteness import autocorrelation
 from gcs_autotune.models import CoupledModel, Form

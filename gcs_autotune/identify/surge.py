@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.api import fit_axis
+from gcs_autotune.identify.axis.form import Structure, structure_of
 from gcs_autotune.identify.free_numbers import label_of
 from gcs_autotune.identify.free_run import free_run
-from gcs_autotune.identify.result import AxisFit, Doubt, Parameter, Structure
+from gcs_autotune.identify.result import AxisFit, Doubt, Parameter
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -142,7 +143,7 @@ def _fit(trials: Sequence[Trial], structure: Structure | None, delay: Literal["a
     best = min(points, key=lambda p: p.misfit)
     std = _spread(points, best)
     final = fit_axis([bent(t, best.square) for t in trials], dof="surge", structure=structure, delay=delay)
-    slope = _carried(final, lambda q: at(q, final.structure), best.square, std)
+    slope = _carried(final, lambda q: at(q, structure_of(final.structure)), best.square, std)
     found = _with_square(final, best.square, std, slope)
     largest = max(float(np.max(np.abs(t["X"].values))) for t in trials)  # not the thrust that it was bent to
     return replace(found, extra={**found.extra, "largest": {"X": largest}})

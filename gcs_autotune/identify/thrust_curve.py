@@ -25,7 +25,7 @@ from gcs_autotune.effects import SUBTRACTED, EffectInstance, ExtendedModel, in_o
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify.api import fit
 from gcs_autotune.identify.free_run import validate
-from gcs_autotune.identify.result import AxisFit, Fit, Parameter
+from gcs_autotune.identify.result import AxisFit, Fit, Model, Parameter
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -68,7 +68,7 @@ _SHARES = (0.1, 1.5)
 
 def fit_thrust_curve(
     runs: Sequence[Trial], plain: AxisFit, step: Trial | None = None, *, with_band: bool = False
-) -> Fit | None:
+) -> Fit[Model] | None:
     """Return a model with a thrust curve when the *runs* clearly call for one, else None.
 
     plain : the model without, of the same runs. step : flown under the autopilot's own loop; with it, or with three
@@ -100,7 +100,7 @@ def fit_thrust_curve(
     return curve if found is bent else found
 
 
-def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit | None:
+def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | None:
     """Return the model with a dead zone and no curve, if it pays, levelling off where that pays, too.
 
     A curve alone need not come near that.
@@ -111,7 +111,7 @@ def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit | None:
     )
 
 
-def _likelihood(fit: Fit) -> float:
+def _likelihood(fit: Fit[Model]) -> float:
     return float(fit.extra["log_likelihood"])
 
 
@@ -120,7 +120,9 @@ def _goes_beyond(step: Trial, runs: Sequence[Trial], force: str) -> bool:
     return float(np.max(np.abs(step[force].values))) > _BEYOND * flown
 
 
-def _with_neutral_band(runs: Sequence[Trial], plain: AxisFit, curve: Fit, bent: Fit, step: Trial) -> Fit | None:
+def _with_neutral_band(
+    runs: Sequence[Trial], plain: AxisFit, curve: Fit[Model], bent: Fit[Model], step: Trial
+) -> Fit[Model] | None:
     """Return a model of *runs* and *step* whose actuator stands still in a band and acts in full beyond, if it pays.
 
     How wide the band is no gradient tells, for it acts by whole steps of the recorded output. So the step is simulated
@@ -158,14 +160,14 @@ class _Band:
         let_through = np.where(np.abs(force.values) > self.width, force.values, 0.0)
         return replace(run, channels={**run.channels, self.force: replace(force, values=let_through)})
 
-    def foretold(self, model: Fit, run: Trial) -> float:
+    def foretold(self, model: Fit[Model], run: Trial) -> float:
         """Return how much of *run* a *model* explains [percent] when this band stands before its actuator."""
         try:
             return validate(model.model, [self.on(run)]).fit_percent
         except AutotuneError:  # it runs away: with this band the model is none of this craft
             return -math.inf
 
-    def within(self, fit: Fit) -> Fit:
+    def within(self, fit: Fit[Model]) -> Fit[Model]:
         """Return *fit*, of runs that are :meth:`on` it, with the band as the effect that it is."""
         model = fit.model
         assert isinstance(model, ExtendedModel)
@@ -194,7 +196,7 @@ def _bands(step: Trial, force: str, smallest: float) -> list[_Band]:
     return [_Band(force, 0.5 * (low + high), (high - low) / math.sqrt(12.0)) for low, high in ends if low > 0.0]
 
 
-def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit, more: Sequence[str], has: str) -> Fit:
+def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit[Model], more: Sequence[str], has: str) -> Fit[Model]:
     """Return a model of all *runs* with what they clearly call for of *more*, the worthiest first, else *simple*, which
     *has* one effect.
     """
@@ -216,7 +218,9 @@ def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
     return tuple(slug for slug in (LEVEL, DEAD_ZONE, QUADRATIC) if slug in slugs)
 
 
-def fit_with_actuator(runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | None = None) -> Fit | None:
+def fit_with_actuator(
+    runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | None = None
+) -> Fit[Model] | None:
     """Return the model with these effects of the actuator, and with a neutral *band*, or None when there is none."""
     effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
@@ -228,23 +232,23 @@ def fit_with_actuator(runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: 
     return found if band is None else band.within(found)
 
 
-def pays(found: Fit, without: Fit | AxisFit, slug: str) -> bool:
+def pays(found: Fit[Model], without: Fit[Model], slug: str) -> bool:
     """Whether *found* clearly needs its effect *slug*, *without* being a model of the same runs that lacks it."""
     own = effect_number(found, slug)
     return unexplained(found) < _UNEXPLAINED * unexplained(without) and own.value > _STDS * own.std
 
 
-def effect_number(found: Fit, slug: str) -> Parameter:
+def effect_number(found: Fit[Model], slug: str) -> Parameter:
     """Return the one number of the effect *slug*."""
     return next(p for name, p in found.parameters.items() if name.startswith(slug))
 
 
-def unexplained(found: Fit | AxisFit) -> float:
+def unexplained(found: Fit[Model]) -> float:
     """Return what is left unexplained [percent]."""
     return 100.0 - found.fit_percent
 
 
-def thrust_curve_told(found: Fit, plain: AxisFit, step: Trial | None = None) -> str:
+def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
     """Return the finding in a sentence. *step*: the one that was looked at too."""
     has = {name.partition("@")[0] for name in found.parameters}
     square, sure = "", False
@@ -268,7 +272,7 @@ def thrust_curve_told(found: Fit, plain: AxisFit, step: Trial | None = None) -> 
     )
 
 
-def _bent_at_half(found: Fit) -> tuple[float, float]:
+def _bent_at_half(found: Fit[Model]) -> tuple[float, float]:
     """Return an output [fraction of full] and the share of the force there that goes with the square of the command.
 
     The fitted share is that at the largest output of the runs it was fitted to. Told of one output, half of full, the
@@ -279,13 +283,13 @@ def _bent_at_half(found: Fit) -> tuple[float, float]:
     return _HALF, square / (1.0 - share + square)
 
 
-def _lost(found: Fit) -> float:
+def _lost(found: Fit[Model]) -> float:
     """Return what a dead zone takes off commands beyond it; 0 without one."""
     assert isinstance(found.model, ExtendedModel)
     zones = (own for own in found.model.effects if own.slug == DEAD_ZONE)
     return next((own.constants.get(SUBTRACTED, 1.0) * own["width"] for own in zones), 0.0)
 
 
-def _reference(found: Fit) -> float:
+def _reference(found: Fit[Model]) -> float:
     assert isinstance(found.model, ExtendedModel)
     return next(own.constants["u_ref"] for own in found.model.effects if own.slug == QUADRATIC)

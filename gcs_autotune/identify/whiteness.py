@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ __all__ = [
     "all_white",
     "autocorrelation",
     "correlation_time",
+    "explained",
     "remainder_of",
     "scores_covariance",
     "whiteness",
@@ -116,3 +117,13 @@ def scores_covariance(scores: Sequence[Array]) -> Array:
             lagged = own[k:].T @ own[:-k]
             S += (1.0 - k / (reach + 1.0)) * (lagged + lagged.T)
     return S
+
+
+def explained(parts: Iterable[tuple[str, Array, Array]]) -> dict[str, float]:
+    """Return 100 (1 - rms/std) per signal that moves; parts : signal, measured and error (n,) each."""
+    power: dict[str, float] = {}
+    squares: dict[str, float] = {}
+    for name, measured, error in parts:
+        power[name] = power.get(name, 0.0) + float(np.var(measured)) * len(measured)
+        squares[name] = squares.get(name, 0.0) + float(error @ error)
+    return {n: 100.0 * (1.0 - float(np.sqrt(squares[n] / p))) for n, p in power.items() if p > 0.0}

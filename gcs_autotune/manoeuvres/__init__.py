@@ -1,4 +1,4 @@
-"""What to do to a craft so that it reveals itself, and the engine that does it safely.
+"""Manoeuvres that reveal a craft's dynamics, and the engine that flies them safely.
 
 A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: a generator of commands that receives observations.
 Only :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.

@@ -1,4 +1,4 @@
-"""Before a manoeuvre proper: get way on where it is needed, and measure the noise of the watched signal.
+"""The approach of a manoeuvre: gain speed where needed, and measure the noise of the monitored signal.
 
 :class:`UnderWay` is what the standard ship manoeuvres (zig-zag, circle, spiral, stopping) have in common: the approach
 straight ahead, then helm orders, each held until the craft turns steadily.
@@ -24,9 +24,9 @@ Part = Generator[Command, Observation, Observation]
 """A part of a manoeuvre: commands out, observations in; it returns the observation that the next part begins with."""
 
 LEAST_TIME = 3.0
-"""Chosen [s]: enough samples at 10 Hz to tell the noise within about 15 %."""
+"""Shortest approach [s]: enough samples at 10 Hz to determine the noise within about 15 %. Chosen."""
 LONGEST_TIME = 30.0
-"""Chosen [s]: a boat that is still gaining speed then is taken as it is."""
+"""Longest approach [s]; a boat that still accelerates then begins as it is. Chosen."""
 STEADY_WINDOW = 3.0
 STEADY_SHARE = 0.03
 """Speed counts as steady when it changes less than this share (or 2 cm/s) over the window [s]."""
@@ -35,7 +35,7 @@ STEADY_RATE = 0.02
 COURSE_WINDOW = 1.0
 """Chosen [s]: the heading of the approach is the mean over its end, one sample of a compass is too few."""
 LONGEST_HOLD = 60.0
-"""Chosen [s]: a helm whose turn is not steady by then (waves, an unstable craft) is left as it is."""
+"""Longest hold of a helm whose turn does not become steady (waves, an unstable craft) [s]. Chosen."""
 
 
 class Steadiness:
@@ -142,7 +142,7 @@ class Steering:
 
     @classmethod
     def of(cls, options: Mapping[str, float]) -> Steering:
-        """Return what *options* (those of a row of the table of manoeuvres) say."""
+        """Return the steering of *options* (of a row of the table of manoeuvres)."""
         return cls(
             options.get("steering", 0.0),
             int(options["side"]),
@@ -183,7 +183,7 @@ class UnderWay(Manoeuvre):
         }
 
     def _approached(self, now: Observation) -> Part:
-        """Go straight ahead until the speed is steady, and under way for as long again: it still creeps up by then.
+        """Go straight ahead until the speed is steady, and for as long again, since it still increases slowly.
 
         A light hand keeps the heading of a craft that needs way. ``_course`` is afterwards the heading gone [rad].
         """

@@ -59,7 +59,7 @@ class Area:
         return max(0.0, *(zone.beyond(x, y) for zone in self.zones))
 
     def around(self, lat: float, lon: float, x: float, y: float) -> Area:
-        """Return an area given in degrees in metres, where the craft at *lat*, *lon* [deg] is at (x, y) [m]."""
+        """Return an area in degrees converted to metres, for a craft at *lat*, *lon* [deg] and (x, y) [m]."""
 
         def local(point: Point) -> Point:
             north, east = flat(point[0], point[1], (lat, lon))

@@ -22,9 +22,9 @@ rate at full rudder [rad/s] times its turning lag [s] stays below 3 or so."""
 THERE = 5.0
 """Chosen [m]: so near it is back."""
 LEAST_WAY = 0.3
-"""Chosen [m/s]: a boat is given the time that the distance takes at this speed, ..."""
+"""Assumed speed of a boat for the time limit of its return [m/s]. Chosen."""
 SPARE = 60.0
-"""... and so many seconds for turning round."""
+"""Additional seconds for turning around. Chosen."""
 
 
 class ComeBack(Manoeuvre):

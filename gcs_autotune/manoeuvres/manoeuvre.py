@@ -117,7 +117,7 @@ _MOST, _STEADY = (0.1, 0.9), 0.5
 """Quantiles of an output, and their largest distance relative to the command. A larger one indicates another command
 source (a clock or a controller) instead of a limit. Chosen."""
 _LASTED = 1.0
-"""Chosen [s]: an order that stands for less is over before a slow link shows what came of it."""
+"""A shorter order ends before a slow link shows its effect [s]. Chosen."""
 
 
 def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:

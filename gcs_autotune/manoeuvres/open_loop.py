@@ -101,8 +101,8 @@ class OpenLoopProgramme(Manoeuvre):
 
 
 JUMP = 0.1
-"""A force that changes by so much of full between two commands jumps, unless a smaller step is known; by less it
-follows a curve."""
+"""Change of a force between two commands that counts as a jump, relative to full output; a smaller one follows a curve.
+"""
 
 
 # --- programmes: functions of time from 0 to 1 after the approach ------------------------------------------------
@@ -152,7 +152,7 @@ def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoop
 
 
 def turning(kind: str, thrust: float) -> Callable[[float], OpenLoopProgramme]:
-    """Return what makes, for so many seconds, a turn at full steering and constant *thrust*."""
+    """Return commands for a turn of that many seconds at full steering and constant *thrust*."""
     return lambda seconds: OpenLoopProgramme(kind, _timed(full, "N", thrust, 1.0, seconds), seconds)
 
 

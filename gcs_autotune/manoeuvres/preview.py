@@ -139,7 +139,7 @@ class Plant(Protocol):
 def fly_on(
     plant: Plant, manoeuvre: Manoeuvre, *, ticks: int, tick: float, ends: Callable[[Observation], bool] | None = None
 ) -> bool:
-    """Fly *manoeuvre* on *plant* for at most so many *ticks* of so many seconds; False where the plant runs away.
+    """Fly *manoeuvre* on *plant* for at most *ticks* of fixed length; return False if the plant diverges.
 
     ends : whether the flight ends at an observation that the manoeuvre has not seen yet.
     """

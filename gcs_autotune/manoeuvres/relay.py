@@ -45,14 +45,14 @@ LEAST_MOMENTUM = 5.0
 """Shortest time after a switching until drift against the relay is reported [s]. Chosen."""
 
 ROUNDING = 1e-9
-"""A difference of two readings in whole centimetres that is the hysteresis but for rounding has come to it."""
+"""Rounding error of a difference of two readings in centimetres, compared with the hysteresis."""
 
 LEAST_TICKS = 5.0
 """Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
 
 
 class StopCriterion(Protocol):
-    """A criterion that ends a relay before its periods agree, once the record suffices. It is asked at every tick.
+    """A criterion that ends a relay before its periods agree, once the record suffices. Evaluated at every tick.
 
     Attributes
     ----------
@@ -62,16 +62,16 @@ class StopCriterion(Protocol):
     counted_to: float
 
     def begin(self) -> None:
-        """The oscillation begins, or begins anew with another size."""
+        """The oscillation begins, or begins again with another size."""
         ...
 
     def update(self, relay: Relay, reversals: int) -> str:
-        """Return why *relay* may end after so many *reversals*, empty while it may not. Returns at once."""
+        """Return why *relay* may end after so many *reversals*, or an empty text. Returns at once."""
         ...
 
 
 class Relay(Manoeuvre):
-    """Approach (way on, noise measured), then the relay until its periods agree or *criterion* is met."""
+    """Approach (speed gained, noise measured), then the relay until its periods agree or *criterion* is met."""
 
     kind = "relay"
 
@@ -147,7 +147,8 @@ class Relay(Manoeuvre):
         return self._command(self._output if self._high else -self._output, observation)
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End with what is recorded, if that tells anything: one that does not settle would go on to the limit."""
+        """End with the present record if it contains information; a relay that does not settle would go on to the
+        limit."""
         if self._reversals < LEAST_REVERSALS:
             return None
         return Outcome("stopped", messages.room_ends(self._reversals, where))
@@ -267,7 +268,7 @@ class Relay(Manoeuvre):
         self._end("aborted", reason)
 
     def _outruns_the_ticks(self) -> bool:
-        """Whether the craft swings through the hysteresis within a few control ticks: a larger relay makes it worse."""
+        """Return whether the craft crosses the hysteresis within a few control ticks; a larger relay makes it worse."""
         cycle = self._monitor.state.cycle
         return cycle is not None and 0.5 * (cycle.T_H + cycle.T_L) < LEAST_TICKS * self._tick_time
 

@@ -1,4 +1,4 @@
-"""What a relay experiment is asked to do, and what its options are called."""
+"""Settings of a relay experiment and the names of its options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relays on the autopilot's own set-point: the heading, depth or speed commanded jumps (Miskovic2010, 6.6.4).
+"""Relays on the autopilot's set-point: the commanded heading, depth or speed jumps (Miskovic2010, 6.6.4).
 
 The relay stands outside the closed loop, psi_ref = psi_0 +- C, and switches where the heading passes x_a to
 either side. Two of different size tell the loop as it is flown, (6.49), without driving an actuator directly.
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 __all__ = ["KIND", "SetPointRelay"]
 
 PERIODS, MOST_PERIODS = 5, 15
-"""Consecutive periods that must agree (Miskovic2010, 6.7), and those after which a relay is taken as it is."""
+"""Consecutive periods that must agree (Miskovic2010, 6.7), and number of periods after which a relay ends anyway."""
 LONGEST, LEAST_SWITCHINGS = 110.0, 6
-"""Chosen [s]: a relay that has not settled by then, and has switched so often, is taken as it is: a boat runs on."""
+"""Time [s] and switchings after which an unsettled relay ends anyway: a boat keeps moving. Chosen."""
 SWOLLEN, HELD_PERIODS, LONGEST_HOLD = 3.0, 2.5, 75.0
 """Chosen: a motion of so many times what is commanded is not damped well. The command is then held for so many periods,
 and so many seconds at most: an oscillation that lasts is the loop's own."""
 NOISES = 5.0
-"""Chosen: what is less than so many standard deviations of the noise is no oscillation."""
+"""A motion below this many standard deviations of the noise is not an oscillation. Chosen."""
 LASTS = 0.6
 """Chosen: an oscillation of which so much is left after one period and a half of a constant command lasts: of a damping
 ratio of 0.05 that is 0.62."""
@@ -130,12 +130,12 @@ class SetPointRelay(Manoeuvre):
         return f"{math.degrees(size):g} deg" if self._axis.angular else f"{size:g} {SIGNALS[self.signal].unit}"
 
     def _wanted(self, change: float) -> Command:
-        """Return the command of what it swings about, and *change* to it."""
+        """Return the command about which it oscillates, and *change* to it."""
         self.target = self._base + change
         return set_point(self.signal, self.target, course=self._course, speed=self._speed)
 
     def _held(self, now: Observation) -> Part:
-        """Hold what it swings about for some periods; end if it swings on."""
+        """Hold that command for some periods; end if the oscillation continues."""
         start, period, seen = now.t, self._period, []
         self.phase = "holding"
         self._mark(now.t, "hold", {f"{self.signal}_ref": self._base})

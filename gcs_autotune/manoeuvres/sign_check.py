@@ -29,7 +29,7 @@ DRIFT_WINDOW = 3.0
 NOISES = 5.0
 """Smallest significant motion, in standard deviations of the noise. Chosen."""
 BACK_LONGER = 2.5
-"""The pulse back may take so many times the first one: a craft without drag needs 1 + sqrt(2)."""
+"""Longest pulse back, relative to the first one: a craft without drag needs 1 + sqrt(2)."""
 LAST_LONGER = 2.0
 """Duration of the largest pulse, in multiples of ``longest``. Chosen: with 0.6 of full rudder a boat with a yaw time
 constant of 8 s turns by 2.5 deg in 4 s, too little for a poor compass, and by 9 deg in 8 s."""
@@ -38,13 +38,13 @@ TWICE = 2
 STANDING = 0.9
 """An output this large without any command is at its stop."""
 ASTERN = 0.7
-"""Way of which this share goes backwards is no leeway, and no current from ahead: a propeller turns the wrong way."""
+"""Share of motion astern that is neither leeway nor current: a propeller turns the wrong way."""
 CIRCLING = math.radians(5.0)
 """Chosen [rad/s]: a boat that turns so fast with nothing steered, its speed going up and down, goes not straight."""
 EASED, LEAST_SHARE = 1.0, 1.0 / 64.0
 """Time between two halvings of the throttle [s], and the smallest remaining fraction. Chosen."""
 WAY_NOISES = 4.0
-"""Way of less than so many standard deviations of the speed measurement is no way to steer by."""
+"""Speed below this many standard deviations of its noise is too low for steering."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +166,7 @@ class SignCheck(Manoeuvre):
         return min(max(flown * s.wanted_speed / self._approach.speed, 0.01), s.throttle)
 
     def _ease(self, observation: Observation) -> None:
-        """Halve the throttle of a boat that goes too fast, and let it come to a steady speed again."""
+        """Halve the throttle of a boat that is too fast, and wait for a steady speed."""
         s, t = self._settings, observation.t
         if not observation.speed > s.most_speed or t - self._eased_at < EASED or self._share <= LEAST_SHARE:
             return

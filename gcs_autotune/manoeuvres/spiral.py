@@ -20,11 +20,11 @@ __all__ = ["KINDS", "BechSpiral", "DirectSpiral"]
 KNEE = 1.0 - math.exp(-1.0)
 """Fraction of the steady rate that a turn reaches after one time constant."""
 RATE_TIMES, LEAST_RATE_TIME = 6.0, 8.0
-"""Chosen: a rate is held for so many time constants of the turn, and so many seconds at least."""
+"""Hold of a rate, in time constants of the turn, and its least duration [s]. Chosen."""
 LEAST_LAG = 0.5
 """Shortest time constant assumed [s]. Chosen: with a shorter one the link's delay causes oscillation."""
 LEAST_TURN = math.radians(0.5)
-"""Chosen [rad/s]: a craft that turns no faster at the helm given does not turn."""
+"""A lower turn rate counts as no turn at that helm [rad/s]. Chosen."""
 
 
 class DirectSpiral(UnderWay):

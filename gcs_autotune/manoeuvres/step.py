@@ -42,7 +42,8 @@ MAX_OSCILLATION = 0.5
 """Largest oscillation about the target, relative to the step, that counts as settled; a larger one is recorded for the
 full requested time. Chosen."""
 LEAST_HALF = 4.0
-"""Chosen [s]: a half that lasted so long can be compared. Twice that is less than a boat has where its room ends."""
+"""Least duration of a half that can be compared [s]. Chosen: twice that is less than a boat has before its space ends.
+"""
 LEAST_SAMPLES = 5
 """Fewest second differences that determine the noise."""
 
@@ -213,7 +214,7 @@ class Step(Manoeuvre):
         )
 
     def _stands_there(self, t: float, error: float) -> bool:
-        """Whether the signal has been at its target for long enough; a lone wild sample is no motion."""
+        """Return whether the signal has been at its target for long enough, ignoring single outliers."""
         self._latest.append(error)
         if abs(float(np.median(self._latest))) > self._band:
             self._there_since = math.inf

@@ -1,4 +1,4 @@
-"""Accelerate, coast and stop: from steady way ahead the thrust is taken off, or reversed, until the craft has stopped.
+"""Accelerate, coast and stop: from steady speed ahead the thrust is removed, or reversed, until the craft stops.
 
 Stopping distance and time are read off it (IMO MSC.137(76), 4.2.5, with the astern thrust of 5.3.4; ITTC 7.5-04-02-01).
 """

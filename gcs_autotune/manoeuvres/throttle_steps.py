@@ -40,7 +40,7 @@ less than this fraction of the whole change. Chosen: three time constants, 95 % 
 COASTED = 0.35
 """Coasting ends at this fraction of the working speed, so that the rudder regains effect."""
 FEW = 5
-"""Chosen: of so many readings is the speed that a level begins with."""
+"""Number of readings whose mean is the initial speed of a level. Chosen."""
 TELLING = 2
 """Complete levels that are enough for an identification if space ends. Chosen."""
 BEFORE = 2.0

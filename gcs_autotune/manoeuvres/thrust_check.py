@@ -29,7 +29,7 @@ WINDOW = 3.0
 STILL = 0.04
 """Largest change of speed between the halves of the window, at rest or in steady drift [m/s]. Chosen."""
 LONGEST_REST = 30.0
-"""Chosen [s]: one that still is not at rest then is taken as it is."""
+"""Longest wait for rest [s]; then the check begins anyway. Chosen."""
 UNKNOWN = 12.0
 """Seconds without any speed after which there is none to be had."""
 SHORTEST = 1.5

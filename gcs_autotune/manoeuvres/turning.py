@@ -1,4 +1,4 @@
-"""The turning circle, and the pull-out from it: the rudder held until the bow has gone round, then amidships.
+"""The turning circle and the pull-out: the rudder held until the heading has turned once, then amidships.
 
 Advance, transfer, tactical diameter and the steady turn are read off the circle, directional stability off what is left
 of the turn after the pull-out (ITTC 7.5-04-02-01; IMO MSC.137(76), MSC/Circ.1053).
@@ -19,7 +19,7 @@ from gcs_autotune.manoeuvres.open_loop import turning
 __all__ = ["KINDS", "CircleAndPullOut", "PullOuts"]
 
 LEAST_GAIN, PATIENCE = math.radians(30.0), 60.0
-"""Chosen: a bow that comes round by less than the first [rad] in so many seconds will not come round at all."""
+"""A heading that turns by less than the first [rad] in that many seconds does not turn. Chosen."""
 LEAST_PULL_OUT = 10.0
 """Chosen [s]: as long at least the rudder stays amidships."""
 

@@ -1,4 +1,4 @@
-"""Nomoto's steering models: what control people mean by K and T.
+"""Nomoto's steering models, with their K and T.
 
 First order: ``T r_dot + r = K delta(t - delay)``, Miskovic2010, eq. (4.50); second order:
 ``T_1 T_2 r_ddot + (T_1 + T_2) r_dot + r = K (delta + T_3 delta_dot)`` (Nomoto1957; Miskovic2010 stays with the first),

@@ -39,10 +39,10 @@ LEFT = math.log(0.13) * (DEGREE + 1)
 """Logarithm of what is left; a shorter step, so much smaller than REACH, leaves no more with fewer terms."""
 
 RUNAWAY = 1e9
-"""Velocity at which a simulation with destabilising drag is given up."""
+"""Velocity at which a simulation with destabilising drag is abandoned."""
 
 STEPS_PER_SAMPLE = 500
-"""Steps allowed per output stamp, on average, before a simulation is given up as hopelessly stiff."""
+"""Mean steps per output stamp after which a simulation is abandoned as too stiff."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,11 +24,11 @@ from gcs_autotune_files import shown
 __all__ = ["JOYSTICK_STOP", "TOKEN_HEADER", "Access", "AccessMiddleware", "is_loopback"]
 
 TOKEN_HEADER = "x-autotune-token"
-"""What carries the token. A page elsewhere cannot set it without asking first, and is not answered."""
+"""Header with the token. A page of another origin cannot set it without a preflight request, which is not answered."""
 JOYSTICK_STOP = "joystick-stop"
 """Last part of the one address that is guarded by a key of its own, for STOP and nothing else."""
 WRONG, WITHIN = 10, 60.0
-"""Chosen: wrong tokens from one address within so many seconds, after which more of them are not looked at."""
+"""Wrong tokens from one address within so many seconds after which further ones are ignored. Chosen."""
 _ADDRESSES = 1000
 AT_ONCE, ALL_AT_ONCE = 48, 128
 """Most simultaneous requests and viewers without the token, per address and in total. A STOP and requests with the
@@ -83,7 +83,8 @@ class Access:
         return secrets.token_urlsafe(16)
 
     def may_sit(self, key: str) -> bool:
-        """Whether *key* is the one to a seat of its own, told to who has shown the token; it opens nothing else."""
+        """Return whether *key* is valid for an operator's seat, as issued to a holder of the token; it permits nothing
+        else."""
         return bool(self.seat) and hmac.compare_digest(key.encode(errors="replace"), self.seat.encode())
 
     def may_stop(self, key: str) -> bool:

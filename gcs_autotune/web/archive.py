@@ -29,7 +29,7 @@ KINDS: Mapping[str, str] = {
 DROPPED = (".tlog", ".bin", ".log", ".csv")
 """Endings of the files that are taken in."""
 MOST_BYTES = 512 * 1024 * 1024
-"""Chosen: of one file; an hour of a full-rate log on board has some 300 MB."""
+"""Largest file [bytes]. Chosen: an hour of a full-rate onboard log has about 300 MB."""
 _SPARE = 64 * 1024 * 1024
 """Chosen: bytes left free on the disk, for a run that may be recording."""
 _SHOWN = 300

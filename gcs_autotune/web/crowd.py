@@ -23,7 +23,7 @@ HEADERS_WITHIN = 5.0
 WAITING, OF_ONE_ADDRESS = 128, 96
 """Chosen: connections without a whole request, in all and from one address; a browser opens six."""
 _AGAIN, _OFTEN = 60.0, 3
-"""Chosen: a line of the log comes at most so often within so many seconds."""
+"""Most repeats of a log line, and within how many seconds. Chosen."""
 
 
 class WaitingRoom:

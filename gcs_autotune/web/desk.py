@@ -25,7 +25,7 @@ __all__ = ["DOFS", "Desk", "archive_routes"]
 
 DOFS = ("yaw", "surge", "sway", "heave", "horizontal")
 LONGEST = 1800.0
-"""Chosen [s]: that a piece of work may take."""
+"""Longest duration of a calculation [s]. Chosen."""
 PIECE_WITHIN = 30.0
 """Chosen [s]: in which the next piece of a dropped file has come."""
 _TEXT = 40_000
@@ -47,7 +47,7 @@ REPORTS = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-a
 
 
 class Desk:
-    """One piece of work at a time; it gives way to a run."""
+    """Runs one calculation at a time; a run has priority."""
 
     def __init__(self, archive: Archive, program: CommandLine, live: Live) -> None:
         self._archive = archive

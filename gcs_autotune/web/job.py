@@ -185,7 +185,7 @@ def page_of(directory: Path) -> str:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the object in a file, empty where there is none that can be read."""
+    """Return the object in a JSON file; empty if the file is missing or unreadable."""
     try:
         data = read(path)
     except Refused:

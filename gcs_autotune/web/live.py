@@ -27,7 +27,7 @@ BEHIND = 30
 MOST_VIEWERS = 32
 """Most simultaneous viewers. One with the token replaces one without, if all seats are taken. Chosen."""
 _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
-"""What is kept as it came, the last one counting."""
+"""Messages of which the last one is kept unchanged."""
 _LONGEST = 2000
 """Chosen: characters kept of a sentence."""
 _OVER = ""

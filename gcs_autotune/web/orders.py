@@ -48,7 +48,7 @@ _ONLY: Mapping[str, tuple[str, ...]] = {
 }
 """Number -> the jobs that take it, where not all do."""
 _BOAT, _ROV, _BEFORE_A_WALL = "sitl:charlie", "sitl:bluerov2", "sitl:videoray-wall"
-"""Simulated vehicles to fly a manoeuvre, when no link is given."""
+"""Simulated vehicles for manoeuvres without a link."""
 SIDES = ("starboard", "port")
 _LONGEST_URI, _LONGEST_AREA = 300, 4000
 

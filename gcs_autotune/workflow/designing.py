@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from gcs_autotune.design import Proposal, Spec, StepMetrics, design, design_from
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import Fit
+from gcs_autotune.identify import Fit, Model
 from gcs_autotune.manoeuvres import windows_of
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.context import TuneContext
@@ -123,7 +123,7 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
     )
 
 
-def _design_with_curve(found: Fit, axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:
+def _design_with_curve(found: Fit[Model], axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:
     """Return gains designed with the curve in the loop; errors as those of :func:`gcs_autotune.design.design_from`."""
     model, units, covariance = design_input_of(found)
     return design_from(model, axis, present, spec, inputs=units, names=tuple(found.parameters), covariance=covariance)

@@ -20,6 +20,7 @@ from gcs_autotune.identify import (
     QUADRATIC,
     AxisFit,
     Fit,
+    Model,
     effect_number,
     fit_with_actuator,
     pays,
@@ -84,7 +85,7 @@ def fly_extra(third: ExtraRelay, relays: Relays, runner: ManoeuvreRunner, observ
         return []
 
 
-def _force_of(found: Fit) -> ExtendedModel:
+def _force_of(found: Fit[Model]) -> ExtendedModel:
     assert isinstance(found.model, ExtendedModel)
     return found.model
 

@@ -8,7 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import Fit, Validation, fit_axis, moved_besides, save_model, validate, with_doubt_of_thrust
+from gcs_autotune.identify import (
+    Fit,
+    Model,
+    Validation,
+    fit_axis,
+    moved_besides,
+    save_model,
+    validate,
+    with_doubt_of_thrust,
+)
 from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import (
     Document,
@@ -59,7 +68,7 @@ class FlightResult:
         return self.runs[0].trial
 
     @property
-    def fit(self) -> Fit | None:
+    def fit(self) -> Fit[Model] | None:
         """The first model."""
         return self.models[0].fit if self.models else None
 

@@ -15,7 +15,7 @@ import numpy as np
 from gcs_autotune.axes import axis_kind, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
-from gcs_autotune.identify import AxisFit
+from gcs_autotune.identify import is_of_one_axis
 from gcs_autotune.manoeuvres import CalmCheck, ComeBack, Dive, DiveSettings
 from gcs_autotune.observer import Observer, PredictedTrack
 from gcs_autotune.workflow.announcement import battery, exactly, whole_of
@@ -104,7 +104,7 @@ def fly_plan(
             return write_previews(flight.runs, plan, common.directory, when)
         onboard = run_mission(visit, flight.declare, log)
     result = read_flight(plan, common, record, flight.runs, when, flight.steps)
-    onboard.identify([model.fit for model in result.models if isinstance(model.fit, AxisFit)], when)
+    onboard.identify([model.fit for model in result.models if is_of_one_axis(model.fit)], when)
     return result
 
 

@@ -12,6 +12,7 @@ from gcs_autotune.errors import AutotuneError
 from gcs_autotune.identify import (
     AxisFit,
     Fit,
+    Model,
     fit_axis,
     fit_surge,
     fit_thrust_curve,
@@ -43,7 +44,7 @@ class Identified:
 
     fit: AxisFit
     runs: Sequence[Trial]
-    curved: Fit | None = None
+    curved: Fit[Model] | None = None
     short: bool = False
 
     @property

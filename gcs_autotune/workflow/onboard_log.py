@@ -17,7 +17,7 @@ from gcs_autotune.errors import (
     PreconditionFailed,
     UsageError,
 )
-from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify import AxisFit, fit_axis, structure_of
 from gcs_autotune.link import MavlinkCraft, OnboardLog, fetch_log, list_logs
 from gcs_autotune.logs import load_runs
 from gcs_autotune.observer import Observer
@@ -89,7 +89,7 @@ class RunLog:
             stem = "" if len(fits) == 1 else f"-{fit.dof}"
             try:
                 runs = load_runs(self.path)
-                found = fit_axis(runs, dof=fit.dof, structure=fit.structure)
+                found = fit_axis(runs, dof=fit.dof, structure=structure_of(fit.structure))
             except (DataError, UsageError) as error:
                 self.observer.say(f"{fit.dof} cannot be identified from {self.path.name}: {error}")
                 continue

@@ -29,7 +29,7 @@ from gcs_autotune.design import (
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import CURVE, AxisFit, Fit, square_of
+from gcs_autotune.identify import CURVE, AxisFit, Fit, Model, square_of
 from gcs_autotune.manoeuvres import Step, StepSettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
@@ -265,13 +265,13 @@ def reduction_of(fit: AxisFit) -> Reduction | None:
     return Reduction(fit.model, fit.model.axis.force, fit.craft_covariance, Actuator(square=square), remarks=remarks)
 
 
-def reduction_with_curve(found: Fit, axis: Axis) -> Reduction:
+def reduction_with_curve(found: Fit[Model], axis: Axis) -> Reduction:
     """Return what a loop of *axis* is designed with when the curve is known."""
     model, units, covariance = design_input_of(found)
     return reduce(model, axis.dof, units, law=axis.law, names=tuple(found.parameters), covariance=covariance)
 
 
-def design_input_of(found: Fit) -> tuple[ExtendedModel, dict[str, str], NDArray[np.float64]]:
+def design_input_of(found: Fit[Model]) -> tuple[ExtendedModel, dict[str, str], NDArray[np.float64]]:
     """Return the model, the unit of its inputs and the covariance of its numbers (p, p)."""
     std = np.array([parameter.std for parameter in found.parameters.values()])
     model = found.model

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from gcs_autotune.errors import AutotuneError, NotInformative, UsageError
 from gcs_autotune.experiments import rank_by_precision, relative_errors, shortfall
 from gcs_autotune.firmware import Firmware
-from gcs_autotune.identify import Fit, fit, validate
+from gcs_autotune.identify import Fit, Model, fit, validate
 from gcs_autotune.manoeuvres import (
     MANOEUVRES,
     Envelope,
@@ -189,14 +189,14 @@ class Outlook:
     choices : what to fly next; None if the model is unstable, so that nothing can be predicted.
     """
 
-    fit: Fit
+    fit: Fit[Model]
     relative: Mapping[str, float]
     predicted: float
     choices: tuple[Choice, ...] | None = ()
 
 
 def look_ahead(
-    runs: Sequence[Trial], before: Fit | None, precision: Precision, offers: Sequence[Offer], overhead: float
+    runs: Sequence[Trial], before: Fit[Model] | None, precision: Precision, offers: Sequence[Offer], overhead: float
 ) -> Outlook:
     """Identify the form from all *runs* and rank the *offers*; for a process of its own.
 
@@ -302,7 +302,7 @@ class SelfPlanner:
         self._overhead = OVERHEAD + overhead
         self._known = known
         self._offers = offers_for(until, first.settings, firmware, first.throttle, options)
-        self._before: Fit | None = None
+        self._before: Fit[Model] | None = None
         self._left = until.seconds - (0.0 if known else first.preview.seconds)
         self._why = "flown before" if known else "the first"
         self._name = f"{known} earlier run{'s' * (known > 1)}" if known else first.name

@@ -16,12 +16,14 @@ from gcs_autotune.identify import (
     METHODS,
     AxisFit,
     Fit,
+    Model,
     ModelFile,
     Structure,
     Validation,
     fit,
     fit_surge,
     form_of,
+    is_of_one_axis,
     join,
     model_file_of,
     moved_too,
@@ -98,7 +100,7 @@ def study(
     assert answer.fit is not None
     drags = Weighed()
     plain = whole_model(answer.fit) is answer.fit.model
-    if settings.check and isinstance(answer.fit, AxisFit) and settings.structure is None and plain:
+    if settings.check and is_of_one_axis(answer.fit) and settings.structure is None and plain:
         stage("comparing damping structures", 0, 1)
         drags = drags_weighed(answer.fit, runs)
     if settings.plan_next is not None:
@@ -130,7 +132,7 @@ def study(
 
 def _naming_what_moved_too(answer: MethodOutcome, runs: Sequence[Trial]) -> MethodOutcome:
     """Return *answer* with a doubt for degrees of freedom that moved but are not in its model."""
-    if not isinstance(answer.fit, AxisFit):
+    if not is_of_one_axis(answer.fit):
         return answer
     doubts = (*answer.fit.doubts, *moved_too(runs, (answer.fit.dof,)))
     return replace(answer, fit=replace(answer.fit, doubts=doubts))
@@ -215,7 +217,7 @@ def _outcome(
 ) -> MethodOutcome:
     begun = time.perf_counter()
 
-    def identify(trials: Sequence[Trial]) -> Fit:
+    def identify(trials: Sequence[Trial]) -> Fit[Model]:
         options = {k: v for k, v in settings.options.items() if not lenient or k in dict(METHODS[method].options)}
         if method == "output-error" and _shows_a_thrust_curve(trials, settings):
             return fit_surge(trials, structure=_drag(settings), delay=settings.delay)
@@ -262,8 +264,8 @@ def _drag(settings: StudySettings) -> Structure | None:
 
 
 def _check(
-    found: Fit,
-    identify: Callable[[Sequence[Trial]], Fit],
+    found: Fit[Model],
+    identify: Callable[[Sequence[Trial]], Fit[Model]],
     runs: Sequence[Trial],
     unseen: Sequence[Trial],
     begin: Callable[[], None],
@@ -281,7 +283,7 @@ def _check(
 
 
 def _folds(
-    found: Fit, identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial], unseen: Sequence[Trial]
+    found: Fit[Model], identify: Callable[[Sequence[Trial]], Fit[Model]], runs: Sequence[Trial], unseen: Sequence[Trial]
 ) -> Iterator[tuple[Callable[[], Any], Sequence[Trial]]]:
     """Yield a function that fits, and the runs that its model must predict."""
     if unseen:
@@ -310,7 +312,7 @@ def _with_what_went_before(rest: Trial, run: Trial, model: ExtendedModel) -> Tri
     return replace(rest, channels={**rest.channels, **commands})
 
 
-def _model_of(identify: Callable[[Sequence[Trial]], Fit], runs: Sequence[Trial]) -> Any:
+def _model_of(identify: Callable[[Sequence[Trial]], Fit[Model]], runs: Sequence[Trial]) -> Any:
     return whole_model(identify(runs))
 
 

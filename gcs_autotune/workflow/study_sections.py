@@ -26,7 +26,9 @@ from gcs_autotune.identify import (
     AxisFit,
     Fit,
     FrequencyResponse,
+    Model,
     ModelFile,
+    is_of_one_axis,
     model_file_of,
     scaled_form,
 )
@@ -92,7 +94,7 @@ class Proposed:
     pictures: tuple[Plot, ...] = ()
 
 
-def not_distinguished(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
+def not_distinguished(fit: Fit[Model], runs: Sequence[Trial]) -> tuple[str, ...]:
     """Return which parameters these runs do not determine, one sentence each."""
     try:
         doubts = identifiability(fit, runs).doubts
@@ -101,7 +103,7 @@ def not_distinguished(fit: Fit, runs: Sequence[Trial]) -> tuple[str, ...]:
     return tuple(f"{d.cause}: {d.cure}." for d in doubts)
 
 
-def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
+def compared(fit: Fit[Model], other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
     """Return how the model of *fit* and the *other* respond to the inputs of *runs*, axis by axis.
 
     Raises
@@ -113,7 +115,7 @@ def compared(fit: Fit, other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComp
     return compare_models(own.model, other.model, (own.inputs, other.inputs), runs)
 
 
-def profiled(fit: Fit, runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
+def profiled(fit: Fit[Model], runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
     """Return the profile-likelihood intervals of the parameters *names*, and how the estimates are correlated.
 
     Raises
@@ -192,7 +194,7 @@ def forms_weighed(choice: FormChoice) -> Weighed:
     return Weighed(rows, "; ".join(choice.reasons) + ("." if choice.reasons else ""))
 
 
-def next_manoeuvres(fit: Fit, runs: Sequence[Trial], seconds: float) -> Proposed:
+def next_manoeuvres(fit: Fit[Model], runs: Sequence[Trial], seconds: float) -> Proposed:
     """Return the recommended manoeuvres, the verdict, and a plot of the improvement by the best one."""
     proposal = plan_next(fit, runs, seconds=seconds)
     rows = []
@@ -214,9 +216,9 @@ def _times(factor: float) -> str:
     return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
 
 
-def response_plots(fits: Sequence[Fit]) -> tuple[Plot, ...]:
+def response_plots(fits: Sequence[Fit[Model]]) -> tuple[Plot, ...]:
     """Return the Bode plot if one of the fits measured a frequency response."""
-    found = next((f for f in fits if isinstance(f, AxisFit) and f.method == "frequency"), None)
+    found = next((f for f in fits if is_of_one_axis(f) and f.method == "frequency"), None)
     if found is None:
         return ()
     response = FrequencyResponse.from_dict(found.extra["response"])

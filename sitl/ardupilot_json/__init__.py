@@ -1,4 +1,4 @@
-"""A hull of ours under ArduPilot's own firmware, by way of its external-physics interface (``--model JSON``).
+"""A hull under ArduPilot's own firmware, by its external-physics interface (``--model JSON``).
 
 ``wire`` is the format, ``physics`` the hull and what ArduPilot's simulated sensors need of it, ``firmware`` the
 parameters and the command line ArduPilot needs, ``serve`` the loop. The autopilot, its sensors' noise and its clock

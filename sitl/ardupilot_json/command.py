@@ -55,7 +55,7 @@ def run_json(
     effects: Sequence[HiddenEffect],
     model: FlownModel | None,
 ) -> None:
-    """Serve the hull of *data* at *address* until interrupted, then say how fast that went (on standard error)."""
+    """Serve the hull of *data* at *address* until interrupted; report the speed to standard error."""
     host, port = _read_address(address)
     server = JsonServer(Physics(data, seed=seed, effects=effects, model=model), host=host, port=port, say=_say)
     _say(f"{data.title}: external physics at {host}:{server.port}, waiting for ArduPilot. Start it with")

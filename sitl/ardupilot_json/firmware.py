@@ -1,4 +1,4 @@
-"""What ArduPilot must be told so that its outputs drive this hull: parameters, and how to start it."""
+"""Parameters and command line with which ArduPilot's outputs drive this hull."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ is: an output without a pulse takes 45 A, so that a frame of fewer has an empty 
 
 
 def needed_parameters(data: VehicleData) -> dict[str, float]:
-    """Return the parameters ArduPilot needs for the vehicle of *data*, by ArduPilot's names; its owner's among them."""
+    """Return the parameters that ArduPilot needs for the vehicle of *data*, including its owner's."""
     return {**_SENSORS, **_BY_ACTUATORS[str(data.tables["actuators"])], **data.parameters}
 
 

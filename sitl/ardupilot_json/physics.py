@@ -1,9 +1,9 @@
-"""The hull, and what it looks like to ArduPilot's simulated sensors.
+"""The hull and its data for ArduPilot's simulated sensors.
 
-Roll and pitch are held at zero: our hulls have no dynamics there, and an attitude that the accelerometer does not
-bear out would be worse than none. Sensor effects reach ArduPilot where they can: the heading through ``attitude``
-(its compass), rates through ``gyro``, speed and position through ``velocity`` and ``position`` (its GPS; its pressure
-sensor for depth). The accelerometer always tells the truth.
+Roll and pitch are held at zero: the hull has no dynamics there, and an attitude that contradicts the accelerometer
+would be worse. Sensor effects act where the interface allows: heading through ``attitude`` (compass), rates through
+``gyro``, speed and position through ``velocity`` and ``position`` (GPS, and pressure sensor for depth). The
+accelerometer is always exact.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sitl.sensors import SensorReading
 __all__ = ["Physics"]
 
 _LONGEST_STEP = 0.02
-"""Chosen: of the hull's Runge-Kutta [s], as in our own simulator; a longer frame is cut."""
+"""Longest Runge-Kutta step of the hull [s], as in our own simulator; a longer frame is divided. Chosen."""
 _FULL_BATTERY = 12.6
 """Open-circuit voltage [V]: ArduPilot's SIM_BATT_VOLTAGE."""
 _LEVEL = {"phi", "theta"}
@@ -59,7 +59,7 @@ class Physics:
         self.restart()
 
     def restart(self) -> None:
-        """Put a new hull at home, as a restart of ArduPilot does with its own models."""
+        """Put a new hull at home, as ArduPilot does with its own models at a restart."""
         craft = Craft(self._data, effects=self._effects, model=self._model)
         craft.plant.state.z = 0.0
         for effect in craft.effects:
@@ -77,7 +77,7 @@ class Physics:
         self._tell((0.0, 0.0, -GRAVITY))
 
     def step(self, dt: float, pwm: Sequence[int]) -> State:
-        """Let *dt* [s] pass under servo pulses *pwm* [us] and return what it looks like then."""
+        """Advance by *dt* [s] under servo pulses *pwm* [us] and return the new state."""
         self._pwm = pwm
         count = max(1, math.ceil(dt / _LONGEST_STEP - 1e-9))
         force = [0.0, 0.0, 0.0]
@@ -91,7 +91,7 @@ class Physics:
 
     @property
     def shares(self) -> dict[str, float]:
-        """What the last pulses ask of each axis, as shares of full, before any effect."""
+        """Normalised outputs commanded by the last pulses, before any effect."""
         return self.craft.actuators.read(self._pwm)
 
     def _velocity(self) -> tuple[float, float, float]:
@@ -102,7 +102,7 @@ class Physics:
         return c * u - s * v, s * u + c * v, plant.state.w
 
     def _tell(self, force: tuple[float, float, float]) -> None:
-        """Fill the state from the truth, or from what the sensor effects make of it."""
+        """Fill the reported state from the true one and the sensor effects."""
         plant, state, reading = self.craft.plant, self.state, self._reading
         true = plant.state
         state.t = self.seconds
@@ -127,7 +127,7 @@ class Physics:
 
 
 def _refuse(effect: HiddenEffect) -> None:
-    """Raise ``BadEffect`` when ArduPilot cannot be shown *effect*."""
+    """Raise ``BadEffect`` if *effect* cannot reach ArduPilot."""
     if effect.overrides("alter_report"):
         raise BadEffect(
             f"{effect.slug} acts on the record, which ArduPilot itself writes under --ardupilot-json. "

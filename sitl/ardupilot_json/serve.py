@@ -1,4 +1,4 @@
-"""The lock-step loop on UDP: ArduPilot asks, every request is answered, time is ArduPilot's."""
+"""The lock-step loop on UDP: ArduPilot sends requests, each is answered, and time is ArduPilot's."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ class JsonServer:
         self.port: int = self._socket.getsockname()[1]
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._socket.close()
 
     def serve(self) -> None:
-        """Answer for ever; an exception (Ctrl-C) ends it."""
+        """Answer until an exception (Ctrl-C) ends it."""
         while True:
             self.serve_one()
 
@@ -116,7 +116,7 @@ class JsonServer:
         return self._answer
 
     def _begin(self, servos: Servos, sender: tuple[str, int]) -> None:
-        """Take *sender* as the autopilot; a hull that has moved is put back home."""
+        """Accept *sender* as the autopilot; a hull that has moved is returned home."""
         if self.physics.seconds > 0.0:
             self.physics.restart()
         if servos.count > 0:  # ours was started in mid-run: its clock goes on, or it would take our time for a jump

@@ -18,7 +18,7 @@ _OUTPUTS = 16
 
 
 class BadPacket(ValueError):
-    """A datagram that is no servo packet; the message says why."""
+    """A datagram that is not a servo packet; the message states why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +77,6 @@ _FORM = (
 
 
 def write_state(state: State) -> bytes:
-    """Return the datagram that tells *state*."""
+    """Return the datagram for *state*."""
     motion = (*state.gyro, *state.force, *state.position, *state.attitude, *state.velocity)
     return (_FORM % (state.t, *motion, state.voltage, state.current)).encode("ascii")

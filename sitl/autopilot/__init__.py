@@ -1,4 +1,4 @@
-"""The stand-in autopilot: ArduRover and ArduSub as far as a tuner meets them.
+"""The simulated autopilot: the parts of ArduRover and ArduSub that a tuner uses.
 
 ``autopilot`` is what both share; ``rover*`` and ``sub*`` are the two firmwares; ``pid`` and ``shaping`` the blocks
 their loops are built of; ``parameters`` the store, ``*_parameters`` the tables.
@@ -44,10 +44,10 @@ FIRMWARE: Mapping[str, tuple[type[Autopilot], Sequence[Definition]]] = {
 """Name in a vehicle's data file -> the autopilot and its parameters."""
 
 _MOST_RATE = 1000
-"""Time is told in whole milliseconds."""
+"""Highest loop rate [Hz]: time is reported in whole milliseconds."""
 
 
 def loop_rate(parameters: ParameterStore) -> int:
-    """Return SCHED_LOOP_RATE [Hz] as it acts here: a multiple of :data:`SLOW_RATE`, at most 1000."""
+    """Return SCHED_LOOP_RATE [Hz] as applied here: a multiple of :data:`SLOW_RATE`, at most 1000."""
     whole = int(parameters["SCHED_LOOP_RATE"]) // SLOW_RATE * SLOW_RATE
     return max(SLOW_RATE, min(_MOST_RATE, whole))

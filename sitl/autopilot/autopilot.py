@@ -1,4 +1,4 @@
-"""What both firmwares share: boot, modes, arming, texts, estimate, battery, and the order of things in one loop."""
+"""Common part of both firmwares: boot, modes, arming, texts, estimate, battery, and the order of one loop."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 
 
 class StateEstimate:
-    """The attitude and position that the autopilot believes: the sensors through its filters.
+    """Attitude and position as estimated by the autopilot: sensors through its filters.
 
     SI, radians, NED; ``yaw`` is not filtered, ``yaw_rate`` is: it lags by the gyro filter (INS_GYRO_FILTER), 4 Hz on
     Rover, which is about 55 ms. ``climb`` and ``climb_acceleration`` point up.
@@ -48,7 +48,7 @@ class StateEstimate:
         self.distance = math.nan
 
     def update(self, reading: SensorReading, dt: float) -> None:
-        """Take in one sample of the sensors."""
+        """Process one sample of the sensors."""
         values = self._values
         self.roll, self.pitch, self.yaw = reading.phi, reading.theta, reading.psi
         self.roll_rate, self.pitch_rate = reading.p, reading.q
@@ -108,7 +108,7 @@ class BatteryMonitor:
         return "Battery 1 low voltage failsafe" if self.is_low else None
 
     def update(self, owner: _Owner, voltage: float, consumed_mah: float) -> None:
-        """Take in the present voltage [V] and charge used [mAh]."""
+        """Process the present voltage [V] and charge used [mAh]."""
         values = self._values
         self.voltage = voltage
         if self.is_low or not 0.0 < voltage < values["BATT_LOW_VOLT"]:
@@ -123,7 +123,7 @@ class BatteryMonitor:
 
 
 SLOW_RATE = 50
-"""Hz at which sticks are read and failsafes looked at, whatever the loop rate (ArduPilot's scheduler tables)."""
+"""Rate [Hz] at which sticks and failsafes are processed, whatever the loop rate (ArduPilot's scheduler tables)."""
 
 CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
 """MAV_SEVERITY."""
@@ -183,23 +183,23 @@ class Autopilot(ABC):
 
     @abstractmethod
     def check_failsafes(self) -> None:
-        """Look for lost pilots and ground stations, and act."""
+        """Check for a lost pilot or ground station, and act."""
 
     @abstractmethod
     def act_on_battery(self, action: int) -> None:
-        """Carry out the battery failsafe's *action* (the firmware's own numbers)."""
+        """Execute the battery failsafe's *action* (the firmware's own numbers)."""
 
     @abstractmethod
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the craft must not arm, or None. *arming*: also what only counts at that moment."""
+        """Return why the craft must not arm, or None. *arming*: include checks made only at arming."""
 
     @abstractmethod
     def write_outputs(self) -> None:
-        """Put the demands, or neutral when disarmed, on the servo rail."""
+        """Write the demands, or neutral if disarmed, to the servo outputs."""
 
     @property
     def pwm(self) -> list[int]:
-        """The pulses on the servo rail [us]."""
+        """Servo pulses [us]."""
         return self.rail.pwm
 
     @property
@@ -208,11 +208,11 @@ class Autopilot(ABC):
         return self.ms >= self.ready_ms
 
     def say(self, severity: int, text: str) -> None:
-        """Queue a STATUSTEXT (at most 50 characters reach the ground)."""
+        """Queue a STATUSTEXT (cut to 50 characters)."""
         self.texts.append((severity, text))
 
     def note_gcs(self) -> None:
-        """Note that the ground station with the right id has spoken."""
+        """Record a message of the ground station with the right id."""
         self.last_gcs_ms = self.ms
 
     def tick(self, ms: int, reading: SensorReading, voltage: float, consumed_mah: float) -> None:
@@ -230,7 +230,7 @@ class Autopilot(ABC):
         self.write_outputs()
 
     def set_mode(self, number: int) -> bool:
-        """Change the flight mode; return whether it was accepted (a text says why not)."""
+        """Change the flight mode; return whether it was accepted (a text states why not)."""
         mode = self.modes.get(number)
         if mode is None:
             self.say(WARNING, f"No such mode {number}")
@@ -260,7 +260,7 @@ class Autopilot(ABC):
         return None
 
     def arm(self, *, force: bool) -> bool:
-        """Arm; return whether that was accepted (a text says why not)."""
+        """Arm; return whether it was accepted (a text states why not)."""
         if self.armed:
             return True
         fault = None if force else self.arming_fault(arming=True)

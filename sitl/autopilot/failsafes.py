@@ -1,4 +1,4 @@
-"""What the firmwares do about lost sticks and a lost ground station.
+"""Actions of the firmwares on lost sticks and on a lost ground station.
 
 Rover's two failsafes share one trigger, as in the firmware, which is why a lost ground station is announced as "Radio
 Failsafe": the radio check runs more often and is the first to find the time-out over, whatever started it.
@@ -36,7 +36,7 @@ def act_on_failsafe(owner: Autopilot, action: int) -> None:
 
 
 class RoverFailsafe:
-    """``events``: what is wrong now; ``triggered``: what has been acted on."""
+    """``events``: present faults; ``triggered``: those acted on."""
 
     def __init__(self, parameters: ParameterStore, owner: Autopilot) -> None:
         self._values = parameters.values
@@ -48,11 +48,11 @@ class RoverFailsafe:
 
     @property
     def radio_lost(self) -> bool:
-        """Whether no usable stick comes in just now."""
+        """Whether no valid stick input arrives."""
         return bool(self.events & _RADIO)
 
     def update(self, throttle_pwm: int, fresh: bool) -> None:
-        """Look once per loop; *fresh*: valid sticks have come in since the last look."""
+        """Check once per loop; *fresh*: valid sticks have arrived since the last check."""
         owner, values = self._owner, self._values
         if fresh:
             self._last_valid_ms = owner.ms
@@ -112,7 +112,7 @@ class SubFailsafe:
         self.gcs_lost = False
 
     def update(self) -> None:
-        """Look, three times a second."""
+        """Check, three times a second."""
         if self._owner.ms % _SUB_PERIOD_MS == 0:
             self._check_pilot()
             self._check_gcs()

@@ -1,4 +1,4 @@
-"""What a flight mode is."""
+"""Interface of a flight mode."""
 
 from __future__ import annotations
 
@@ -53,4 +53,4 @@ class Mode(ABC):
 
     @abstractmethod
     def run(self) -> None:
-        """Turn sticks or targets into demands on the motors."""
+        """Convert sticks or targets into demands on the motors."""

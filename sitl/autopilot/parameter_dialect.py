@@ -1,4 +1,4 @@
-"""What other firmware generations call the parameters, and in which units: the autopilot as seen on the wire.
+"""Parameter names and units of other firmware generations: the autopilot as seen over MAVLink.
 
 Inside, the autopilot has the names of mid-2025 (MAV_* already new, all else old). Sources: ArduPilot's "Parameter Name
 Changes" 4.6 to 4.7, and a Sub of December 2025, which has some of the new names and not yet others.
@@ -20,7 +20,7 @@ _FLOAT, _INT16, _INT32 = 9, 4, 6
 
 
 class UnknownGeneration(ValueError):
-    """There is no such firmware generation."""
+    """There is no firmware generation of that name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,13 +102,13 @@ _LATER_ON = {
 
 _BEFORE_THOSE = frozenset({"4.5", "4.6"})
 _BUILT_IN = {"ATC_STR_DEC_MAX": 0.0, "RC_FS_TIMEOUT": 0.5, "SURFACE_MAX_THR": 1.0, "RCMAP_THROTTLE": 0.0}
-"""What they do instead: sticks are missed after 0.5 s, thrust is not limited at the surface, the throttle stick counts
-from its trim (0: see ``Sub``)."""
+"""Their fixed behaviour instead: sticks time out after 0.5 s, thrust is not limited at the surface, the throttle stick
+counts from its trim (0: see ``Sub``)."""
 _EARLIER_RC3_TRIM = 1100.0
 """ArduSub's default before 4.7 (then 1500)."""
 
 _ANSWER_ERRORS = frozenset({"4.7-dev", "4.7"})
-"""Generations that answer PARAM_ERROR where the others keep silent (seen in December 2025)."""
+"""Generations that answer PARAM_ERROR where others are silent (observed in December 2025)."""
 
 
 class ParameterDialect:
@@ -153,11 +153,11 @@ class ParameterDialect:
         return written if meant == inside else stored(word.kind, word.there(inside))
 
     def name_at(self, index: int) -> str | None:
-        """Return the name at *index*, or None when there is none."""
+        """Return the name at *index*, or None."""
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def index_of(self, name: str) -> int:
-        """Return the place of *name* in the list."""
+        """Return the index of *name* in the list."""
         return self._index[name]
 
     def kind_of(self, name: str) -> int:
@@ -171,7 +171,7 @@ class ParameterDialect:
         return inside if word is None else stored(word.kind, word.there(inside))
 
     def write(self, name: str, value: float) -> bool:
-        """Take a value written by a ground station; return whether it was taken, as ``ParameterStore.write``."""
+        """Write a value from a ground station; return whether it was accepted, as ``ParameterStore.write``."""
         if self._store.is_read_only(self._inside[name]):
             raise ReadOnlyParameter(name)
         if not math.isfinite(value):

@@ -1,4 +1,4 @@
-"""The autopilot's parameters: names, stored types, values, and how a written value is taken."""
+"""The autopilot's parameters: names, stored types, values, and how a written value is stored."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _TYPES: Mapping[str, int] = {"i8": 2, "i16": 4, "i32": 6, "f32": _FLOAT}
 """Stored type -> MAV_PARAM_TYPE."""
 _RANGES: Mapping[int, tuple[float, float]] = {2: (-128, 127), 4: (-32768, 32767), 6: (-2147483648, 2147483647)}
 _NUDGE = 0.01
-"""ArduPilot adds this before it cuts a float to an integer: 2.99 is stored as 3, 2.7 as 2."""
+"""ArduPilot adds this before it truncates a float to an integer: 2.99 is stored as 3, 2.7 as 2."""
 
 
 class ReadOnlyParameter(ValueError):
-    """Somebody wrote a parameter that only the firmware may change."""
+    """Attempt to write a parameter that only the firmware may change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ def _as_float32(value: float) -> float:
 
 
 def stored(kind: int, value: float) -> float:
-    """Return *value* as a parameter of that MAV_PARAM_TYPE holds it."""
+    """Return *value* as stored in a parameter of that MAV_PARAM_TYPE."""
     if kind == _FLOAT:
         limit = 3.4028234e38
         return _as_float32(max(-limit, min(limit, value)))
@@ -75,11 +75,11 @@ class ParameterStore:
         return self.values[name]
 
     def name_at(self, index: int) -> str | None:
-        """Return the name at *index*, or None when there is none."""
+        """Return the name at *index*, or None."""
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def index_of(self, name: str) -> int:
-        """Return the place of *name* in the list."""
+        """Return the index of *name* in the list."""
         return self._index[name]
 
     def kind_of(self, name: str) -> int:
@@ -87,7 +87,7 @@ class ParameterStore:
         return self._definitions[name].kind
 
     def write(self, name: str, value: float) -> bool:
-        """Take a value written by a ground station; return whether it was taken (NaN and infinity are not).
+        """Write a value from a ground station; return whether it was accepted (NaN and infinity are not).
 
         Raises
         ------
@@ -105,7 +105,7 @@ class ParameterStore:
         return True
 
     def preset(self, name: str, value: float) -> None:
-        """Set a value from inside: defaults of a vehicle, a memory read at boot. ``KeyError`` when unknown."""
+        """Set a value internally: vehicle defaults, or values read at boot. ``KeyError`` if unknown."""
         self.values[name] = stored(self._definitions[name].kind, value)
         self.version += 1
 

@@ -1,4 +1,4 @@
-"""The PID block all loops of the firmware share (the structure of ArduPilot's AC_PID)."""
+"""The PID controller of all firmware loops (structure of ArduPilot's AC_PID)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Pid:
         self._new_target = self._new_error = self._new_slope = 1.0
 
     def reset(self) -> None:
-        """Forget the integral and let the filters start anew."""
+        """Clear the integral and restart the filters."""
         self.integrator = 0.0
         self._fresh = True
 

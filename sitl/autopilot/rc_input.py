@@ -1,8 +1,7 @@
-"""RC channels: overrides from the ground station, their expiry, and the receiver there may be.
+"""RC channels: overrides from the ground station, their expiry, and an optional receiver.
 
-Without a receiver a channel keeps its last value when its override is released or expires; only the radio
-failsafe brings the outputs to neutral. That is the firmware's behaviour, and the reason to send neutral sticks
-before letting go.
+Without a receiver a channel keeps its last value when its override is released or expires; only the radio failsafe
+brings the outputs to neutral. The firmware behaves so, which is why neutral sticks are sent before a release.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ class RcInput:
         self._override = [0] * (CHANNELS + 1)
 
     def update(self, ms: int) -> bool:
-        """Read the sticks; return whether anything valid came in since the last call."""
+        """Read the sticks; return whether a valid input has arrived since the last call."""
         if self.has_receiver:
             self._had_receiver = True
         elif not self._new:

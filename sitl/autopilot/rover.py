@@ -24,7 +24,7 @@ _LEAST_CRUISE, _MOST_CRUISE = 5.0, 100.0
 
 
 class Rover(Autopilot):
-    """The Rover firmware. Boots in INITIAL_MODE when that is a mode of ours, else in MANUAL."""
+    """The Rover firmware. Boots in INITIAL_MODE if that mode is simulated, else in MANUAL."""
 
     firmware = "ArduRover"
     mav_type = 11
@@ -62,23 +62,23 @@ class Rover(Autopilot):
 
     @property
     def failsafe(self) -> bool:
-        """Whether a failsafe has been acted on and its cause lasts."""
+        """Whether a failsafe has acted and its cause persists."""
         return bool(self._failsafe.triggered)
 
     @property
     def throttle_percent(self) -> int:
-        """The size of the throttle demand [%]."""
+        """Magnitude of the throttle demand [%]."""
         return round(abs(self.motors.throttle))
 
     def check_failsafes(self) -> None:
-        """Read the sticks and look for lost ones."""
+        """Read the sticks and check for a loss."""
         fresh = self.rc.update(self.ms)
         self._failsafe.update(self.rc.pwm[THROTTLE_CHANNEL], fresh)
         if self.ms % _TURNING_MS == 0:
             self.helm.read_turning()
 
     def act_on_battery(self, action: int) -> None:
-        """Carry out BATT_FS_LOW_ACT, as FS_ACTION."""
+        """Execute BATT_FS_LOW_ACT, as FS_ACTION."""
         act_on_failsafe(self, action)
 
     def disarm(self) -> bool:
@@ -102,7 +102,7 @@ class Rover(Autopilot):
         return self.battery.arming_fault()
 
     def write_outputs(self) -> None:
-        """Put steering and throttle on the servo rail."""
+        """Write steering and throttle to the servo outputs."""
         self.motors.output(self.rail, self.estimate.speed, armed=self.armed)
 
     def stick(self, channel: int, full: int) -> int:
@@ -123,7 +123,7 @@ class Rover(Autopilot):
         return steering, throttle
 
     def pilot_speed(self, throttle: float) -> float:
-        """Return the speed [m/s] a throttle stick of -1..1 asks for: full stick is CRUISE_SPEED at 100 %."""
+        """Return the speed [m/s] commanded by a throttle stick of -1..1: full stick is CRUISE_SPEED at 100 %."""
         percent = self.parameters["CRUISE_THROTTLE"]
         return 0.0 if percent <= 0.0 else throttle * self.parameters["CRUISE_SPEED"] * 100.0 / percent
 
@@ -149,7 +149,7 @@ class _RoverMode(Mode):
 
 
 class RoverManualMode(_RoverMode):
-    """Sticks straight to the servos."""
+    """Passes sticks directly to the servos."""
 
     number, name, flags = 0, "MANUAL", _MANUAL_INPUT
 
@@ -195,11 +195,11 @@ class SteeringMode(_RoverMode):
 
 
 class HoldMode(_RoverMode):
-    """Everything off and amidships."""
+    """All outputs neutral."""
 
     number, name, flags = 4, "HOLD", _STABILIZE
 
     def run(self) -> None:
-        """Demand nothing."""
+        """Demand zero."""
         self.rover.motors.set_steering(0.0, scaled=False)
         self.rover.motors.set_throttle(0.0)

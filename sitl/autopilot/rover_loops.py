@@ -36,7 +36,7 @@ class RoverSteering:
         self.limited_left = self.limited_right = False
 
     def rate_for_heading(self, error: float, top: float = 0.0) -> float:
-        """Return the turn rate [rad/s] wanted for a heading *error* [rad]; at most *top* (0: no such limit)."""
+        """Return the demanded turn rate [rad/s] for a heading *error* [rad]; at most *top* (0: no limit)."""
         values = self._values
         rate = values["ATC_STR_ANG_P"] * error
         if top > 0.0:

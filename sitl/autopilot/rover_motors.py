@@ -59,12 +59,12 @@ class RoverMotors:
         self.throttle = clamp(percent, -top, top)
 
     def stop(self) -> None:
-        """Drop every demand (disarmed)."""
+        """Clear all demands (disarmed)."""
         self.steering = self.throttle = self._last_throttle = self._servo = self._left = self._right = 0.0
         self.limit_left = self.limit_right = self.limit_throttle = False
 
     def output(self, rail: ServoRail, speed: float, *, armed: bool) -> None:
-        """Write the pulses for a boat doing *speed* [m/s]."""
+        """Write the pulses at *speed* [m/s]."""
         if not armed:
             self.stop()
             silent = self._values["MOT_SAFE_DISARM"] != 0.0
@@ -103,7 +103,7 @@ class RoverMotors:
         return clamp(steering, -1.0, 1.0)
 
     def _turn_thrust(self, steering: float) -> float:
-        """Vectored thrust: steering is a sideways force, so the thrust is turned the less the more of it there is."""
+        """Vectored thrust: steering is a sideways force, so more thrust needs a smaller angle."""
         widest = math.radians(min(self._values["MOT_VEC_ANGLEMAX"], 90.0))
         throttle = self.throttle / 100.0
         limit = abs(throttle * math.tan(widest))
@@ -117,7 +117,7 @@ class RoverMotors:
         return angle / widest
 
     def _mix(self) -> None:
-        """Share the two thrusters out between throttle and steering, as far as they reach."""
+        """Distribute throttle and steering to the two thrusters within their limits."""
         values = self._values
         asymmetry = max(values["MOT_THST_ASYM"], 1.0)
         floor = -1.0 / asymmetry

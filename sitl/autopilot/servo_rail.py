@@ -1,4 +1,4 @@
-"""The servo outputs: which function drives which channel, and from a demand to a pulse."""
+"""The servo outputs: the function of each channel, and conversion of a demand to a pulse."""
 
 from __future__ import annotations
 

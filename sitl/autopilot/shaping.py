@@ -1,4 +1,4 @@
-"""Small signal shapers that the control loops share: limits, square-root controller, filters."""
+"""Signal shapers shared by the control loops: limits, square-root controller, filters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def wrap_pi(angle: float) -> float:
 
 
 def clamp(value: float, low: float, high: float) -> float:
-    """Return *value* kept within [low, high]."""
+    """Return *value* limited to [low, high]."""
     return low if value < low else high if value > high else value
 
 
@@ -57,7 +57,7 @@ def invert_sqrt_controller(rate: float, p: float, limit: float) -> float:
 
 
 def low_pass_share(cutoff: float, dt: float) -> float:
-    """Return how much of a new sample a one-pole filter of *cutoff* [Hz] takes in; 1 when there is no filter."""
+    """Return the gain of a one-pole filter of *cutoff* [Hz] on a new sample; 1 without a filter."""
     return 1.0 if cutoff <= 0.0 else dt / (dt + 1.0 / (math.tau * cutoff))
 
 

@@ -62,12 +62,12 @@ class Sub(Autopilot):
         return round(100.0 * self.motors.throttle)
 
     def check_failsafes(self) -> None:
-        """Read the sticks and look for lost ones."""
+        """Read the sticks and check for a loss."""
         self.rc.update(self.ms)
         self._failsafe.update()
 
     def act_on_battery(self, action: int) -> None:
-        """Carry out BATT_FS_LOW_ACT: 0 nothing, anything else disarms (surfacing is not simulated)."""
+        """Execute BATT_FS_LOW_ACT: 0 nothing, others disarm (surfacing is not simulated)."""
         if action:
             self.disarm()
 
@@ -78,17 +78,17 @@ class Sub(Autopilot):
         return "Gyros not calibrated" if self.ms < self.ready_ms else self.battery.arming_fault()
 
     def write_outputs(self) -> None:
-        """Put the motors' pulses on the servo rail."""
+        """Write the motors' pulses to the servo outputs."""
         if not self.armed:
             self.reset_loops()
         self.motors.output(self.rail, armed=self.armed)
 
     def note_pilot(self) -> None:
-        """Note that sticks have come from the ground."""
+        """Record sticks from the ground."""
         self._failsafe.last_pilot_ms = self.ms
 
     def reset_loops(self) -> None:
-        """Let heading and depth be held where they are now."""
+        """Hold the present heading and depth."""
         estimate = self.estimate
         self._hold_heading = estimate.yaw
         self.yaw.reset(estimate.yaw)
@@ -146,7 +146,7 @@ class Sub(Autopilot):
         return stick if self.parameters["RCMAP_THROTTLE"] else 2.0 * stick - 1.0
 
     def steer(self) -> None:
-        """Turn as the yaw stick says, else hold the heading once 250 ms have passed to come to rest."""
+        """Turn by the yaw stick, else hold the heading after 250 ms to come to rest."""
         estimate, ms = self.estimate, self.ms
         stick = self.rc.angle(_YAW, _YAW_STICK_FULL, self.parameters["RC4_DZ"] * self.gain)
         if ms - self._target_ms < _TARGET_LIFE_MS:
@@ -162,7 +162,7 @@ class Sub(Autopilot):
         self.motors.yaw = self.yaw.run(estimate.yaw, estimate.yaw_rate, self.motors.limit_yaw)
 
     def hold_depth(self) -> None:
-        """Climb as the throttle stick says, else hold the depth."""
+        """Climb by the throttle stick, else hold the depth."""
         rate = self._climb_stick()
         if rate == 0.0 and -_CM * self.estimate.z > self.parameters["SURFACE_DEPTH"]:
             self.depth.target = min(self.depth.target, self.parameters["SURFACE_DEPTH"])
@@ -201,12 +201,12 @@ class _SubMode(Mode):
         self.sub = sub
 
     def enter(self) -> None:
-        """Hold heading and depth where they are."""
+        """Hold the present heading and depth."""
         self.sub.reset_loops()
 
 
 class SubManualMode(_SubMode):
-    """Sticks straight to the motors."""
+    """Passes sticks directly to the motors."""
 
     number, name, flags = 19, "MANUAL", _MANUAL_INPUT
 
@@ -218,7 +218,7 @@ class SubManualMode(_SubMode):
 
 
 class StabilizeMode(_SubMode):
-    """Heading is held, throttle is the stick's."""
+    """Holds the heading; throttle follows the stick."""
 
     number, name, flags = 0, "STABILIZE", _MANUAL_INPUT | _STABILIZE
 

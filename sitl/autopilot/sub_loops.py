@@ -29,7 +29,7 @@ class SubYawController:
         self._target_rate = 0.0
 
     def reset(self, yaw: float) -> None:
-        """Forget the past; the target is the present heading."""
+        """Reset; the target is the present heading."""
         self.pid.reset()
         self._target = yaw
         self._target_rate = 0.0

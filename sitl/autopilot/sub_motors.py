@@ -55,7 +55,7 @@ class SubMotors:
 
     @property
     def limit_yaw(self) -> bool:
-        """Whether the yaw demand is at its end."""
+        """Whether the yaw demand is at its limit."""
         return abs(self.yaw) >= 1.0
 
     @property
@@ -69,7 +69,7 @@ class SubMotors:
         self._cutoff = cutoff
 
     def stop(self) -> None:
-        """Drop every demand."""
+        """Clear all demands."""
         self.yaw = self.forward = self.lateral = 0.0
         self.throttle_in = self.throttle = 0.5
 

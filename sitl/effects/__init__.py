@@ -1,4 +1,4 @@
-"""Hidden effects: what may stand between the autopilot and the ideal sea. None is built in.
+"""Hidden effects: deviations between the autopilot and an ideal vehicle. None is active by default.
 
 ``effect`` is the contract, ``table`` says which there are, the other files hold them by family.
 """

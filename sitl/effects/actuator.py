@@ -1,4 +1,4 @@
-"""Actuators that do not do what they are told: memoryless ones. Each is placed on one input."""
+"""Memoryless actuator effects. Each is placed on one input."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 _WEAKEST = 0.05
-"""The least share of its strength an actuator keeps when it drifts."""
+"""Least remaining gain of an actuator that drifts."""
 _SPEED_OF = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 
 
@@ -37,41 +37,41 @@ class OnInput(HiddenEffect):
         self.channel = find_input(self, setting)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Change that one input."""
+        """Change that input."""
         inputs[self.channel] = self.act(t, dt, inputs[self.channel])
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return what the actuator does, on average over the *dt* [s] from *t*, when told *u*."""
+        """Return the actuator's mean output over the *dt* [s] from *t* for the command *u*."""
         raise NotImplementedError
 
 
 class Saturation(OnInput):
-    """Clipped at a limit."""
+    """Output clipped at a limit."""
 
     slug = "saturation"
     meaning = "the actuator saturates at a limit"
     parameters = (EffectParameter("limit", "input unit", least=0.0),)
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Clip."""
+        """Return the clipped command."""
         limit = self["limit"]
         return max(-limit, min(limit, u))
 
 
 class DeadZone(OnInput):
-    """Nothing happens for small commands, and all larger ones lose as much."""
+    """No output for small commands; larger ones lose the same amount."""
 
     slug = "dead-zone"
     meaning = "small commands have no effect (a shaft that does not turn yet, a slack linkage)"
     parameters = (EffectParameter("width", "input unit", "half-width: the smallest command with an effect", least=0.0),)
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Take the dead part away."""
+        """Return the command less the dead zone."""
         return math.copysign(max(abs(u) - self["width"], 0.0), u)
 
 
 class QuadraticActuator(OnInput):
-    """Thrust goes with n|n| in part."""
+    """Thrust partly proportional to n|n|."""
 
     slug = "quadratic-actuator"
     meaning = "thrust is proportional to n|n|: weak for small commands"
@@ -81,18 +81,18 @@ class QuadraticActuator(OnInput):
     )
 
     def begin(self, setting: Setting) -> None:
-        """Read off the largest command."""
+        """Read the largest command."""
         super().begin(setting)
         self._full = self["u_ref"] or setting.swing.get(self.channel, 0.0) or 1.0
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Bend the line."""
+        """Return the curved output."""
         share = self["share"]
         return u * (1.0 - share + share * abs(u) / self._full)
 
 
 class RudderStall(OnInput):
-    """Beyond an angle the rudder loses lift."""
+    """Loss of rudder lift beyond an angle."""
 
     slug = "rudder-stall"
     meaning = "the rudder's force falls beyond an angle"
@@ -102,13 +102,13 @@ class RudderStall(OnInput):
     )
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Fall beyond the angle, never below nothing."""
+        """Return the lift, falling beyond the angle but never below zero."""
         beyond = abs(u) - self["angle"]
         return u if beyond <= 0.0 else math.copysign(max(self["angle"] - self["drop"] * beyond, 0.0), u)
 
 
 class TwoInputs(HiddenEffect):
-    """An effect of another input on one: placed as ``N+X``."""
+    """An effect of another input on one; place: ``N+X``."""
 
     on_vehicles = "two axes, the affected one and the other: steering+throttle (default)"
 
@@ -124,7 +124,7 @@ class TwoInputs(HiddenEffect):
 
 
 class AsymmetricThrust(TwoInputs):
-    """Weaker (or stronger) one way than the other; ``"N+X"``: each of two thrusters that share both commands."""
+    """Weaker (or stronger) thrust one way; ``"N+X"``: for each of two thrusters that share both commands."""
 
     slug = "asymmetric-thrust"
     meaning = "a negative command has less effect than a positive one"
@@ -140,7 +140,7 @@ class AsymmetricThrust(TwoInputs):
             self._here = find_input(self, setting)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Scale what is negative."""
+        """Scale negative commands."""
         u = inputs[self._here]
         if not self._other:
             inputs[self._here] = self._act(u)
@@ -153,37 +153,37 @@ class AsymmetricThrust(TwoInputs):
 
 
 class CommandCoupling(TwoInputs):
-    """What is asked of one axis is in part done on another: ``"N+X"`` lets ``N`` have its share of ``X``."""
+    """Part of one axis' command acts on another; ``"N+X"``: ``N`` gets a share of ``X``."""
 
     slug = "command-coupling"
     meaning = "another axis' command acts here too (off-centre thrust, unequal thrusters)"
     parameters = (EffectParameter("gain", "input unit per unit of the other", "gain of the other command"),)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Add."""
+        """Add that share."""
         inputs[self._here] += self["gain"] * inputs[self._other]
 
 
 class GainDrift(OnInput):
-    """Weaker with time."""
+    """Gain that decreases with time."""
 
     slug = "gain-drift"
     meaning = "the actuator weakens with time (battery sag)"
     parameters = (EffectParameter("rate", "1/s", "fraction of the initial strength lost per second"),)
 
     def begin(self, setting: Setting) -> None:
-        """Note when time begins."""
+        """Record the start time."""
         super().begin(setting)
         self._start = setting.start
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Weaken."""
+        """Return the weakened command."""
         passed = max(t + 0.5 * dt - self._start, 0.0)
         return u * max(1.0 - self["rate"] * passed, _WEAKEST)
 
 
 class SpeedDependentSteering(OnInput):
-    """Rudder force goes with the square of the speed through the water, in part."""
+    """Rudder force partly proportional to the square of the speed through the water."""
 
     slug = "speed-dependent-steering"
     meaning = "the rudder's force is proportional to the squared speed through the water"
@@ -194,7 +194,7 @@ class SpeedDependentSteering(OnInput):
     on_vehicles = "steering; the speed at full throttle is the reference"
 
     def begin(self, setting: Setting) -> None:
-        """Find the speed it goes by."""
+        """Find the speed used."""
         super().begin(setting)
         self._state = setting.state
         self._speed = self["U_ref"] or setting.cruise or 1.0
@@ -206,7 +206,7 @@ class SpeedDependentSteering(OnInput):
 
 
 class PropellerWash(TwoInputs):
-    """A rudder in a propeller's race: its force goes, in part, with the square of the thrust commanded."""
+    """A rudder behind a propeller: its force depends partly on the square of the commanded thrust."""
 
     slug = "propeller-wash"
     meaning = "the rudder's force goes with the square of the propeller's command"
@@ -216,13 +216,13 @@ class PropellerWash(TwoInputs):
     )
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Scale with the square of the other command, the other way astern."""
+        """Scale with the square of the other command; reversed astern."""
         share, ahead = self["share"], inputs[self._other] / (self["X_ref"] or 1.0)
         inputs[self._here] *= 1.0 - share + share * ahead * abs(ahead)
 
 
 class AdvanceSpeedLoss(OnInput):
-    """A thruster loses force as it runs into its own race: the bilinear thruster."""
+    """Loss of thrust with speed through the thruster's flow: the bilinear thruster."""
 
     slug = "advance-speed-loss"
     meaning = "a thruster loses force as the craft moves (bilinear thruster)"
@@ -237,11 +237,11 @@ class AdvanceSpeedLoss(OnInput):
         self._working = 0.0
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Note how hard the thruster works."""
+        """Record the thruster's output."""
         self._working = abs(u)
         return u
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Take the loss off."""
+        """Subtract the loss."""
         nu: float = getattr(self._state, self._speed)
         setattr(wrench, self._name, getattr(wrench, self._name) - self._loss * self._working * nu)

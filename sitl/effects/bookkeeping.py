@@ -1,4 +1,4 @@
-"""Mistakes on the way to the file: wrong clocks, units, signs and labels. The craft never feels them."""
+"""Errors in the record: wrong clocks, units, signs and labels. The craft is not affected."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ __all__ = [
 
 
 _CARRIED_TOGETHER = ({"N", "X", "Z"}, {"phi", "theta", "psi", "p", "q", "r"}, {"x", "y", "z"}, {"u", "v", "w"})
-"""Columns a vehicle can swap: those that one message carries."""
+"""Columns that a vehicle can swap: those of one message."""
 
 
 class TimeScale(HiddenEffect):
-    """The file's clock runs at another pace: file time = factor times true time."""
+    """Wrong pace of the file's clock: file time = factor times true time."""
 
     slug = "time-scale"
     meaning = "the clock of the record runs too fast or too slow"
@@ -41,7 +41,7 @@ class TimeScale(HiddenEffect):
 
 
 class TimeOffset(HiddenEffect):
-    """The signals' stamps are late against the inputs' (negative: they are early)."""
+    """Signals stamped late relative to the inputs (negative: early)."""
 
     slug = "time-offset"
     meaning = "commands and signals have timestamps of different clocks"
@@ -53,13 +53,13 @@ class TimeOffset(HiddenEffect):
         return {"*": self["offset"]}
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Stamp the servo report early by the offset: the motion then seems late against it."""
+        """Stamp the servo report early by the offset, so that the motion appears late."""
         if "t" in fields and "servo" in fields:
             fields["t"] -= self["offset"]
 
 
 class OnColumns(HiddenEffect):
-    """A mistake in some columns of the file."""
+    """An error in some columns of the file."""
 
     count = 1
 
@@ -76,7 +76,7 @@ class OnColumns(HiddenEffect):
 
 
 class UnitError(OnColumns):
-    """Numbers in another unit than the header says."""
+    """A column in another unit than its header states."""
 
     slug = "unit-error"
     meaning = "a column is in another unit than in its header"
@@ -94,24 +94,24 @@ class UnitError(OnColumns):
 
 
 class SignError(OnColumns):
-    """A column has the wrong sign."""
+    """A column with the wrong sign."""
 
     slug = "sign-error"
     meaning = "a column has the wrong sign"
     on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Turn the column round."""
+        """Negate the column."""
         columns[self._names[0]] = -columns[self._names[0]]
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Turn the field round."""
+        """Negate the field."""
         if self._names[0] in fields:
             fields[self._names[0]] = -fields[self._names[0]]
 
 
 class ChannelSwap(OnColumns):
-    """Two columns carry each other's data."""
+    """Two columns with each other's data."""
 
     slug = "channel-swap"
     meaning = "two columns are swapped"

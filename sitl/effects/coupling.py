@@ -1,4 +1,4 @@
-"""Degrees of freedom that move each other: Fossen2011, chapters 3 and 6. Only a hull that can sway has them."""
+"""Couplings between degrees of freedom: Fossen2011, chapters 3 and 6. They require a hull with sway."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class CoriolisCoupling(HiddenEffect):
     )
 
     def begin(self, setting: Setting) -> None:
-        """Make sure that there are two horizontal degrees of freedom at least, sway among them or pushed."""
+        """Verify that there are at least two horizontal degrees of freedom, sway among them or driven."""
         there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
-            raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw; this one has not")
+            raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw; this hull lacks one")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Push."""
+        """Add the coupling forces."""
         at = self._state
         wrench.X += self["X_vr"] * at.v * at.r
         wrench.Y += self["Y_ur"] * at.u * at.r
@@ -59,37 +59,37 @@ class SwayYawCoupling(HiddenEffect):
     )
 
     def begin(self, setting: Setting) -> None:
-        """Make sure that the hull sways and turns, and that its mass matrix stays positive."""
+        """Verify that the hull sways and yaws, and that its mass matrix stays positive definite."""
         if not {"sway", "yaw"} <= set(setting.dofs):
-            raise BadEffect("sway-yaw-coupling needs a hull with sway and yaw; this one has not")
+            raise BadEffect("sway-yaw-coupling needs a hull with sway and yaw; this hull lacks one")
         if self["Y_rdot"] ** 2 >= setting.parameters["sway.alpha"] * setting.parameters["yaw.alpha"]:
             raise BadEffect(f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g}: the mass matrix would not be positive")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Push."""
+        """Add the coupling forces."""
         wrench.Y += self["Y_r"] * self._state.r
         wrench.N += self["N_v"] * self._state.v
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Couple the masses."""
+        """Couple the inertias."""
         parameters["Y_rdot"] = self["Y_rdot"]
 
 
 class MomentOfFlow(HiddenEffect):
-    """A yaw moment that goes with speeds of the hull, and does nothing back to them."""
+    """A yaw moment that depends on speeds of the hull, without reaction on them."""
 
     needs: frozenset[str]
 
     def begin(self, setting: Setting) -> None:
-        """Make sure that the hull has these degrees of freedom."""
+        """Verify that the hull has these degrees of freedom."""
         if not self.needs <= set(setting.dofs):
             wanted = " and ".join(dof for dof in ("sway", "surge", "yaw") if dof in self.needs)
-            raise BadEffect(f"{self.slug} needs a hull with {wanted}; this one has not")
+            raise BadEffect(f"{self.slug} needs a hull with {wanted}; this hull lacks one")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Turn."""
+        """Add the moment."""
         wrench.N += self.moment(self._state)
 
     def moment(self, at: State) -> float:
@@ -107,7 +107,7 @@ class SwayMoment(MomentOfFlow):
     needs = frozenset({"sway", "yaw"})
 
     def moment(self, at: State) -> float:
-        """As the class says."""
+        """Return ``N_v v`` [N m]."""
         return self["N_v"] * at.v
 
 
@@ -121,7 +121,7 @@ class SpeedDamping(MomentOfFlow):
     needs = frozenset({"surge", "yaw"})
 
     def moment(self, at: State) -> float:
-        """As the class says."""
+        """Return ``N_|u|r |u| r`` [N m]."""
         return self["N_|u|r"] * abs(at.u) * at.r
 
 
@@ -135,7 +135,7 @@ class MunkMoment(MomentOfFlow):
     needs = frozenset({"surge", "sway", "yaw"})
 
     def moment(self, at: State) -> float:
-        """As the class says."""
+        """Return ``N_uv u v`` [N m]."""
         return self["N_uv"] * at.u * at.v
 
 
@@ -155,7 +155,7 @@ class VelocityProduct(HiddenEffect):
     parameters = (EffectParameter("coefficient", "SI per product"),)
 
     def begin(self, setting: Setting) -> None:
-        """Read the derivative, and make sure that the hull has its degrees of freedom."""
+        """Parse the derivative, and verify that the hull has its degrees of freedom."""
         name = self.place or "N_ur"
         read = _PRODUCT.fullmatch(name)
         if read is None:
@@ -172,7 +172,7 @@ class VelocityProduct(HiddenEffect):
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Push."""
+        """Add the force."""
         push = self["coefficient"]
         for letter, by_size in self._factors:
             velocity = float(getattr(self._state, letter))

@@ -1,4 +1,4 @@
-"""The seam for hidden effects: what may stand between the commands, the ideal sea and the record.
+"""Interface of hidden effects: deviations between commands, ideal vehicle and record.
 
 An effect overrides only what it alters. Effects run in the order given; an empty list costs nothing. The same effect
 works in open loop (:mod:`sitl.open_loop`), where inputs are in SI units, and on a vehicle, where an input is the share
@@ -26,12 +26,12 @@ FORCE_OF: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "
 
 
 class BadEffect(ValueError):
-    """An effect cannot be had like this: unknown, a wrong parameter, or a place this craft has not."""
+    """An effect that cannot be applied: unknown, a wrong parameter, or no such place on this craft."""
 
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """A parameter of an effect. ``default``: None when it must be given; ``least``, ``most``: what makes sense."""
+    """A parameter of an effect. ``default``: None if required; ``least``, ``most``: allowed range."""
 
     name: str
     unit: str
@@ -41,7 +41,7 @@ class EffectParameter:
     most: float = math.inf
 
     def refusal(self, value: float) -> str:
-        """Return why *value* cannot be, in words; empty when it can."""
+        """Return why *value* is not allowed, in words; empty if it is."""
         if not math.isfinite(value):
             return f"{value:g} is not a finite number"
         in_degrees = f". Did you mean {math.radians(value):.3g} ({value:g} degrees)?" * (self.unit == "rad")
@@ -54,7 +54,7 @@ class EffectParameter:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What an effect may know of the craft it is hidden in.
+    """Data of the craft that an effect may use.
 
     ``state``, ``water`` and ``parameters`` are the plant's own, live. ``dofs``: the degrees of freedom in which effects
     may act; ``inputs``: channel -> degree of freedom it drives; ``swing``: largest command of each; ``gain``: force per
@@ -78,7 +78,7 @@ class Setting:
 
     @property
     def steering(self) -> str:
-        """The input an actuator effect sits on unless told otherwise: yaw's, or the first."""
+        """The default input of an actuator effect: yaw's, or the first."""
         return next((name for name, dof in self.inputs.items() if dof == "yaw"), next(iter(self.inputs), ""))
 
 
@@ -97,7 +97,7 @@ class HiddenEffect:
     meaning: ClassVar[str] = ""
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()
     on_vehicles: ClassVar[str] = "no"
-    """Where it may sit on a vehicle behind the wire, in words; ``no`` when it makes no sense there."""
+    """Allowed places on a vehicle over MAVLink, in words; ``no`` if not supported there."""
 
     def __init__(self, place: str = "", **values: float) -> None:
         self.place = place
@@ -123,40 +123,40 @@ class HiddenEffect:
         return f"did you mean {near[0]}?" if near else f"it has {', '.join(names) or 'none'}"
 
     def begin(self, setting: Setting) -> None:
-        """Forget everything and learn where the craft starts. ``BadEffect`` when it has no such place."""
+        """Reset, and read the craft's initial state. ``BadEffect`` if it has no such place."""
 
     def quickness(self, setting: Setting) -> float:
-        """Return the shortest time [s] in which this effect moves the craft; open-loop steps are much shorter."""
+        """Return the shortest time constant [s] of this effect; open-loop steps are much shorter."""
         return float("inf")
 
     def lateness(self) -> Mapping[str, float]:
-        """Return by how much [s] signals are late against the inputs, in open loop. ``*``: all of them."""
+        """Return the delay [s] of signals relative to the inputs, in open loop. ``*``: all of them."""
         return {}
 
     # -- from the command to the hull
 
     def alter_command(self, t: float, pwm: list[int]) -> None:
-        """Change the servo pulses [us] on their way to the actuators. Vehicles only."""
+        """Change the servo pulses [us] before the actuators. Vehicles only."""
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Change what is asked of the actuators, by channel (``N``, ``X`` ...), for the *dt* [s] that begin at *t*."""
+        """Change the actuators' inputs, by channel (``N``, ``X`` ...), for the *dt* [s] that begin at *t*."""
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Change what acts on the hull; called as often as the integrator asks."""
+        """Change the forces on the hull; called at every integrator stage."""
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Change the parameters of the plant; called every step, on the plant's own values each time."""
+        """Change the parameters of the plant; called every step, with the plant's own values each time."""
 
     # -- from the hull to the record
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Change what the sensors report."""
+        """Change the sensor readings."""
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Change what is written down: ``t``, inputs and signals, (n,) each. In open loop only."""
+        """Change the file: ``t``, inputs and signals, (n,) each. In open loop only."""
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Change what is sent of one moment (see :mod:`sitl.mavlink.report`). Vehicles only."""
+        """Change the message sent for one moment (see :mod:`sitl.mavlink.report`). Vehicles only."""
 
     @classmethod
     def overrides(cls, hook: str) -> bool:

@@ -1,4 +1,4 @@
-"""What the surroundings do to the craft. In open loop forces are SI; on a vehicle ``input unit`` is a share of full."""
+"""Disturbances from outside. In open loop forces are SI; on a vehicle ``input unit`` is a normalised output."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = [
 
 
 class InputBias(HiddenEffect):
-    """A constant force on top of the commanded one."""
+    """A constant force added to the commanded one."""
 
     slug = "input-bias"
     meaning = "a constant force or moment: trim, list, a slack tether"
@@ -27,17 +27,17 @@ class InputBias(HiddenEffect):
     on_vehicles = "yaw (default), surge"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degree of freedom; heave's is called net-buoyancy."""
+        """Find the degree of freedom; in heave the effect is net-buoyancy."""
         dof = find_dof(self, setting, among=("yaw", "surge", "sway"))
         self._name, self._force = FORCE_OF[dof], self["bias"] * setting.gain.get(dof, 1.0)
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Push."""
+        """Add the force."""
         setattr(wrench, self._name, getattr(wrench, self._name) + self._force)
 
 
 class SteadyCurrent(HiddenEffect):
-    """The water moves, and the craft with it; drag goes with speed through the water.
+    """A steady current that carries the craft; drag depends on the speed through the water.
 
     Irrotational and steady, so the equations of motion hold for the velocity through the water (Fossen2011, section
     8.1). Place: what the file's (or the receiver's) ``u v`` mean, ``over ground`` (default) or ``through water``.
@@ -52,7 +52,7 @@ class SteadyCurrent(HiddenEffect):
     on_vehicles = "over ground (default), through water"
 
     def begin(self, setting: Setting) -> None:
-        """Set the water moving."""
+        """Start the current."""
         if self.place not in ("", "over ground", "through water"):
             raise BadEffect(f"steady-current: '{self.place}' is neither 'over ground' nor 'through water'")
         if not {"surge", "sway"} & set(setting.dofs):
@@ -62,7 +62,7 @@ class SteadyCurrent(HiddenEffect):
 
 
 class WindMoment(HiddenEffect):
-    """The wind turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
+    """Wind turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
 
     slug = "wind-moment"
     meaning = "the wind turns the bow (moment proportional to the sine of the heading relative to the wind)"
@@ -73,16 +73,16 @@ class WindMoment(HiddenEffect):
     on_vehicles = "yaw"
 
     def begin(self, setting: Setting) -> None:
-        """Make sure that it can turn."""
+        """Verify that the hull can yaw."""
         dof = find_dof(self, setting, among=("yaw",))
         self._state, self._moment = setting.state, self["strength"] * setting.gain.get(dof, 1.0)
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Turn."""
+        """Add the moment."""
         wrench.N += self._moment * math.sin(self["direction"] - self._state.psi)
 
     def quickness(self, setting: Setting) -> float:
-        """Return one radian of the swing about ``direction``."""
+        """Return the time of one radian of the oscillation about ``direction``."""
         return math.sqrt(setting.parameters["yaw.alpha"] / max(abs(self._moment), 1e-12))
 
 
@@ -103,7 +103,7 @@ class WaveDisturbance(HiddenEffect):
     on_vehicles = "yaw (default), surge, heave"
 
     def begin(self, setting: Setting) -> None:
-        """Draw where the waves stand."""
+        """Draw the initial phase."""
         dof = find_dof(self, setting)
         self._name, self._rms = FORCE_OF[dof], self["amplitude"] * setting.gain.get(dof, 1.0)
         draw = Random(f"{setting.seed}/{self.slug}/{dof}")
@@ -113,7 +113,7 @@ class WaveDisturbance(HiddenEffect):
         self._t, self._dt = -math.inf, math.nan
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Push and pull."""
+        """Add the force."""
         if self["bandwidth"] == 0.0:
             now = math.sqrt(2.0) * math.sin(self["frequency"] * t + self._phase)
         else:
@@ -121,11 +121,11 @@ class WaveDisturbance(HiddenEffect):
         setattr(wrench, self._name, getattr(wrench, self._name) + self._rms * now)
 
     def quickness(self, setting: Setting) -> float:
-        """Return one radian."""
+        """Return the time of one radian."""
         return 1.0 / self["frequency"]
 
     def _advance(self, t: float) -> float:
-        """Return the force over its rms at *t*; time only goes forward."""
+        """Return the normalised force at *t*; time only advances."""
         if self._t == -math.inf:
             self._t = t
         dt = t - self._t
@@ -166,7 +166,7 @@ def _step_of(omega: float, damping: float, dt: float) -> tuple[float, float, flo
 
 
 class TetherPull(HiddenEffect):
-    """A spring to a fixed place: in one degree of freedom, or on the horizontal plane (``surge+sway``)."""
+    """A spring to a fixed anchor: in one degree of freedom, or in the horizontal plane (``surge+sway``)."""
 
     slug = "tether-pull"
     meaning = "the tether pulls like a spring"
@@ -179,7 +179,7 @@ class TetherPull(HiddenEffect):
     on_vehicles = "yaw (default), heave, surge+sway (its part along the hull)"
 
     def begin(self, setting: Setting) -> None:
-        """Find what is held, and by where."""
+        """Find the degrees of freedom and the anchor."""
         self._state = setting.state
         self._on_plane = self.place == "surge+sway"
         if self._on_plane:
@@ -191,7 +191,7 @@ class TetherPull(HiddenEffect):
             raise BadEffect("tether-pull: for a craft that turns, use the place 'surge+sway'")
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Pull back."""
+        """Add the spring force."""
         at, stiffness = self._state, self["stiffness"]
         if self._on_plane:
             north, east = stiffness * (self["x"] - at.x), stiffness * (self["y"] - at.y)
@@ -206,7 +206,7 @@ class TetherPull(HiddenEffect):
             wrench.X -= stiffness * (at.x - self["anchor"])
 
     def quickness(self, setting: Setting) -> float:
-        """Return one radian of the swing on the spring."""
+        """Return the time of one radian of the oscillation on the spring."""
         held = [dof for dof in ("surge", "sway") if dof in setting.dofs] if self._on_plane else [self._dof]
         inertia = min(setting.parameters[f"{dof}.alpha"] for dof in held)
         return math.sqrt(inertia / max(abs(self["stiffness"]), 1e-12))

@@ -1,4 +1,4 @@
-"""Forces of the water that a plain hull does not have."""
+"""Hydrodynamic forces beyond those of a plain hull."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ class OnAxis(HiddenEffect):
 
 
 class LinearDrag(OnAxis):
-    """More drag that goes with speed."""
+    """Additional linear drag."""
 
     slug = "linear-drag"
     meaning = "drag proportional to speed"
     parameters = (EffectParameter("coefficient", "N s/m or N m s/rad"),)
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Add it."""
+        """Add the drag."""
         parameters[f"{self._dof}.beta"] += self["coefficient"]
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time constant it leaves."""
+        """Return the resulting time constant."""
         p, dof = setting.parameters, self._dof
         return p[f"{dof}.alpha"] / max(p[f"{dof}.beta"] + self["coefficient"], 1e-9)
 
 
 class QuadraticDrag(OnAxis):
-    """More drag that goes with the square of speed."""
+    """Additional quadratic drag."""
 
     slug = "quadratic-drag"
     meaning = "drag proportional to squared speed"
@@ -58,18 +58,18 @@ class QuadraticDrag(OnAxis):
         self._force = setting.gain.get(dof, 1.0) * max(driving, default=0.0)
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Add it."""
+        """Add the drag."""
         parameters[f"{self._dof}.beta2"] += self["coefficient"]
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time constant at the speed the largest command holds: alpha/(beta + 2 beta2 nu)."""
+        """Return the time constant at the steady speed of the largest command: alpha/(beta + 2 beta2 nu)."""
         return setting.parameters[f"{self._dof}.alpha"] / max(
             2.0 * math.sqrt(abs(self["coefficient"]) * self._force), 1e-9
         )
 
 
 class MassChange(HiddenEffect):
-    """A payload is taken aboard or let go: the inertia changes at once, the speed does not."""
+    """A payload added or removed: the inertia changes at once, the speed does not."""
 
     slug = "mass-change"
     meaning = "inertia changes during the run (a payload picked up or dropped)"
@@ -80,26 +80,26 @@ class MassChange(HiddenEffect):
     on_vehicles = "all (default), yaw, surge, heave"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degrees of freedom: all there are unless the place says otherwise."""
+        """Find the degrees of freedom: all, unless the place selects some."""
         everything = self.place in ("", "all")
         self._dofs = setting.dofs if everything else (find_dof(self, setting),)
         self._when = setting.start + self["time"]
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Scale the inertia once the time has come."""
+        """Scale the inertia from the given time on."""
         if t >= self._when - 1e-9:
             for dof in self._dofs:
                 parameters[f"{dof}.alpha"] *= self["ratio"]
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time constant a smaller inertia leaves."""
+        """Return the time constant with a smaller inertia."""
         p = setting.parameters
         inertia_and_drag = ((p[f"{dof}.alpha"], p[f"{dof}.beta"]) for dof in self._dofs)
         return min(alpha * self["ratio"] / beta if beta > 0.0 else math.inf for alpha, beta in inertia_and_drag)
 
 
 class NetBuoyancy(HiddenEffect):
-    """Too heavy or too light."""
+    """Positive or negative net buoyancy."""
 
     slug = "net-buoyancy"
     meaning = "the craft is heavier (positive) or lighter than the water it displaces"
@@ -107,16 +107,16 @@ class NetBuoyancy(HiddenEffect):
     on_vehicles = "heave (ROVs)"
 
     def begin(self, setting: Setting) -> None:
-        """Make sure that it can sink."""
+        """Verify that the craft can heave."""
         find_dof(self, setting, among=("heave",))
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Sink."""
+        """Add the force."""
         wrench.Z += self["force"]
 
 
 class GroundEffect(HiddenEffect):
-    """More drag close to the bottom: times ``1 + strength exp(-(bottom - z)/length)``."""
+    """More drag near the bottom: factor ``1 + strength exp(-(bottom - z)/length)``."""
 
     slug = "ground-effect"
     meaning = "drag grows close to the bottom"
@@ -136,7 +136,7 @@ class GroundEffect(HiddenEffect):
         self._bottom = self["bottom"] or setting.water.bottom
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Scale the drag with the height above the bottom."""
+        """Scale the drag by the height above the bottom."""
         height = max(self._bottom - self._state.z, 0.0)
         factor = 1.0 + self["strength"] * math.exp(-height / self["length"])
         parameters[f"{self._dof}.beta"] *= factor

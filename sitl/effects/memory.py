@@ -1,4 +1,4 @@
-"""Actuators that do not do what they are told: those with a memory. Each is placed on one input."""
+"""Actuator effects with memory. Each is placed on one input."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ __all__ = ["ActuatorLag", "Backlash", "InputDelay", "RateLimit"]
 
 
 class InputDelay(OnInput):
-    """The command acts later; before anything has arrived, the first one acts."""
+    """Delayed command; before the first one arrives, it acts already."""
 
     slug = "input-delay"
     meaning = "commands act with a delay"
     parameters = (EffectParameter("delay", "s", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
-        """Forget what is under way."""
+        """Clear the delay line."""
         super().begin(setting)
         self._due: deque[tuple[float, float]] = deque()
         """(when it begins to act, command), oldest first."""
         self._last = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the mean of what arrives between *t* and *t + dt*."""
+        """Return the mean of the commands that arrive between *t* and *t + dt*."""
         due = self._due
         if u != self._last:
             due.append((t + self["delay"] if due else -math.inf, u))
@@ -46,14 +46,14 @@ class InputDelay(OnInput):
 
 
 class ActuatorLag(OnInput):
-    """First order."""
+    """First-order lag."""
 
     slug = "actuator-lag"
     meaning = "the actuator follows its command with a time constant"
     parameters = (EffectParameter("time_constant", "s", least=1e-6),)
 
     def begin(self, setting: Setting) -> None:
-        """Forget where the actuator stands."""
+        """Reset the state."""
         super().begin(setting)
         self._now = math.nan
 
@@ -68,14 +68,14 @@ class ActuatorLag(OnInput):
 
 
 class RateLimit(OnInput):
-    """No faster than a rate."""
+    """Limited rate of change."""
 
     slug = "rate-limit"
     meaning = "the actuator cannot move faster than a rate"
     parameters = (EffectParameter("rate", "input unit/s", least=1e-9),)
 
     def begin(self, setting: Setting) -> None:
-        """Forget where the actuator stands."""
+        """Reset the state."""
         super().begin(setting)
         self._now = math.nan
 
@@ -96,19 +96,19 @@ class RateLimit(OnInput):
 
 
 class Backlash(OnInput):
-    """Play: the output rests until one flank has crossed it."""
+    """Backlash: the output rests until the command has crossed the gap."""
 
     slug = "backlash"
     meaning = "backlash in the linkage: every reversal first crosses the gap"
     parameters = (EffectParameter("width", "input unit", "full width of the gap", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
-        """Forget where the actuator stands."""
+        """Reset the state."""
         super().begin(setting)
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Push or rest."""
+        """Return the output: moved by the command, or at rest."""
         half = 0.5 * self["width"]
         if self._now != self._now:
             self._now = u

@@ -1,4 +1,4 @@
-"""Where an effect sits: the input, degree of freedom or signals its place names, or the usual ones."""
+"""Places of effects: the input, degree of freedom or signals named by a place, or the default."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _HORIZONTAL = ("surge", "sway", "yaw")
 
 
 def find_input(effect: HiddenEffect, setting: Setting) -> str:
-    """Return the input *effect* sits on; steering unless its place says otherwise."""
+    """Return the input of *effect*: the named place, or the steering."""
     place = effect.place or setting.steering
     place = setting.axis_names.get(place, place)
     if place not in setting.inputs:
@@ -20,7 +20,7 @@ def find_input(effect: HiddenEffect, setting: Setting) -> str:
 
 
 def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] = (*_HORIZONTAL, "heave")) -> str:
-    """Return the degree of freedom *effect* sits on; yaw (or the first there is) unless its place says otherwise."""
+    """Return the degree of freedom of *effect*: the named place, or yaw (or the first)."""
     there = [dof for dof in ("yaw", "surge", "sway", "heave") if dof in setting.dofs and dof in among]
     if not there:
         raise BadEffect(f"{effect.slug} acts on {' or '.join(among)}, which this craft does not have")
@@ -31,7 +31,7 @@ def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] =
 
 
 def find_signals(effect: HiddenEffect, setting: Setting, default: str) -> tuple[str, ...]:
-    """Return the signals *effect* sits on, several joined by ``+``."""
+    """Return the signals of *effect*, several joined by ``+``."""
     names = tuple((effect.place or default).split("+"))
     for name in names:
         if name not in setting.signals:

@@ -1,4 +1,4 @@
-"""Sensors that do not tell the truth."""
+"""Sensor errors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOTION = ("psi", "r", "u", "v", "w", "x", "y", "z")
 
 
 class SensorPosition(HiddenEffect):
-    """The sensor is mounted ``x_P`` ahead and ``y_P`` to starboard of the middle, and shows how that point moves."""
+    """A sensor mounted ``x_P`` ahead and ``y_P`` to starboard of the origin, measuring the motion of that point."""
 
     slug = "sensor-position"
     meaning = "the sensor of speed and position is off-centre: a turn looks like sway"
@@ -35,7 +35,7 @@ class SensorPosition(HiddenEffect):
     on_vehicles = "signals joined by + (default u+v+x+y; z+w of a craft that tilts)"
 
     def begin(self, setting: Setting) -> None:
-        """Find what the sensor measures."""
+        """Find the measured signals."""
         usual: tuple[str, ...] = ("u", "v", "x", "y")
         if not self.place and not set(usual) & set(setting.signals):
             raise BadEffect(
@@ -50,7 +50,7 @@ class SensorPosition(HiddenEffect):
         self._state = setting.state
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Add the motion of that point about the middle."""
+        """Add the motion of that point about the origin."""
         at, ahead, aside = self._state, self["x_P"], self["y_P"]
         c, s = math.cos(at.psi), math.sin(at.psi)
         apart = {
@@ -66,11 +66,11 @@ class SensorPosition(HiddenEffect):
 
 
 _NEEDLE = 1.0
-"""Chosen [rad]: beyond it the needle shows the same on several headings; good compasses stay within 0.1."""
+"""Larger deviations give one reading on several headings [rad]; good compasses stay within 0.1. Chosen."""
 
 
 class CompassDeviation(HiddenEffect):
-    """Semicircular deviation: the iron aboard turns the needle by ``A + B sin psi + C cos psi``."""
+    """Semicircular deviation by iron on the craft: ``A + B sin psi + C cos psi``."""
 
     slug = "compass-deviation"
     meaning = "iron on board deflects the compass (sine and cosine of the heading)"
@@ -82,16 +82,16 @@ class CompassDeviation(HiddenEffect):
     on_vehicles = "psi"
 
     def begin(self, setting: Setting) -> None:
-        """Make sure that there is a compass."""
+        """Verify that there is a compass."""
         find_signals(self, setting, "psi")
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Turn the needle."""
+        """Add the deviation."""
         reading.psi += self["A"] + self["B"] * math.sin(reading.psi) + self["C"] * math.cos(reading.psi)
 
 
 class GyroBias(HiddenEffect):
-    """A rate is off by a constant."""
+    """Constant bias of a rate."""
 
     slug = "gyro-bias"
     meaning = "the gyro reports a rate at rest"
@@ -110,7 +110,7 @@ class GyroBias(HiddenEffect):
 
 
 class MeasurementDelay(HiddenEffect):
-    """A signal is reported late; several when the place joins them (``psi+r``), all when it is ``all``."""
+    """A signal reported late; several joined by ``+`` (``psi+r``), or ``all``."""
 
     slug = "measurement-delay"
     meaning = "a signal is reported late"
@@ -118,7 +118,7 @@ class MeasurementDelay(HiddenEffect):
     on_vehicles = "a signal or several joined by + (all: psi+r+u+x+y+z+w, the default)"
 
     def begin(self, setting: Setting) -> None:
-        """Forget what was seen."""
+        """Clear the history."""
         everything = "+".join(name for name in setting.signals if name in _MOTION)
         self._names = tuple(everything.split("+")) if self.place in ("", "all") else find_signals(self, setting, "")
         self._seen: deque[tuple[float, tuple[float, ...]]] = deque()
@@ -129,7 +129,7 @@ class MeasurementDelay(HiddenEffect):
         return dict.fromkeys(self._names, self["delay"])
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Put back what was seen then, between two samples in proportion; in open loop its own past is read instead."""
+        """Report the past value, interpolated between samples; in open loop the file's own past is used."""
         if not self._on_vehicle:
             return
         seen, when = self._seen, t - self["delay"] + 1e-9
@@ -145,7 +145,7 @@ class MeasurementDelay(HiddenEffect):
 
 
 class Quantisation(HiddenEffect):
-    """Rounded to multiples of a step."""
+    """Readings rounded to multiples of a step."""
 
     slug = "quantisation"
     meaning = "a signal is quantised"
@@ -164,7 +164,7 @@ class Quantisation(HiddenEffect):
 
 
 class Outliers(HiddenEffect):
-    """A share of samples is far off."""
+    """Some samples far off."""
 
     slug = "outliers"
     meaning = "some samples are far off"
@@ -175,12 +175,12 @@ class Outliers(HiddenEffect):
     on_vehicles = "a signal (default psi)"
 
     def begin(self, setting: Setting) -> None:
-        """Find the signal and seed its accidents."""
+        """Find the signal and seed the random numbers."""
         self._names = find_signals(self, setting, "psi" if "psi" in setting.signals else setting.signals[0])
         self._draw = Random(f"{setting.seed}/{self.slug}/{self.place}")
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Throw some samples off."""
+        """Replace some samples."""
         for name in self._names:
             struck, by = self._draw.random() < self["share"], self._draw.gauss(0.0, self["size"])
             if struck:

@@ -1,4 +1,4 @@
-"""The effects there are: slug -> class. A new effect is one class and one line here."""
+"""The available effects: slug -> class. A new effect is one class and one line here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT: one table of what is understood, each answered by COMMAND_ACK."""
+"""COMMAND_LONG and COMMAND_INT: a table of known commands, each answered by COMMAND_ACK."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _CUSTOM_MODE_ENABLED = 1
 
 
 def _whole(value: float) -> int:
-    """Return a number sent as a float as an integer, -1 when it is none."""
+    """Return an integer sent as a float, or -1 if it is not whole."""
     return int(value) if math.isfinite(value) else -1
 
 
@@ -133,11 +133,11 @@ COMMANDS: Mapping[int, Callable[[Port, Sequence[float]], int]] = {
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return_home,
     mavlink.MAV_CMD_DO_SET_SERVO: _refuse,
 }
-"""MAV_CMD -> what does it, given the seven parameters; returns MAV_RESULT."""
+"""MAV_CMD -> its function of the seven parameters; returns MAV_RESULT."""
 
 
 def handle_command(port: Port, message: Message) -> None:
-    """Carry out COMMAND_LONG or COMMAND_INT and acknowledge it to its sender."""
+    """Execute COMMAND_LONG or COMMAND_INT and acknowledge it to its sender."""
     if message.get_type() == "COMMAND_INT":
         place = (message.x, message.y, message.z)
     else:
@@ -150,7 +150,7 @@ def handle_command(port: Port, message: Message) -> None:
 
 
 def handle_set_mode(port: Port, message: Message) -> None:
-    """Carry out the old SET_MODE message; ArduPilot acknowledges that one too."""
+    """Execute the old SET_MODE message; ArduPilot acknowledges it too."""
     result = _set_mode(port, (float(message.base_mode), float(message.custom_mode)))
     sender = (message.get_srcSystem(), message.get_srcComponent())
     port.send(mavlink.MAVLink_command_ack_message(mavlink.MAVLINK_MSG_ID_SET_MODE, result, 0, 0, *sender))

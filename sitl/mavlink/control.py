@@ -41,7 +41,7 @@ _MOST_LATITUDE, _MOST_LONGITUDE = 900_000_000, 1_800_000_000
 
 
 def handle_override(port: Port, message: Message) -> None:
-    """Take RC_CHANNELS_OVERRIDE from the ground station: it also counts as a sign of life."""
+    """Process RC_CHANNELS_OVERRIDE from the ground station; it also counts as a sign of life."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
@@ -57,7 +57,7 @@ def handle_override(port: Port, message: Message) -> None:
 
 
 def handle_manual_control(port: Port, message: Message) -> None:
-    """Take joystick axes from the ground station; they become overrides."""
+    """Process joystick axes from the ground station; they become overrides."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
@@ -91,7 +91,7 @@ def _all_finite(*numbers: float) -> bool:
 
 
 def _yaw_of(q: Sequence[float]) -> float | None:
-    """Return the yaw [rad] of a quaternion (w, x, y, z), or None when it is none."""
+    """Return the yaw [rad] of a quaternion (w, x, y, z), or None if it is invalid."""
     if not _all_finite(*q) or not any(q):
         return None
     w, x, y, z = q

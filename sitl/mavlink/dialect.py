@@ -1,4 +1,4 @@
-"""The one door to pymavlink's generated code (untyped), and a quick way through it for frames that need no care."""
+"""The only import of pymavlink's generated code (untyped), and a fast path for simple frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The vehicle at its MAVLink port: what those who answer a message may use of it."""
+"""The vehicle's MAVLink port: what handlers of messages may use."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Port:
         return self.vehicle.boot_us
 
     def send(self, message: Message) -> None:
-        """Put a message on the wire; what answers another port's station goes out there."""
+        """Send a message; answers to a station at another port leave there."""
         if self._is_elsewhere and message.get_type() != "PARAM_VALUE":
             return
         self.codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF

@@ -1,4 +1,4 @@
-"""The vehicle as the ground sees it: bytes in, time, bytes out. No input or output of its own."""
+"""The vehicle as seen from the ground: bytes in, time, bytes out. No input or output of its own."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "SET_POSITION_TARGET_LOCAL_NED": handle_local_target,
     "SET_POSITION_TARGET_GLOBAL_INT": handle_global_target,
 }
-"""Message type -> what the vehicle does with it; everything else is left unheard."""
+"""Message type -> its handler; all others are ignored."""
 
 ORDERS = frozenset(
     {
@@ -193,7 +193,7 @@ ORDERS = frozenset(
         *("MISSION_CLEAR_ALL", "MISSION_SET_CURRENT"),
     }
 )
-"""What a station at another port can change that shows here."""
+"""Messages from a station at another port whose effect shows here."""
 _QUESTIONS = frozenset(
     {
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
@@ -202,4 +202,4 @@ _QUESTIONS = frozenset(
         mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
     }
 )
-"""Commands that concern the port they come by."""
+"""Commands that concern the port on which they arrive."""

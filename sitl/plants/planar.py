@@ -43,7 +43,7 @@ class AxisDynamics:
         return (force - (self.beta + self.beta2 * abs(nu)) * nu) / self.alpha
 
     def step(self, nu: float, force: float, dt: float) -> tuple[float, float]:
-        """Return (velocity after *dt*, distance covered) under a constant *force*: Runge-Kutta, order 4."""
+        """Return (velocity after *dt*, distance covered) under a constant *force*: Runge-Kutta of order 4."""
         return _advance(self.alpha, self.beta, self.beta2, nu, force, dt)
 
 
@@ -67,7 +67,7 @@ def _advance(a: float, b: float, c: float, nu: float, force: float, dt: float) -
 
 @dataclass(frozen=True, slots=True)
 class PlanarTerm:
-    """A force that goes with a product of velocities: ``row`` 0 X, 1 Y, 2 N; factors ``u v r |u| |v| |r|``."""
+    """A force proportional to a product of velocities: ``row`` 0 X, 1 Y, 2 N; factors ``u v r |u| |v| |r|``."""
 
     row: int
     coefficient: float

@@ -38,5 +38,5 @@ def test_an_answer_is_kept_beside_the_others_and_shown(tmp_path: Path, monkeypat
     keep({name: replace(told, causes=(found,))})
     shown = (tmp_path / "page.md").read_text()
     assert shown.startswith("words\n") and shown.endswith("more words\n") and "old" not in shown
-    assert f"**{told.lead}**" in shown and "| missing | `dead-zone` (N): width 0.3 |" in shown
+    assert f"**{told.lead}**" in shown and "| cause | `dead-zone` (N): width 0.3 |" in shown
     assert set(load()) == {"sub-yaw", name} and load()["sub-yaw"].refused == "too short"

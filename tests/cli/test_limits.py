@@ -115,7 +115,7 @@ def test_every_number_of_every_command_is_read_by_the_table_of_limits():
 def test_every_number_outside_its_limits_is_refused_by_name_before_anything_is_done(command, bare, capsys, monkeypatch):
     cases, parser = [case for case in CASES if case[0] == command], make_parser()
     assert cases
-    monkeypatch.setattr("gcs_autotune.cli.make_parser", lambda config: parser)  # made once: it is most of the time
+    monkeypatch.setattr("gcs_autotune.cli.make_parser", lambda *of: parser)  # made once: it is most of the time
     for _, option, axis, value in cases:
         positionals = (axis,) if axis else POSITIONALS[command]
         told = refusal((*command.split(), *positionals, f"--{option}={value}"), capsys)

@@ -21,7 +21,7 @@ from gcs_autotune.design.plant import Region, heavier
 from gcs_autotune.design.prediction import predict_error
 from gcs_autotune.effects import EFFECTS, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NoGainsMeetSpec, UsageError
-from gcs_autotune.identify.model_file import as_extended
+from gcs_autotune.identify.axis.form import as_extended
 from gcs_autotune.models import FORMS, CoupledModel, SingleDof
 
 from .crafts import DEFAULTS, ROVER_DEFAULTS, ROVER_HEADING, SUB_DEPTH, SUB_HEADING, heave, yaw
@@ -71,7 +71,7 @@ def test_a_perfect_actuator_changes_nothing_to_the_last_bit() -> None:
     np.testing.assert_array_equal(acted(Actuator(), outputs), outputs)
     law, scenario = LAWS["rover-heading"], Scenario(0.5, 20.0)
     plain = law.simulate(yaw(ALPHA, BETA), ROVER_DEFAULTS, scenario, SPEED, 0.0)
-    other = law.simulate(yaw(ALPHA, BETA), ROVER_DEFAULTS, scenario, SPEED, 0.0, Actuator(play=1e-15))
+    other = law.simulate(yaw(ALPHA, BETA), ROVER_DEFAULTS, scenario, SPEED, 0.0, Actuator(backlash=1e-15))
     np.testing.assert_allclose(other.position, plain.position, atol=1e-10)
 
 
@@ -84,8 +84,8 @@ def test_each_part_of_the_actuator_obeys_its_law() -> None:
     np.testing.assert_allclose(acted(Actuator(limit=0.25), u), np.clip(u, -0.25, 0.25))
     np.testing.assert_allclose(acted(Actuator(astern=0.5), u), np.where(u < 0, 0.5 * u, u))
     np.testing.assert_allclose(acted(Actuator(square=0.5, reference=2.0), u), 0.5 * u + 0.25 * u * abs(u))
-    play = acted(Actuator(play=0.2), np.array([0.0, 0.05, 0.3, 0.25, 0.0, -0.4, -0.35]))
-    np.testing.assert_allclose(play, [0.0, 0.0, 0.2, 0.2, 0.1, -0.3, -0.3], atol=1e-15)
+    backlash = acted(Actuator(backlash=0.2), np.array([0.0, 0.05, 0.3, 0.25, 0.0, -0.4, -0.35]))
+    np.testing.assert_allclose(backlash, [0.0, 0.0, 0.2, 0.2, 0.1, -0.3, -0.3], atol=1e-15)
     np.testing.assert_allclose(acted(Actuator(rate=5.0), np.array([0.0, 1.0, 1.0, 0.95])), [0, 0.1, 0.2, 0.3])
     lag = acted(Actuator(lag=0.5), np.r_[0.0, np.ones(25)])
     assert lag[-1] == pytest.approx(1.0 - math.exp(-1.0), rel=1e-9)
@@ -106,7 +106,7 @@ def test_at_full_output_a_bent_actuator_has_at_most_twice_the_gain_that_margins_
 
 
 def test_a_settled_actuator_gives_the_force_its_inverse_was_asked_for() -> None:
-    actuator = Actuator(dead_zone=0.1, play=0.04, square=0.6, astern=0.7)
+    actuator = Actuator(dead_zone=0.1, backlash=0.04, square=0.6, astern=0.7)
     for force in (0.3, -0.3, 0.02):
         u = actuator.output_for(force)
         assert float(actuator.static(np.array([u]))[0]) == pytest.approx(force, abs=1e-3)
@@ -117,18 +117,18 @@ def test_a_settled_actuator_gives_the_force_its_inverse_was_asked_for() -> None:
 
 def test_a_loop_at_rest_stays_at_rest_whatever_the_actuator() -> None:
     law, craft = LAWS["rover-heading"], yaw(ALPHA, BETA, 0.0, 0.15)
-    for actuator in (Actuator(dead_zone=0.1), Actuator(play=0.1), Actuator(lag=0.5), Actuator(astern=0.6)):
+    for actuator in (Actuator(dead_zone=0.1), Actuator(backlash=0.1), Actuator(lag=0.5), Actuator(astern=0.6)):
         gains = {**ROVER_DEFAULTS, "ATC_STR_RAT_I": 0.5}
         motion = law.simulate(craft, gains, Scenario(1e-9, 20.0), SPEED, 0.0, actuator)
         assert np.ptp(motion.position) < 1e-3, actuator
 
 
-def harmonic(play: float, amplitude: float) -> complex:
-    """Return the describing function of play of a total *play* for a sine of *amplitude*, from one settled period."""
+def harmonic(backlash: float, amplitude: float) -> complex:
+    """Return the describing function of a total *backlash* for a sine of *amplitude*, from one settled period."""
     phase = np.linspace(0.0, 4.0 * math.pi, 1601)
     u, y, held = amplitude * np.sin(phase), np.zeros(1601), 0.0
     for i, now in enumerate(u):
-        held = min(max(held, now - 0.5 * play), now + 0.5 * play)
+        held = min(max(held, now - 0.5 * backlash), now + 0.5 * backlash)
         y[i] = held
     last = slice(801, 1601)
     first = 2.0 * np.mean(y[last] * np.exp(-1j * phase[last])) * 1j
@@ -137,24 +137,24 @@ def harmonic(play: float, amplitude: float) -> complex:
 
 def test_hunting_is_that_of_the_describing_function() -> None:
     """Harmonic balance N(A) L(jw) = -1 knows nothing of the simulation; the first harmonic is good to some 10 %."""
-    law, craft, play = LAWS["rover-heading"], yaw(ALPHA, BETA), 0.05
+    law, craft, backlash = LAWS["rover-heading"], yaw(ALPHA, BETA), 0.05
     settings = {**ROVER_DEFAULTS, "ATC_STR_RAT_P": 0.6, "ATC_STR_RAT_I": 0.6}
     delay = 0.03
     problem = DesignProblem(
-        law, [], Region(craft, np.zeros((5, 5)), ()), settings, SPEC, 0.2, delay, actuator=Actuator(play=play)
+        law, [], Region(craft, np.zeros((5, 5)), ()), settings, SPEC, 0.2, delay, actuator=Actuator(backlash=backlash)
     )
     found = hunting_of(problem, settings, 0.2)
     omega = np.linspace(0.2, 3.0, 400)
     s = 1j * omega
     loop = law.controller(settings, SPEED).at(s) / (ALPHA * s + BETA) * np.exp(-delay * s)
     balance = []
-    for amplitude in np.geomspace(0.51 * play, 20.0 * play, 120):
-        gap = np.abs(harmonic(play, float(amplitude)) * loop + 1.0)
+    for amplitude in np.geomspace(0.51 * backlash, 20.0 * backlash, 120):
+        gap = np.abs(harmonic(backlash, float(amplitude)) * loop + 1.0)
         k = int(np.argmin(gap))
         balance.append((float(gap[k]), float(amplitude), k))
     gap, amplitude, k = min(balance)
     assert gap < 0.02, "no limit cycle is foretold"
-    swing = abs(harmonic(play, amplitude)) * amplitude / abs(ALPHA * s[k] + BETA) / omega[k]
+    swing = abs(harmonic(backlash, amplitude)) * amplitude / abs(ALPHA * s[k] + BETA) / omega[k]
     assert found.swings
     assert found.period == pytest.approx(math.tau / omega[k], rel=0.1)
     assert found.amplitude == pytest.approx(swing, rel=0.2)

@@ -133,6 +133,7 @@ def test_a_constant_force_beside_a_drifting_one_is_identified() -> None:
     assert cause.effect.slug == "input-bias" and cause.effect["bias"] == pytest.approx(1.25, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_lag_shorter_than_a_sample_is_a_hint_and_no_name() -> None:
     """A sensor's filter looks the same, so that it is never named; what fits worse does not take its place."""
     told = in_mild_weather(33, "actuator-lag", ["actuator-lag", "tether-pull"])

@@ -17,8 +17,7 @@ from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import blocked_cv
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.base_model import fit_base, plain_form
-from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
 
 pytestmark = pytest.mark.slow
 

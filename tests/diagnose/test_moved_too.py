@@ -9,7 +9,7 @@ import pytest
 from runs_in_the_tank import BOAT, UNITS
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.identify.moved import MOVED_TOO, moved_besides, moved_too
+from gcs_autotune.identify import MOVED_TOO, moved_besides, moved_too
 from gcs_autotune.report.diagnosis.wording import verdict_of
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import StudySettings, study
@@ -64,6 +64,7 @@ def test_noise_on_a_speed_is_no_motion():
     assert moved_besides([flown(thrust=0.0, noise=0.5)], {"yaw"}) == {}
 
 
+@pytest.mark.slow
 def test_a_diagnosis_of_yaw_alone_says_so_where_its_verdict_stands():
     run = flown(COUPLED)
     told = diagnose(run, effects=["input-bias"])

@@ -12,8 +12,7 @@ from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.adequacy import nonparametric_rivals
 from gcs_autotune.diagnose.resonance_check import resonance_checks
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify.base_model import fit_base, plain_form
-from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
 from sitl.effects import EffectParameter, HiddenEffect, Setting
 from sitl.plants import Wrench
 

@@ -31,7 +31,7 @@ def searched(runs: list[Trial]) -> NoiseSearch:
     return found
 
 
-@pytest.mark.parametrize("seed", APART)
+@pytest.mark.parametrize("seed", [30, pytest.param(31, marks=pytest.mark.slow)])
 def test_days_of_eight_per_cent_of_thrust_give_no_name(seed: int) -> None:
     found = searched(weathered(seed, size=0.05, count=4, days=APART[seed]))
     assert found.accepted == ()

@@ -12,7 +12,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.linalg import cholesky, expm, solve_continuous_lyapunov
 
 from gcs_autotune.effects import rung
-from gcs_autotune.effects.actuator import play
+from gcs_autotune.effects.actuator import backlash
 from gcs_autotune.effects.kernels import SETTLED, earlier, fading, following, limited
 from gcs_autotune.effects.narrow_band import SETTLED as SETTLED_AT
 from gcs_autotune.effects.narrow_band import Oscillator, cost, driven, whitened
@@ -121,10 +121,10 @@ def test_a_fading_gain_has_the_exact_mean_on_every_piece(rate: float, floor: flo
         assert np.sum((stamps >= bottom) & ~np.isin(stamps, T)) <= 1, "what is as weak as it gets is drawn in one piece"
 
 
-def test_play_is_dragged_along_by_its_flanks() -> None:
+def test_backlash_is_dragged_along_by_its_flanks() -> None:
     u = np.array([0.0, 0.3, 1.0, 0.8, 0.2, -1.0, -0.9, 0.0])
-    assert play(u, 0.25) == pytest.approx([0.0, 0.05, 0.75, 0.75, 0.45, -0.75, -0.75, -0.25])
-    assert play(u, 0.0) == pytest.approx(u)
+    assert backlash(u, 0.25) == pytest.approx([0.0, 0.05, 0.75, 0.75, 0.45, -0.75, -0.75, -0.25])
+    assert backlash(u, 0.0) == pytest.approx(u)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.37])

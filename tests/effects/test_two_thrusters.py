@@ -125,3 +125,37 @@ def test_what_both_thrusters_have_is_one_cause_of_both(slug: str, opposite: floa
     (cause,) = told.causes
     assert (cause.effect.slug, cause.effect.place) == (slug, "force_left+force_right")
     assert dict(cause.effect.values) == pytest.approx(SLOW[slug], rel=0.1)
+
+
+def turns(seed: int, *, astern: float, lag: float = 0.0) -> Trial:
+    """A boat with way on that two thrusters turn, at 10 Hz: both sizes of turn, the larger beyond the way ahead."""
+    rng, dt, throttle = np.random.default_rng(seed), 0.01, 0.4
+    t = np.arange(0.0, 60.0, dt)
+    N = np.repeat(rng.permutation(np.tile([0.3, -0.3, 0.45, -0.45], 5)), 300)
+    inner = throttle - np.abs(N)
+    acting = np.sign(N) * 0.5 * (throttle + np.abs(N) - np.where(inner < 0.0, astern * inner, inner))
+    r, now = np.zeros(len(t)), acting[0]
+    for k in range(len(t) - 1):
+        now = acting[k] + (now - acting[k]) * np.exp(-dt / lag) if lag else acting[k]
+        r[k + 1] = r[k] + dt * (now - r[k])
+    columns = {"r": ("rad/s", r[::10] + 0.0003 * rng.standard_normal(len(t[::10]))), "N": ("1", N[::10])}
+    columns["X"] = ("1", np.full(len(t[::10]), throttle))
+    return Trial(f"run{seed}", {n: Channel(n, unit, t[::10], values) for n, (unit, values) in columns.items()})
+
+
+def test_where_the_hardest_turns_take_one_thruster_astern_its_weakness_comes_before_a_limit() -> None:
+    runs = [turns(seed, astern=0.5) for seed in (1, 2)]
+    told = diagnose(runs, dof="yaw", effects=["saturation", "asymmetric-thrust", "quadratic-drag"])
+    (cause,) = told.causes
+    assert (cause.effect.slug, cause.effect.place) == ("asymmetric-thrust", "N+X")
+    assert cause.effect["ratio"] == pytest.approx(0.5, abs=0.05)
+    assert any({"saturation", "asymmetric-thrust"} <= set(group) for group in told.indistinguishable)
+
+
+def test_a_time_below_half_a_sample_is_no_cause() -> None:
+    runs = [turns(seed, astern=1.0, lag=0.03) for seed in (1, 2)]
+    told = diagnose(runs, dof="yaw", effects=["actuator-lag", "input-delay", "measurement-delay", "time-offset"])
+    assert told.causes == ()
+    slower = [turns(seed, astern=1.0, lag=0.12) for seed in (1, 2)]
+    (cause,) = diagnose(slower, dof="yaw", effects=["actuator-lag", "input-delay", "time-offset"]).causes
+    assert cause.effect.slug == "actuator-lag"

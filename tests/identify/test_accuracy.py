@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from axis_plants import DEG, Relay
 
-from gcs_autotune.identify import cramer_rao, fit_axis
-from gcs_autotune.identify.preparation import prepare
-from gcs_autotune.identify.whiteness import autocorrelation, whiteness
+from gcs_autotune.identify import autocorrelation, cramer_rao, fit_axis, prepare
+from gcs_autotune.identify.whiteness import whiteness
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 

@@ -16,7 +16,7 @@ from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
 from gcs_autotune.identify import Fit, fit, form_of, plain_form
 from gcs_autotune.identify.cleaning import clipped, within_range
-from gcs_autotune.identify.odd_run import CraftEstimate, odd_runs
+from gcs_autotune.identify.outlier_run import CraftEstimate, outlier_runs
 from gcs_autotune.trial import Channel, Trial, save_trial
 
 Record = Callable[..., Trial]
@@ -256,7 +256,7 @@ def test_runs_of_one_craft_are_called_apart_once_in_a_thousand_times_at_three_si
         def estimate(which: tuple[int, ...], draws: np.ndarray = draws) -> CraftEstimate:
             return CraftEstimate(draws[list(which)].mean(axis=0), C / len(which))
 
-        false += bool(odd_runs(("a", "b", "c", "d"), estimate, sigmas=3.0))
+        false += bool(outlier_runs(("a", "b", "c", "d"), estimate, sigmas=3.0))
     assert false <= 10  # four comparisons of 0.27 % each: about 4 in 400
 
 

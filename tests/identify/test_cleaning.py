@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify import cleaning
-from gcs_autotune.identify.cleaning import _breaks_off, _levels_off, clean, clipped, unwrap
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify import Doubt, clean, cleaning
+from gcs_autotune.identify.cleaning import _breaks_off, _levels_off, clipped, unwrap
 from gcs_autotune.trial import Channel
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gcs_autotune.identify import Doubt, quantum
 from gcs_autotune.identify.cleaning import (
     _breaks_off,
     _in_order,
@@ -16,11 +17,9 @@ from gcs_autotune.identify.cleaning import (
     holes_of,
     noted,
     outside,
-    quantum,
     unwrap,
     within_range,
 )
-from gcs_autotune.identify.result import Doubt
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]

@@ -7,11 +7,12 @@ from typing import cast
 import numpy as np
 import pytest
 
-from gcs_autotune.identify.likelihood import DIAGNOSTIC, WEAK, Limits, Residual, StampPrior, information_of
+from gcs_autotune.identify.axis.form import ExplicitForm
+from gcs_autotune.identify.free_numbers import DIAGNOSTIC, WEAK, StampPrior
+from gcs_autotune.identify.likelihood import Limits, Residual, information_of
 from gcs_autotune.identify.noise import Gaussian, NoiseModel, Rounded
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.sname import DOFS
 
 N, P = 60, 3

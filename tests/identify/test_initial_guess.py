@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs_autotune.identify.initial_guess import SPECIAL_START
-from gcs_autotune.models.coupled.derivatives import SPECIAL
+from gcs_autotune.models import SPECIAL
 
 
 def test_every_special_parameter_has_a_finite_start_and_room_to_move() -> None:

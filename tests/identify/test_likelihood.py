@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.effects import DataSummary, EffectInstance, EffectResidual
+from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.free_numbers import WEAK
 from gcs_autotune.identify.likelihood import (
     LAGGED,
@@ -24,7 +25,6 @@ from gcs_autotune.identify.likelihood import (
 from gcs_autotune.identify.noise import Gaussian, NoiseModel
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.models import simulate_explicit
 from gcs_autotune.sname import DOFS
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import experiments_needed, identify_process
+from gcs_autotune.identify import LimitCycle, experiments_needed, identify_process
 from gcs_autotune.identify.relay.iso import relay
-from gcs_autotune.identify.result import LimitCycle
 
 
 def balanced_cycle(value: complex, omega: float, X_m: float) -> LimitCycle:

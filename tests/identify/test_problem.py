@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from gcs_autotune.effects import DataSummary, EffectInstance
+from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.free_numbers import DIAGNOSTIC, WEAK, label_of
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.problem import FLOOR, STRIDE, TURN, Problem
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.models import simulate_explicit
 from gcs_autotune.sname import DOFS
 

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from axis_plants import Plant, Relay, fly
 
-from gcs_autotune.identify import find_cycles, fit, fit_axis
+from gcs_autotune.identify import LimitCycle, find_cycles, fit, fit_axis
 from gcs_autotune.identify.relay.iso import estimate
-from gcs_autotune.identify.result import LimitCycle
 from gcs_autotune.trial import Channel, Trial
 
 Record = Callable[..., Trial]

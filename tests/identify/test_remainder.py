@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from gcs_autotune.identify.noise import Gaussian, Rounded, gaussian_noise
-from gcs_autotune.identify.whiteness import Remainder, all_white, autocorrelation, correlation_time, remainder_of
+from gcs_autotune.identify import Remainder, autocorrelation, correlation_time, gaussian_noise
+from gcs_autotune.identify.noise import Gaussian, Rounded
+from gcs_autotune.identify.whiteness import all_white, remainder_of
 
 
 @pytest.mark.parametrize(

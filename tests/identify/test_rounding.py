@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from axis_plants import DEG, Relay
 
-from gcs_autotune.identify import cramer_rao, fit_axis
-from gcs_autotune.identify.first_look import quanta_of
+from gcs_autotune.identify import cramer_rao, fit_axis, prepare
 from gcs_autotune.identify.noise import FINEST, Gaussian, Rounded
-from gcs_autotune.identify.preparation import prepare
+from gcs_autotune.identify.quick_fit import quanta_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 

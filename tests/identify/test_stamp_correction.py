@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from gcs_autotune.identify import stamp_correction
+from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.preparation import WITHIN_LOOP
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.identify.simulators import ExplicitForm
 from gcs_autotune.identify.solution import Solution, solve
 from gcs_autotune.identify.stamp_correction import MOST, Switches, _nearest, _posterior, corrected, switches_of
 from gcs_autotune.models import simulate_explicit

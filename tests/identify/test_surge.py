@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import fit_axis
-from gcs_autotune.identify.model_file import load_model, save_model
-from gcs_autotune.identify.surge import CURVE, bent, fit_surge, set_on_the_way_back, square_of
-from gcs_autotune.models import SingleDof
-from gcs_autotune.models.simulation import simulate
+from gcs_autotune.identify import CURVE, fit_axis, fit_surge, load_model, save_model, set_on_the_way_back, square_of
+from gcs_autotune.identify.surge import bent
+from gcs_autotune.models import SingleDof, simulate
 from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.workflow import StudySettings, study
 
@@ -146,7 +144,9 @@ def on_heading(run: Trial, heading: float, water: float) -> Trial:
 
 
 @pytest.mark.parametrize("square", [0.0, 1.0])
-@pytest.mark.parametrize("water", [0.0, 0.02, 0.15, -0.3])
+@pytest.mark.parametrize(
+    "water", [0.0, pytest.param(0.02, marks=pytest.mark.slow), 0.15, pytest.param(-0.3, marks=pytest.mark.slow)]
+)
 def test_any_run_on_the_way_back_shows_the_current_beside_what_the_way_out_foretells(
     water: float, square: float
 ) -> None:

@@ -14,7 +14,7 @@ from axis_plants import DEG, Relay
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import METHODS, Fit, fit
 from gcs_autotune.identify.method import Bears
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel, Trial
 
 QUICK, STEP, NOISE = (0.031, 0.0, 0.069, 0.003), 0.02, 0.004

@@ -149,6 +149,7 @@ def test_the_counters_of_boot_are_unwrapped_to_the_turn_nearest_to_the_last_stam
 @given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=50), st.floats(-100.0, 100.0))
 def test_an_unwrapped_angle_is_continuous(steps: list[float], start: float) -> None:
     true, unwrapper = start, Unwrapper()
+    assert steps
     first = unwrapper.unwrap(math.remainder(start, math.tau))
     for step in steps:
         true += step

@@ -106,6 +106,7 @@ def checked(harness: SitlHarness, runs: Path, options: dict[str, float] | None =
     return recheck(FlightPlan.of(settings), AXES["heading"], Unattended(), Ear(harness.said), WHEN, runs)
 
 
+@pytest.mark.slow
 def test_a_loop_that_oscillates_for_ever_ends_in_red_with_its_amplitude(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     with with_pictures():

@@ -10,7 +10,7 @@ import pytest
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import load_model
-from gcs_autotune.identify.model_file import as_extended
+from gcs_autotune.identify.axis.form import as_extended
 from gcs_autotune.models import SingleDof
 from sitl.effects.table import make_effect
 

@@ -24,7 +24,7 @@ LAWS: Mapping[str, Law] = {
 CEILINGS: Mapping[str, Callable[[SingleDof, Settings, float | None], Mapping[str, float]]] = {
     RoverHeading.name: most_feed_forward
 }
-"""Law -> largest values worth offering on a model at a speed [m/s], where that is less than the documented range."""
+"""Law -> largest useful gains for a model at a speed [m/s], if below the documented range."""
 
 _SHARED = ((RoverHeading.name, RoverYaw.name), (SubHeading.name, SubYaw.name))
 OTHER_MODE: Mapping[str, str] = {one: other for pair in _SHARED for one, other in (pair, pair[::-1])}

@@ -220,7 +220,7 @@ advance = pasted(_advance)
 
 
 def _bent(u: float, actuator: ActuatorStep) -> float:
-    """Return the force of a settled output *u*, the play taken up."""
+    """Return the force of a settled output *u*, with backlash taken up."""
     size = abs(u) - actuator.lost if abs(u) > actuator.dead_zone else 0.0
     size *= 1.0 - actuator.square + actuator.square * size / actuator.reference
     return float(actuator.ahead * size if u >= 0.0 else -actuator.astern * size)
@@ -232,7 +232,7 @@ bent = inlined(_bent)
 def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64]) -> float:
     """Return the force that *output* gives.
 
-    memory : (4,) whether it has begun, and where limiter, lag and play are; changed. It begins settled at *output*.
+    memory : (4,) whether it has begun, and where limiter, lag and backlash are; changed. It begins settled at *output*.
     """
     if actuator.acts == 0.0:
         return output
@@ -241,7 +241,7 @@ def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64])
         memory[0], memory[1], memory[2] = 1.0, wish, wish
     memory[1] = clip(wish, memory[1] - actuator.rate, memory[1] + actuator.rate)
     memory[2] += actuator.lag * (memory[1] - memory[2])
-    memory[3] = clip(memory[3], memory[2] - actuator.play, memory[2] + actuator.play)
+    memory[3] = clip(memory[3], memory[2] - actuator.backlash, memory[2] + actuator.backlash)
     u, noise = memory[3], actuator.dither
     force = bent(u, actuator)
     if noise > 0.0:  # the mean over normal noise: Gauss-Hermite quadrature of five points
@@ -255,7 +255,7 @@ actuate = pasted(_actuate)
 
 
 def _delayed(sent: NDArray[np.float64], k: int, late: float, before: float) -> float:
-    """Return what acts, on the mean, during loop *k* of outputs that are *late* (in loops, besides being held for one).
+    """Return the mean acting output in loop *k* for outputs delayed by *late* loops, in addition to being held for one.
 
     *before* acts until the first of *sent* arrives.
     """

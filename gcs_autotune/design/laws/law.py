@@ -63,7 +63,7 @@ class Law(Protocol):
     """The one among ``tuned`` that makes the integral action."""
     fixed: Settings
     late: Sequence[str]
-    """Gains among ``fixed`` that the last stage of an automatic design may take up where that pays."""
+    """Gains among ``fixed`` that the last stage of an automatic design may also change if that helps."""
     defaults: Settings
     """Firmware defaults of the law's parameters, for those the vehicle did not report."""
     usual_step: float
@@ -83,7 +83,7 @@ class Law(Protocol):
         ...
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return the largest velocity the autopilot will ask for [rad/s or m/s]."""
+        """Return the largest velocity that the autopilot commands [rad/s or m/s]."""
         ...
 
     def demand(
@@ -129,14 +129,15 @@ class Law(Protocol):
         ...
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return how fast a constant force is worked off [1/s]: integral over proportional action on the position.
+        """Return the rate [1/s] at which the integral compensates a constant force: integral over proportional gain of
+        the position.
 
         Infinite where the autopilot allows no integral action at all.
         """
         ...
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Return sentences on where the gains in *settings* hold, and what stands in their way."""
+        """Return sentences on the validity of the gains in *settings*, and what limits them."""
         ...
 
 

@@ -70,7 +70,7 @@ class Loop(ABC):
 
     @abstractmethod
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return the loop that *settings* make at *speed*; *dt* is the loop period [s]. A gain not given is 0."""
+        """Return the loop of *settings* at *speed*; *dt* is the loop period [s]. A missing gain is 0."""
 
     def fly(
         self,

@@ -162,7 +162,7 @@ def ideal_feed_forward(model: SingleDof, settings: Settings, speed: float | None
 
 
 def most_feed_forward(model: SingleDof, settings: Settings, speed: float | None) -> Mapping[str, float]:
-    """Return the largest feed-forward worth offering on *model* at *speed* [m/s], by its name."""
+    """Return the largest useful feed-forward for *model* at *speed* [m/s], by its name."""
     ideal = ideal_feed_forward(model, settings, speed)
     return {FF: MAX_FEED * ideal} if ideal > 0.0 else {}
 

@@ -25,7 +25,7 @@ __all__ = ["SubYaw"]
 REPAID = 0.1
 """The craft falls behind the moving target at first and turns faster to catch up: no rate gains can help that."""
 UNUSED = ("ATC_SLEW_YAW", "ATC_INPUT_TC")
-"""They shape headings, not rates."""
+"""Parameters that shape headings, not turn rates."""
 DEFAULTS: Settings = {n: v for n, v in OF_HEADING.items() if n not in UNUSED}
 
 
@@ -72,7 +72,7 @@ class SubYaw(VelocityLoop):
         return self._heading.controller(settings, speed)
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return that of the heading law: the angle loop is in place."""
+        """Return the rate of the heading law, whose angle loop is active."""
         return self._heading.integral_rate(settings, speed)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:

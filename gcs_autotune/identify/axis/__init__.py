@@ -1,7 +1,7 @@
 """One degree of freedom, exactly: the model ``SingleDof`` fitted to whole records by maximum likelihood.
 
 ==================  ===========================================================================
-case                one question, as every method gets it
+form                the axis as a form, its dampings, its numbers by name
 start               where the exact fit starts
 structure           which drag, and is there a delay: candidates weighed by ``evidence``
 uncertainty         covariance, correlated residuals, Cramer-Rao bound

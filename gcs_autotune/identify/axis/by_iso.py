@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.case import Case, named_parameters, two_experiment_decision
-from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.axis.form import FREE, Structure
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, run_freely
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.relay import iso
-from gcs_autotune.identify.relay.iso import quadratic_drag
-from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status, Structure
+from gcs_autotune.identify.relay.iso import quadratic_drag, two_experiment_decision
+from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status
 from gcs_autotune.models import SingleDof
 
 __all__ = ["METHOD", "fit_by_iso"]
@@ -50,35 +51,23 @@ def fit_by_iso(case: Case) -> AxisFit:
     decision = two_experiment_decision(usable)
     structure, undecided = _structure(case.structure, decision)
     model, covariance = _model(case, structure, usable, delay)
-    status: list[Status] = [
-        "fitted",
-        *_drag_status(structure),
-        "fitted",
-        "absent" if case.delay is None else "fixed",
-    ]
-    parameters = named_parameters(model, covariance, status)
+    status: list[Status] = ["fitted", *_drag_status(structure), "fitted", "absent" if case.delay is None else "fixed"]
+    table = axis_table(model, covariance, status)
     runs = [run_freely(model, record)[0] for record in case.records]
-    rms, fit_percent = rms_of(runs), fit_percent_of(runs)
-    findings = Findings(case, model, structure, parameters, decision, rms, fit_percent)
-    doubts = [*collect(findings), _first_harmonic()]
-    if undecided:
-        doubts.append(_undecided())
-    return AxisFit(
-        dof=model.dof,
+    motion = Motion(tuple(runs), fit_percent_of(runs), rms_of(runs))
+    findings = Findings(case, model, structure, table.parameters, decision, motion.rms, motion.fit_percent)
+    doubts = [*collect(findings), _first_harmonic(), *([_undecided()] if undecided else [])]
+    main = case.records[0].main.name
+    return fit_of(
+        case,
+        "iso",
+        model,
+        table,
+        motion,
         structure=structure,
-        method="iso",
-        model=model,
-        parameters=parameters,
-        covariance=covariance,
-        noise_std=rms,
-        residual_rms=rms,
-        fit_percent=fit_percent,
-        used=case.names,
-        doubts=tuple(doubts),
-        iso=tuple(everything),
-        decision=decision,
-        traces=tuple(runs),
-        extra={"signals": [case.records[0].main.name], "largest": case.largest},
+        doubts=doubts,
+        extra={"signals": [main], "largest": case.largest},
+        axis=AxisDetails(main, tuple(everything), decision),
     )
 
 

@@ -14,22 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.case import Case, named_parameters, two_experiment_decision
 from gcs_autotune.identify.axis.evidence import UNDECIDED, craft_covariance
+from gcs_autotune.identify.axis.form import FREE, Explicit
 from gcs_autotune.identify.axis.signals import first_names, objection, wanted_names
 from gcs_autotune.identify.axis.start import DELAYS, Bounds, bounds_of, misfit, start_from_cycles, start_from_scan
-from gcs_autotune.identify.axis.structure import FREE, Selection, model_of, select
-from gcs_autotune.identify.axis.uncertainty import explicit_covariance
+from gcs_autotune.identify.axis.structure import Selection, select
+from gcs_autotune.identify.axis.uncertainty import explicit_covariance, numbers_of, std_of
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import Findings, collect, delay_fitted
+from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.moved import dof_option, moved_besides
-from gcs_autotune.identify.odd_run import CraftEstimate, OddRun, odd_run_doubts, odd_runs
+from gcs_autotune.identify.outlier_run import CraftEstimate, OutlierRun, outlier_run_doubts, outlier_runs
 from gcs_autotune.identify.problem import Problem
 from gcs_autotune.identify.relay import iso
-from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Parameter, Status, Trace
+from gcs_autotune.identify.relay.iso import two_experiment_decision
+from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Parameter, Status
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment, within_horizon
-from gcs_autotune.identify.simulators import EXPLICIT
-from gcs_autotune.identify.solution import Solution, fit_percents, solve, traces_of
+from gcs_autotune.identify.solution import Solution, solve
 from gcs_autotune.identify.solution_doubts import solution_doubts
 from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.identify.whiteness import whiteness
@@ -50,7 +52,7 @@ SHORTER = (4.0, 8.0, 16.0, 32.0)
 
 
 def fit_by_output_error(case: Case) -> AxisFit:
-    """AxisFit *case* by output error; see the package's :func:`identify`.
+    """Fit *case* by output error; see the package's :func:`identify`.
 
     Over whole runs a slowly varying force adds up until no model follows. Where the input does not explain these, the
     fit is made to pieces, each with initial states of its own, the longest that it explains, and a doubt says so.
@@ -67,7 +69,7 @@ def fit_by_output_error(case: Case) -> AxisFit:
         for parts in SHORTER:
             pieces = within_horizon(case.records, longest / parts)
             try:
-                found = _fitted(replace(case, records=pieces))
+                found = _fitted(replace(case, records=tuple(pieces)))
             except NotInformative:
                 continue
             return replace(found, doubts=(_only_in_pieces(longest / parts), *found.doubts))
@@ -96,7 +98,7 @@ def _fitted(case: Case) -> AxisFit:
     chosen = select(records, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
     better = corrected(records, [r.only(names) for r in chosen.records], chosen.solution)
     if better is not None:
-        start = chosen.solution.theta
+        start = numbers_of(chosen.solution)
         chosen = select(better, names, start, bounds, case.structure, case.delay, decision, robust=case.robust)
     _check_that_input_explains(case.records, chosen)
     solution = chosen.solution
@@ -104,11 +106,11 @@ def _fitted(case: Case) -> AxisFit:
     return _assembled(case, chosen, estimates, two_experiment_decision(estimates), names, left_out, bounds)
 
 
-def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Array:
+def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Explicit:
     """Return the IS-O start, or the scan's when that explains the record clearly better."""
     begin = start_from_cycles(estimates)
     if begin is not None:
-        begin[1] = float(np.clip(begin[1], 1e-3, bounds.rate))
+        begin = begin._replace(a=float(np.clip(begin.a, 1e-3, bounds.rate)))
         variance = sum(float(np.var(r.main.values)) * min(len(r.main.t), 400) for r in case.records)
         if misfit(case.records, begin) <= GOOD_START * variance:
             return begin
@@ -119,8 +121,8 @@ def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Arra
 
 
 def _signals(
-    case: Case, start: Array, bounds: Bounds
-) -> tuple[tuple[str, ...], dict[str, str], Array, Sequence[Segment]]:
+    case: Case, start: Explicit, bounds: Bounds
+) -> tuple[tuple[str, ...], dict[str, str], Explicit, Sequence[Segment]]:
     """Return the names to fit, what was left out and why, a better start, and records better dated."""
     records = case.records
     if case.use is not None:
@@ -133,12 +135,12 @@ def _signals(
     first = select(records, names, start, bounds, structure, case.delay, None, robust=case.robust)
     better = corrected(records, [r.only(names) for r in first.records], first.solution)
     if better is not None:
-        records, start = better, first.solution.theta
+        records, start = better, numbers_of(first.solution)
         first = select(records, names, start, bounds, structure, case.delay, None, robust=case.robust)
     reason = objection(first.records, first.solution)
     if reason:
-        return names, {axis.velocity: reason}, first.solution.theta, records
-    return (axis.position, axis.velocity), {}, first.solution.theta, records
+        return names, {axis.velocity: reason}, numbers_of(first.solution), records
+    return (axis.position, axis.velocity), {}, numbers_of(first.solution), records
 
 
 def _check_that_input_explains(records: Sequence[Segment], chosen: Selection) -> None:
@@ -183,17 +185,23 @@ def _assembled(
 ) -> AxisFit:
     solution, records = chosen.solution, chosen.records
     covariance = craft_covariance(solution, chosen.rival, chosen.correlation)
-    model = model_of(records[0], solution.theta)
-    if "a" in solution.at_bound or "c" in solution.at_bound:
+    model = numbers_of(solution).model(records[0].dof, records[0].input_units[0])
+    if _inertia_unresolved(solution):
         _admit_unresolved_inertia(covariance, model.alpha)
-    parameters = named_parameters(model, covariance, _status(case, chosen))
-    _check_that_something_is_known(records, parameters)
+    table = axis_table(model, covariance, _status(case, chosen))
+    _check_that_something_is_known(records, table.parameters)
     main = solution.rests[0].signal
-    rms, fit_percent = solution.rms(main), fit_percents(solution).get(main, 0.0)
+    motion = Motion.of_solution(records, solution, main)
     findings = Findings(
-        case, model, chosen.structure, parameters, decision, solution.noise[main], fit_percent, solution.white
+        case,
+        model,
+        chosen.structure,
+        table.parameters,
+        decision,
+        motion.noise[main],
+        motion.fit_percent,
+        solution.white,
     )
-    doubts = (*collect(findings), *fit_doubts(chosen, case, bounds))
     extra: dict[str, Any] = {
         "signals": list(names),
         "signals_left_out": left_out,
@@ -206,25 +214,22 @@ def _assembled(
         "sigma": {k: law.sigma for k, law in solution.noise_models.items()},
         "quantum": {k: law.quantum for k, law in solution.noise_models.items()},
     }
-    return AxisFit(
-        dof=records[0].dof.name,
+    return fit_of(
+        case,
+        "output-error",
+        model,
+        table,
+        motion,
         structure=chosen.structure,
-        method="output-error",
-        model=model,
-        parameters=parameters,
-        covariance=covariance,
-        noise=dict(solution.noise),
-        noise_std=solution.noise[main],
-        residual_rms=rms,
-        fit_percent=fit_percent,
-        used=case.names,
-        doubts=doubts,
-        iso=tuple(estimates),
-        decision=decision,
-        candidates=chosen.candidates,
-        traces=_traces(records, solution, main),
+        doubts=(*collect(findings), *fit_doubts(chosen, case, bounds)),
         extra=extra,
+        axis=AxisDetails(main, tuple(estimates), decision, chosen.candidates),
     )
+
+
+def _inertia_unresolved(solution: Solution) -> bool:
+    """Whether a rate stands at the limit of what the sampling resolves."""
+    return "a" in solution.at_bound or "c" in solution.at_bound
 
 
 def _admit_unresolved_inertia(covariance: Array, alpha: float) -> None:
@@ -234,15 +239,10 @@ def _admit_unresolved_inertia(covariance: Array, alpha: float) -> None:
 
 
 def _status(case: Case, chosen: Selection) -> list[Status]:
-    bound = chosen.solution.at_bound
     drag: list[Status] = ["fitted" if on else "absent" for on in FREE[chosen.structure][1:3]]
-    inertia: Status = "at_bound" if "a" in bound or "c" in bound else "fitted"
+    inertia: Status = "at_bound" if _inertia_unresolved(chosen.solution) else "fitted"
     delay: Status = "fitted" if "delay" in chosen.solution.free else "absent" if case.delay is None else "fixed"
     return [inertia, *drag, "fitted", delay]
-
-
-def _traces(segments: Sequence[Segment], solution: Solution, name: str) -> tuple[Trace, ...]:
-    return tuple(t for t in traces_of(segments, solution, float(solution.factors.max())) if t.signal == name)
 
 
 DELAY_CHANGE = 0.03
@@ -272,7 +272,7 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
     undecided_delay = _delay_undecided(chosen, case)
     if undecided_delay is not None:
         found.append(undecided_delay)
-    if "a" in solution.at_bound or "c" in solution.at_bound:
+    if _inertia_unresolved(solution):
         found.append(
             Doubt(
                 "inertia-unresolved",
@@ -290,9 +290,9 @@ def _second_drag(chosen: Selection, case: Case) -> Doubt | None:
     bic = {c.structure: c.bic for c in chosen.candidates}
     if chosen.rival is None or bic["affine"] - bic[chosen.structure] > UNDECIDED:
         return None
-    i = 1 if chosen.structure == "linear" else 2
-    one, both = chosen.solution.theta, chosen.rival.theta
-    change = float((both[i] / both[0]) / (one[i] / one[0])) - 1.0
+    drag = "a" if chosen.structure == "linear" else "c"
+    one, both = (s.value(drag) / s.value("b") for s in (chosen.solution, chosen.rival))
+    change = both / one - 1.0
     own, other = ("linear", "quadratic") if chosen.structure == "linear" else ("quadratic", "linear")
     return Doubt(
         "second-drag-undecided",
@@ -308,15 +308,14 @@ def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
     if tried is None or "delay" in chosen.solution.free:
         return None
     ratio = chosen.delay_evidence + math.log(tried.samples / chosen.correlation)
-    change = float(chosen.solution.theta[0] / tried.theta[0]) - 1.0
-    spread = (
-        3.0 * math.sqrt(explicit_covariance(chosen.solution, raised=False)[0, 0]) / abs(float(chosen.solution.theta[0]))
-    )
+    gain = chosen.solution.value("b")
+    change = gain / tried.value("b") - 1.0
+    spread = 3.0 * std_of(chosen.solution, "b", raised=False) / abs(gain)
     if ratio < 2.7 or abs(change) < max(DELAY_CHANGE, spread):
         return None
     return Doubt(
         "delay-undecided",
-        f"a delay of {tried.theta[4]:.2f} s fits as well as none; inertia changes by {100.0 * change:+.0f} %",
+        f"a delay of {tried.value('delay'):.2f} s fits as well as none; inertia changes by {100.0 * change:+.0f} %",
         f"give --delay if you know it; {case.more_levels}",
     )
 
@@ -324,7 +323,7 @@ def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
 def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
     """Compare what each run says alone with what the others say, all with the drag structure chosen."""
     stretches = [[i for i, r in enumerate(chosen.records) if r.run == name] for name in case.names]
-    craft = [EXPLICIT.index(n) for n in chosen.solution.free if n in ("b", "a", "c")]
+    craft = [chosen.solution.form.parameters.index(n) for n in chosen.solution.free if n in ("b", "a", "c")]
 
     by_itself: list[Solution] = []
 
@@ -337,13 +336,13 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
 
     if len(case.names) < 2 or not all(stretches):
         return []
-    odd = odd_runs(case.names, estimate)
+    odd = outlier_runs(case.names, estimate)
     if odd and 2 * sum(found.white for found in by_itself) < len(by_itself):
         return [_model_lacking(chosen, odd)]
-    return odd_run_doubts(odd)
+    return outlier_run_doubts(odd)
 
 
-def _model_lacking(chosen: Selection, odd: Sequence[OddRun]) -> Doubt:
+def _model_lacking(chosen: Selection, odd: Sequence[OutlierRun]) -> Doubt:
     """Return a doubt about runs that differ where the model misses something in each: no sign of another craft."""
     runs = [Trial(r.run, r.measured) for r in chosen.records]
     dof = chosen.records[0].dof.name
@@ -367,7 +366,7 @@ def _solved(chosen: Selection, bounds: Bounds, which: Sequence[int]) -> Solution
     problem = Problem(common.form, [replace(s, dating=0.0) for s in segments], None, bounds.limits, free)
     return solve(
         problem,
-        common.theta + np.array([0.0, 0.0, 0.0, 0.0, common.shift]),
+        np.array(numbers_of(common).later(common.shift)),
         [common.initial[i] for i in which],
         levels={n: level for n, level in common.noise.items() if n in measured},
         quanta=common.quanta,
@@ -385,10 +384,10 @@ def _runs_disagree(chosen: Selection, bounds: Bounds) -> Doubt | None:
         alone = _solved(chosen, bounds, [i])
         if alone is None:
             continue
-        difference = abs(float(common.theta[0] / alone.theta[0]) - 1.0)
-        sigma = math.sqrt(explicit_covariance(alone)[0, 0]) / abs(float(alone.theta[0]))
-        if difference > max(RUN_SPREAD, RUN_SIGMA * sigma):
-            odd.append(f"{record.name} ({100.0 * (common.theta[0] / alone.theta[0] - 1.0) * -1:+.0f} %)")
+        ratio = common.value("b") / alone.value("b")
+        sigma = std_of(alone, "b") / abs(alone.value("b"))
+        if abs(ratio - 1.0) > max(RUN_SPREAD, RUN_SIGMA * sigma):
+            odd.append(f"{record.name} ({100.0 * (ratio - 1.0) * -1:+.0f} %)")
     if not odd:
         return None
     return Doubt(

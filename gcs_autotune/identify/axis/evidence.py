@@ -26,13 +26,17 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.uncertainty import explicit_covariance, physical_covariance, physical_values
-from gcs_autotune.identify.result import Decision, Structure
+from gcs_autotune.identify.axis.form import Structure
+from gcs_autotune.identify.axis.uncertainty import numbers_of, physical_covariance, std_of
+from gcs_autotune.identify.result import Decision
 from gcs_autotune.identify.solution import Solution
 
 __all__ = ["UNDECIDED", "choose", "craft_covariance", "damps", "disadvantage", "possible_second_drag"]
 
 Array = NDArray[np.float64]
+
+DRAG = ("a", "c")
+"""The numbers of linear and of quadratic drag."""
 
 UNDECIDED = 2.0
 """Difference of the criterion below which nothing is decided: the simpler structure, or the linear one, is kept."""
@@ -68,7 +72,9 @@ def possible_second_drag(
 ) -> Solution | None:
     """Return the affine solution when a single drag was chosen and the other may well be there, else None."""
     rival = solutions.get("affine")
-    if chosen == "affine" or rival is None or min(rival.theta[1:3]) * rival.theta[0] <= 0.0:
+    if chosen == "affine" or rival is None:
+        return None
+    if min(rival.value("a"), rival.value("c")) * rival.value("b") <= 0.0:
         return None
     return rival if disadvantage(solutions[chosen], rival, correlation, 1.0) < 0.0 else None
 
@@ -79,12 +85,12 @@ def craft_covariance(solution: Solution, rival: Solution | None, correlation: fl
     *rival* is another structure not excluded by the record: what both have in common gets the standard error of
     the module's formula; correlations stay as they are. *correlation* time of the residuals [samples].
     """
-    covariance = _physical(solution)
+    covariance = physical_covariance(solution)
     if rival is None:
         return covariance
     share = 1.0 / (1.0 + math.exp(0.5 * disadvantage(solution, rival, correlation, 2.0)))
-    own, other = np.diag(covariance), np.diag(_physical(rival))
-    apart = physical_values(rival.theta) - physical_values(solution.theta)
+    own, other = np.diag(covariance), np.diag(physical_covariance(rival))
+    apart = numbers_of(rival).physical - numbers_of(solution).physical
     wanted = (1.0 - share) * own + share * (other + apart**2)
     both = (own > 0.0) & (other > 0.0)
     factors = np.where(both, np.sqrt(np.maximum(wanted, own) / np.where(both, own, 1.0)), 1.0)
@@ -94,15 +100,9 @@ def craft_covariance(solution: Solution, rival: Solution | None, correlation: fl
 
 def damps(solution: Solution) -> bool:
     """Whether no drag is negative beyond two standard errors."""
-    std = np.sqrt(np.diag(explicit_covariance(solution, raised=False)))
-    return bool(np.all(solution.theta[1:3] >= -2.0 * std[1:3]))
+    return all(solution.value(n) >= -2.0 * std_of(solution, n, raised=False) for n in DRAG)
 
 
 def _both_drags_are_real(solution: Solution) -> bool:
     """Whether both drags damp and stand two standard errors above zero."""
-    std = np.sqrt(np.diag(explicit_covariance(solution)))
-    return bool(solution.theta[1] > 2.0 * std[1] > 0.0 and solution.theta[2] > 2.0 * std[2] > 0.0)
-
-
-def _physical(solution: Solution) -> Array:
-    return physical_covariance(solution.theta, explicit_covariance(solution))
+    return all(solution.value(n) > 2.0 * std_of(solution, n) > 0.0 for n in DRAG)

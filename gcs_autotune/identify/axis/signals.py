@@ -32,14 +32,14 @@ from numpy.typing import NDArray
 
 from gcs_autotune.crosscheck import compared_with_rate
 from gcs_autotune.errors import MissingChannel, UsageError
+from gcs_autotune.identify.axis.form import Explicit
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import EXPLICIT
 from gcs_autotune.identify.solution import Solution
 from gcs_autotune.identify.stamp_correction import switches_of
 from gcs_autotune.identify.whiteness import autocorrelation
 from gcs_autotune.models import simulate_explicit
 
-__all__ = ["KINDS", "StepAgreement", "agreement", "first_names", "objection", "wanted_names"]
+__all__ = ["KINDS", "VelocityConsistency", "agreement", "first_names", "objection", "wanted_names"]
 
 KINDS = ("position", "velocity")
 """What ``use`` may hold."""
@@ -131,7 +131,7 @@ def _sensors_agree(record: Segment, solution: Solution) -> bool:
         return False
     step = float(np.median(np.diff(record.signals[record.dof.velocity].t)))
     scaled = abs(found.factor - 1.0) > max(GAIN, SURELY * found.std)
-    rate_constant = abs(float(solution.theta[EXPLICIT.index("a")]))
+    rate_constant = abs(solution.value("a"))
     slow = rate_constant * (abs(found.shift) + SURELY * found.shift_std + 0.5 * step) < SLOW
     return not scaled and slow and abs(found.shift) <= max(LAG * step, SURELY * found.shift_std)
 
@@ -140,7 +140,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepAgreement:
+class VelocityConsistency:
     """How the velocities differ from the fitted motion.
 
     ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s] with their standard errors, both fits' taken together;
@@ -170,7 +170,7 @@ class _Compared:
     step: float
 
 
-def agreement(records: Sequence[Segment], solution: Solution) -> StepAgreement | None:
+def agreement(records: Sequence[Segment], solution: Solution) -> VelocityConsistency | None:
     """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that runs away."""
     parts = [_compared(records, i, solution) for i in range(len(records))]
     error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
@@ -186,7 +186,7 @@ def agreement(records: Sequence[Segment], solution: Solution) -> StepAgreement |
     ends = np.cumsum([len(p.error) for p in parts])[:-1]
     gain, lag, bias = (float(v) for v in found[-3:])
     std = np.sqrt(np.diag(covariance)[-3:])
-    return StepAgreement(
+    return VelocityConsistency(
         gain,
         lag,
         bias,
@@ -203,20 +203,20 @@ def _compared(records: Sequence[Segment], i: int, solution: Solution) -> _Compar
     t = record.velocity.t
     keep = t >= float(record.main.t[0])
     stamps = np.union1d(record.main.t[:1], t[keep])
-    theta = solution.theta + np.array([0.0, 0.0, 0.0, 0.0, solution.shift])
-    p = np.concatenate([theta, solution.initial[i]])
+    numbers, names = Explicit(*solution.theta.tolist()).later(solution.shift), Explicit._fields
+    p = np.concatenate([numbers, solution.initial[i]])
     motion, at = simulate_explicit(p, record.t_in, record.tau, stamps), np.searchsorted(stamps, t[keep])
     nu, by = motion.nu[at], motion.nu_by[at]
     seen = replace(record, signals={**record.signals, record.velocity.name: record.velocity.since(float(stamps[0]))})
-    switches = switches_of(solution.form, seen, theta, solution.initial[i])
+    switches = switches_of(solution.form, seen, np.array(numbers), solution.initial[i])
     states = np.zeros((len(nu), 2 * len(records)))
-    states[:, 2 * i : 2 * i + 2] = by[:, 5:]
-    late = [by[:, EXPLICIT.index("delay")][:, None]] if solution.shift_std > 0.0 else []
+    states[:, 2 * i : 2 * i + 2] = by[:, len(names) :]
+    late = [by[:, names.index("delay")][:, None]] if solution.shift_std > 0.0 else []
     return _Compared(
         record.velocity.values[keep] - nu,
         nu,
-        _acceleration(theta, record, t[keep], nu),
-        np.hstack([by[:, [EXPLICIT.index(n) for n in solution.free]], states, *late]),
+        _acceleration(numbers, record, t[keep], nu),
+        np.hstack([by[:, [names.index(n) for n in solution.free]], states, *late]),
         switches.by[record.velocity.name] * record.slack[switches.which],
         float(np.median(np.diff(t))),
     )
@@ -227,8 +227,8 @@ def _raised_covariance(solution: Solution) -> Array:
     return raised
 
 
-def _acceleration(theta: Array, record: Segment, t: Array, nu: Array) -> Array:
-    b, a, c, d, delay = theta
+def _acceleration(numbers: Explicit, record: Segment, t: Array, nu: Array) -> Array:
+    b, a, c, d, delay = numbers
     held = np.maximum(np.searchsorted(record.t_in, t - delay, side="right") - 1, 0)
     acceleration: Array = b * record.tau[held] - a * nu - c * np.abs(nu) * nu + d
     return acceleration

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.axis.form import Explicit
+from gcs_autotune.identify.limits import Limits
 from gcs_autotune.identify.result import IsoEstimate
 from gcs_autotune.identify.segment import Segment, Signal
 from gcs_autotune.models import simulate_explicit
@@ -40,6 +41,10 @@ SAMPLES = 400
 
 LONGEST_DELAY = 2.0
 """Longest delay fitted [s]. Chosen: beyond it a telemetry link is broken, not slow."""
+
+
+LINEAR = [Explicit._fields.index(n) for n in ("b", "d")]
+"""Where the numbers stand in which the motion is linear at a given rate and delay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +82,8 @@ def _speed(record: Segment) -> float:
     return float(np.sqrt(2.0) * np.std((x[reach:] - x[:-reach]) / (t[reach:] - t[:-reach])))
 
 
-def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Array | None:
-    """Return ``(b, a, c, d, delay)`` with constant drag from the mean of the valid IS-O estimates, or None."""
+def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Explicit | None:
+    """Return numbers with constant drag from the mean of the valid IS-O estimates, or None."""
     usable = [e for e in estimates if e.cycle.valid and e.alpha != 0.0] or [e for e in estimates if e.alpha != 0.0]
     if not usable:
         return None
@@ -87,11 +92,11 @@ def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Array | None:
     )
     if alpha == 0.0:
         return None
-    return np.array([1.0 / alpha, beta / alpha, 0.0, delta / alpha, delay])
+    return Explicit(b=1.0 / alpha, a=beta / alpha, c=0.0, d=delta / alpha, delay=delay)
 
 
-def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence[float] = DELAYS) -> Array:
-    """Return ``(b, a, c, d, delay)`` with constant drag from a scan over rates and *delays* [s].
+def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence[float] = DELAYS) -> Explicit:
+    """Return numbers with constant drag from a scan over rates and *delays* [s].
 
     Raises
     ------
@@ -99,20 +104,20 @@ def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence
         When the input explains nothing of the motion at any time constant.
     """
     thinned = [_thinned(r.main) for r in records]
-    best: tuple[float, Array] | None = None
+    best: tuple[float, Explicit] | None = None
     for lag in (d for d in delays if d <= bounds.delay or len(delays) == 1):
         for rate in np.geomspace(1.0 / SLOWEST, min(20.0, bounds.rate), POINTS):
             theta, cost = _linear_fit(records, thinned, float(rate), lag)
             if np.isfinite(cost) and (best is None or cost < best[0]):
                 best = (cost, theta)
-    if best is None or best[1][0] == 0.0:
+    if best is None or best[1].b == 0.0:
         raise NotInformative("the input explains nothing of the motion: check that input and output belong together")
     return best[1]
 
 
-def misfit(records: Sequence[Segment], theta: Array) -> float:
-    """Return the sum of squares left by ``(a, delay)`` of *theta* with everything else fitted linearly."""
-    return _linear_fit(records, [_thinned(r.main) for r in records], float(theta[1]), float(theta[4]))[1]
+def misfit(records: Sequence[Segment], numbers: Explicit) -> float:
+    """Return the sum of squares left by ``a`` and ``delay`` of *numbers* with everything else fitted linearly."""
+    return _linear_fit(records, [_thinned(r.main) for r in records], numbers.a, numbers.delay)[1]
 
 
 def _thinned(signal: Signal) -> Signal:
@@ -122,21 +127,23 @@ def _thinned(signal: Signal) -> Signal:
 
 def _linear_fit(
     records: Sequence[Segment], signals: Sequence[Signal], rate: float, delay: float
-) -> tuple[Array, float]:
+) -> tuple[Explicit, float]:
     """Fit ``b``, ``d`` and the initial states for a given rate ``a`` and delay."""
     count = len(records)
     rows, wanted = [], []
     for i, (record, signal) in enumerate(zip(records, signals, strict=True)):
-        motion = simulate_explicit((1.0, rate, 0.0, 0.0, delay, 0.0, 0.0), record.t_in, record.tau, signal.t)
+        unit = Explicit(b=1.0, a=rate, c=0.0, d=0.0, delay=delay)
+        motion = simulate_explicit((*unit, 0.0, 0.0), record.t_in, record.tau, signal.t)
         if not motion.finite:
-            return np.zeros(5), np.inf
+            return unit, np.inf
         by = motion.eta_by if signal.name == record.dof.position else motion.nu_by
         states = np.zeros((len(signal.t), 2 * count))
-        states[:, 2 * i : 2 * i + 2] = by[:, 5:7]
-        rows.append(np.hstack([by[:, [0, 3]], states]))
+        states[:, 2 * i : 2 * i + 2] = by[:, len(Explicit._fields) :]
+        rows.append(np.hstack([by[:, LINEAR], states]))
         wanted.append(signal.values)
     table, values = np.vstack(rows), np.concatenate(wanted)
     scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     solution = np.linalg.lstsq(table / scale, values, rcond=1e-12)[0] / scale
     residual = values - table @ solution
-    return np.array([solution[0], rate, 0.0, solution[1], delay]), float(residual @ residual)
+    b, d = solution[: len(LINEAR)].tolist()
+    return Explicit(b, rate, 0.0, d, delay), float(residual @ residual)

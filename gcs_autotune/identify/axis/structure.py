@@ -11,27 +11,20 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.evidence import choose, damps, possible_second_drag
+from gcs_autotune.identify.axis.form import FREE, Explicit, ExplicitForm, Structure
 from gcs_autotune.identify.axis.start import Bounds, start_from_scan
+from gcs_autotune.identify.axis.uncertainty import numbers_of
 from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
-from gcs_autotune.identify.first_look import first_levels, first_states, quanta_of
 from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.result import Decision, Structure, StructureFit
+from gcs_autotune.identify.quick_fit import first_levels, first_states, quanta_of
+from gcs_autotune.identify.result import Decision, StructureFit
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import EXPLICIT, ExplicitForm
 from gcs_autotune.identify.solution import Solution, solve
-from gcs_autotune.models import SingleDof
 
-__all__ = ["FREE", "Selection", "model_of", "select"]
+__all__ = ["Selection", "select"]
 
 Array = NDArray[np.float64]
-
-FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
-    "linear": (True, True, False, True),
-    "nonlinear": (True, False, True, True),
-    "affine": (True, True, True, True),
-}
-"""Structure -> which of b, a, c, d are fitted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,16 +48,10 @@ class Selection:
     rival: Solution | None
 
 
-def model_of(record: Segment, theta: Array) -> SingleDof:
-    """Return the physical model of ``(b, a, c, d, delay)``."""
-    b, a, c, d, delay = (float(v) for v in theta)
-    return SingleDof(record.dof.name, record.input_units[0], 1.0 / b, a / b, c / b, d / b, delay)
-
-
 def select(
     records: Sequence[Segment],
     names: Sequence[str],
-    start: Array,
+    start: Explicit,
     bounds: Bounds,
     structure: Structure | None,
     delay: float | None,
@@ -90,12 +77,13 @@ def select(
     fitter = _Fitter(records, tuple(names), bounds, robust, quanta)
     fitter, first, tried, correlation, evidence = _with_delay(fitter, base, start, delay)
     solutions: dict[Structure, Solution] = {base: first}
+    began = numbers_of(first)
     if structure is None:
         other: Structure
         for other in ("linear", "nonlinear"):
-            found = fitter.fit(other, first.theta, "delay" in first.free, first)
+            found = fitter.fit(other, began, "delay" in first.free, first)
             if found is None or not found.converged or not damps(found):
-                again = fitter.fit(other, np.array([*start[:4], first.theta[4]]), "delay" in first.free, None)
+                again = fitter.fit(other, start._replace(delay=began.delay), "delay" in first.free, None)
                 found = _better(found, again)
             if found is not None:
                 solutions[other] = found
@@ -124,14 +112,14 @@ class _Fitter:
     robust: bool
     quanta: Mapping[str, float]
 
-    def fit(self, structure: Structure, theta: Array, with_delay: bool, near: Solution | None) -> Solution | None:
-        """Fit from *theta* translated to *structure*; initial states and noise levels from *near* if given."""
-        free = [n for n, on in zip(EXPLICIT, (*FREE[structure], with_delay), strict=True) if on]
+    def fit(self, structure: Structure, begin: Explicit, with_delay: bool, near: Solution | None) -> Solution | None:
+        """Fit from *begin* translated to *structure*; initial states and noise levels from *near* if given."""
+        free = [n for n, on in zip(Explicit._fields, (*FREE[structure], with_delay), strict=True) if on]
         segments = [r.only(self.names) for r in self.records]
         levels = first_levels(segments) if near is None else near.noise
         return solve(
             Problem(ExplicitForm.of(self.records[0].dof), segments, None, self.bounds.limits, free),
-            _translated(theta, structure, self.bounds.speed),
+            np.array(_translated(begin, structure, self.bounds.speed)),
             first_states(segments) if near is None else near.initial,
             levels=levels,
             quanta=self.quanta,
@@ -141,19 +129,19 @@ class _Fitter:
             effort=None,
         )
 
-    def must_fit(self, structure: Structure, theta: Array) -> Solution:
-        """Fit with the delay as it stands in *theta*; both drags start from the better of one drag alone.
+    def must_fit(self, structure: Structure, begin: Explicit) -> Solution:
+        """Fit with the delay as it stands in *begin*; both drags start from the better of one drag alone.
 
         A fit of both drags started anywhere else may wander off into a pair of opposite signs.
         """
         found: Solution | None = None
         if structure == "affine":
-            one = self.fit("linear", theta, False, None)
-            other = self.fit("nonlinear", theta, False, one)
+            one = self.fit("linear", begin, False, None)
+            other = self.fit("nonlinear", begin, False, one)
             start = _better(one, other)
-            theta = theta if start is None else start.theta
-            found = self.fit(structure, theta, False, start)
-        found = found or self.fit(structure, theta, False, None)
+            begin = begin if start is None else numbers_of(start)
+            found = self.fit(structure, begin, False, start)
+        found = found or self.fit(structure, begin, False, None)
         if found is None:
             raise NotInformative("no model could be simulated on this record: are input and output from the same run?")
         return found
@@ -164,19 +152,19 @@ class _Fitter:
 
 
 def _with_delay(
-    fitter: _Fitter, base: Structure, start: Array, delay: float | None
+    fitter: _Fitter, base: Structure, start: Explicit, delay: float | None
 ) -> tuple[_Fitter, Solution, Solution | None, float, float]:
     """Return fitter and fit of *base* with the delay it deserves, the correlation time, the evidence for it."""
     if delay is not None:
-        plain = fitter.without(delay).must_fit(base, np.array([*start[:4], delay]))
+        plain = fitter.without(delay).must_fit(base, start._replace(delay=delay))
         return fitter.without(delay), plain, None, plain.correlation, 0.0
     step = float(np.median(np.diff(fitter.records[0].main.t)))
-    begin = min(max(float(start[4]), step), fitter.bounds.delay)
+    begin = min(max(start.delay, step), fitter.bounds.delay)
 
     def fits(margin: float) -> tuple[Solution, Solution | None]:
         late = fitter.without(margin)
-        plain = late.must_fit(base, np.array([*start[:4], 0.0]))
-        lagged = late.fit(base, np.array([*plain.theta[:4], begin]), True, plain)
+        plain = late.must_fit(base, start._replace(delay=0.0))
+        lagged = late.fit(base, numbers_of(plain)._replace(delay=begin), True, plain)
         return plain, lagged if (lagged or plain).white else _better(lagged, _scanned_fit(late, base))
 
     verdict = weigh_delay(fits)
@@ -184,26 +172,24 @@ def _with_delay(
     if verdict.kept and lagged is not None:
         return fitter.without(verdict.margin), lagged, lagged, lagged.correlation, verdict.evidence
     assert verdict.plain is not None
-    begin_again = np.array([*verdict.plain.theta[:4], 0.0])
+    begin_again = numbers_of(verdict.plain)._replace(delay=0.0)
     whole = fitter.fit(base, begin_again, False, None) or fitter.must_fit(base, begin_again)
     return fitter, whole, lagged, whole.correlation, verdict.evidence
 
 
 def _scanned_fit(fitter: _Fitter, base: Structure) -> Solution | None:
     """Fit with a delay started from a scan over delays: far from the truth a delay's fit gets stuck."""
-    theta = start_from_scan(fitter.records, fitter.bounds, SEARCHED_DELAYS)
-    return fitter.fit(base, theta, True, None)
+    return fitter.fit(base, start_from_scan(fitter.records, fitter.bounds, SEARCHED_DELAYS), True, None)
 
 
-def _translated(theta: Array, structure: Structure, speed: float) -> Array:
-    """Return *theta* in another structure, with the drag that loses the same first harmonic, Miskovic2010 (6.43)."""
-    b, a, c, d, delay = (float(v) for v in theta)
+def _translated(numbers: Explicit, structure: Structure, speed: float) -> Explicit:
+    """Return *numbers* in another structure, with the drag that loses the same first harmonic, Miskovic2010 (6.43)."""
     share = 8.0 / (3.0 * math.pi) * speed
     if structure == "linear":
-        a, c = a + share * c, 0.0
-    elif structure == "nonlinear":
-        a, c = 0.0, c + a / share
-    return np.array([b, a, c, d, delay])
+        return numbers._replace(a=numbers.a + share * numbers.c, c=0.0)
+    if structure == "nonlinear":
+        return numbers._replace(a=0.0, c=numbers.c + numbers.a / share)
+    return numbers
 
 
 def _better(one: Solution | None, other: Solution | None) -> Solution | None:
@@ -215,7 +201,7 @@ def _better(one: Solution | None, other: Solution | None) -> Solution | None:
 def _candidate(record: Segment, structure: Structure, solution: Solution, bic: float) -> StructureFit:
     return StructureFit(
         structure=structure,
-        model=model_of(record, solution.theta),
+        model=numbers_of(solution).model(record.dof, record.input_units[0]),
         rms=solution.rms(solution.rests[0].signal),
         log_likelihood=solution.log_likelihood,
         free_parameters=solution.unknowns,

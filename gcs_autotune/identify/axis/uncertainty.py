@@ -8,50 +8,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
+from gcs_autotune.identify.axis.form import PHYSICAL, Explicit, ExplicitForm
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.first_look import first_states
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.likelihood import Objective, information_of
 from gcs_autotune.identify.noise import Gaussian, NoiseModel, Rounded
 from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.quick_fit import first_states
 from gcs_autotune.identify.reweighting import NOISE_ROUNDS
 from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import EXPLICIT, ExplicitForm
 from gcs_autotune.identify.solution import Solution, solve
-from gcs_autotune.models import SingleDof, explicit_parameters
+from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 
-__all__ = [
-    "cramer_rao",
-    "explicit_covariance",
-    "physical_covariance",
-    "physical_values",
-]
+__all__ = ["cramer_rao", "explicit_covariance", "numbers_of", "physical_covariance", "std_of"]
 
 Array = NDArray[np.float64]
 
-PHYSICAL = ("alpha", "beta", "beta_quadratic", "delta", "delay")
-"""The physical parameters, in the order of every covariance."""
+
+def numbers_of(solution: Solution) -> Explicit:
+    """Return the fitted numbers of one degree of freedom."""
+    return Explicit(*solution.theta.tolist())
 
 
-def physical_covariance(theta: Array, covariance: Array) -> Array:
-    """Return the covariance of (alpha, beta, beta_quadratic, delta, delay) from that of (b, a, c, d, T)."""
-    G = _physical_jacobian(theta)
-    transformed: Array = G @ covariance @ G.T
+def physical_covariance(solution: Solution, *, raised: bool = True) -> Array:
+    """Return the covariance (5, 5) of the physical parameters; as :func:`explicit_covariance`."""
+    G = numbers_of(solution).physical_slopes
+    transformed: Array = G @ explicit_covariance(solution, raised=raised) @ G.T
     return transformed
 
 
-def physical_values(theta: Array) -> Array:
-    """Return (alpha, beta, beta_quadratic, delta, delay) of (b, a, c, d, T)."""
-    b, a, c, d, delay = theta
-    return np.array([1.0 / b, a / b, c / b, d / b, delay])
+def std_of(solution: Solution, name: str, *, raised: bool = True) -> float:
+    """Return the standard error of one of the numbers fitted, 0 where it was not."""
+    if name not in solution.free:
+        return 0.0
+    at = solution.free.index(name)
+    covariance = solution.raised_covariance if raised else solution.whole
+    return float(np.sqrt(covariance[at, at]))
 
 
 def explicit_covariance(solution: Solution, *, raised: bool = True) -> Array:
-    """Return the covariance (5, 5) of (b, a, c, d, T), zero where not fitted; *raised* for coloured residuals."""
-    covariance, k = np.zeros((len(EXPLICIT),) * 2), len(solution.free)
-    places = [EXPLICIT.index(n) for n in solution.free]
+    """Return the covariance (5, 5) of the numbers, zero where not fitted; *raised* for coloured residuals."""
+    names, k = solution.form.parameters, len(solution.free)
+    covariance, places = np.zeros((len(names),) * 2), [names.index(n) for n in solution.free]
     covariance[np.ix_(places, places)] = solution.raised_covariance if raised else solution.whole[:k, :k]
     return covariance
 
@@ -92,13 +92,13 @@ def cramer_rao(
     dated = found.shift_std > 0.0
     wanted = [n for n in PHYSICAL if n in free]
     nuisance = ["delay"] if dated and "delay" not in wanted else []
-    theta = found.theta + np.array([0.0, 0.0, 0.0, 0.0, found.shift])
-    everything = Problem(ExplicitForm.of(segments[0].dof), segments, None, bounds_of(segments).limits)
-    objective = Objective(everything, theta, found.initial)
+    numbers = numbers_of(found).later(found.shift)
+    everything = Problem(found.form, segments, None, bounds_of(segments).limits)
+    objective = Objective(everything, np.array(numbers), found.initial)
     residuals = objective.residuals(objective.pack()) or ()
-    by_physical = _explicit_by_physical(theta)[:, [PHYSICAL.index(n) for n in (*wanted, *nuisance)]]
+    by_physical = np.linalg.inv(numbers.physical_slopes)[:, [PHYSICAL.index(n) for n in (*wanted, *nuisance)]]
     wide = [objective.wide(r) for r in residuals]
-    columns = [np.hstack([J[:, : len(EXPLICIT)] @ by_physical, J[:, len(EXPLICIT) :]]) for J in wide]
+    columns = [np.hstack([J[:, : len(numbers)] @ by_physical, J[:, len(numbers) :]]) for J in wide]
     used = np.any(np.vstack(columns) != 0.0, axis=0)
     used[: len(wanted)] = True
     information = information_of(residuals, [c[:, used] for c in columns], noise)
@@ -114,7 +114,7 @@ def _with_states_fitted(
 ) -> Solution:
     """Return the solution of *model* as it is, only the initial states (and the shift of stamps) fitted."""
     problem = Problem(ExplicitForm.of(segments[0].dof), segments, None, bounds_of(segments).limits, ())
-    theta, rounds = np.array(explicit_parameters(model)), NOISE_ROUNDS if len(noise) > 1 else 1
+    theta, rounds = np.array(Explicit.of(model)), NOISE_ROUNDS if len(noise) > 1 else 1
     found = solve(problem, theta, first_states(segments), levels=noise, quanta=quanta, rounds=rounds, effort=None)
     if found is None:
         raise NotInformative("the model diverges on these inputs: its drag destabilises it, no bound exists")
@@ -125,15 +125,3 @@ def _noise_model(sigma: float, quantum: float, found: Solution, name: str) -> No
     if quantum <= 0.0:
         return Gaussian(sigma)
     return Rounded(sigma, quantum, max(float(np.ptp(r.measured)) for r in found.rests if r.signal == name))
-
-
-def _explicit_by_physical(theta: Array) -> Array:
-    """Return the Jacobian of ``(b, a, c, d, T)`` by ``(alpha, beta, beta_quadratic, delta, delay)``."""
-    return np.asarray(np.linalg.inv(_physical_jacobian(theta)), dtype=np.float64)
-
-
-def _physical_jacobian(theta: Array) -> Array:
-    b, a, c, d, _ = theta
-    G = np.diag([-1.0 / b**2, 1.0 / b, 1.0 / b, 1.0 / b, 1.0])
-    G[1:4, 0] = [-a / b**2, -c / b**2, -d / b**2]
-    return G

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.coupled.by_output_error import fit_of, with_known_delay
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.coupled.by_output_error import outcome, with_known_delay
 from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, limits_of, physical
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
-from gcs_autotune.identify.coupled.local import Delayed, LocalCost, local_fit
+from gcs_autotune.identify.coupled.local import Delayed, LocalFit, local_fit
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.initial_guess import InitialGuess, initial_guess_of
 from gcs_autotune.identify.least_squares import descend
@@ -34,7 +34,7 @@ from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.reweighting import likeliest
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import Solution, solve_form
-from gcs_autotune.models import Form, Simulator, inertia_of
+from gcs_autotune.models import CoupledModel, Form, Simulator, inertia_of
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["METHOD", "OPTIONS", "Box", "Searched", "box_of", "fit_by_global_search", "search"]
@@ -224,7 +224,7 @@ OPTIONS = (
 """Options of ``fit`` read here."""
 
 
-def fit_by_global_search(case: CoupledCase) -> Fit:
+def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     """Fit *case* from the better of two global searches; an unknown delay is taken as none unless the form frees it.
 
     Start values of the form are not asked. The local fit from the regression's start is kept when it is better still.
@@ -236,7 +236,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
     NotInformative
         No model of this form can be simulated on these runs.
     """
-    form = replace(with_known_delay(case.form, case.delay), start={})
+    form = replace(with_known_delay(case.the_form, case.delay), start={})
     seed = int(case.options.get("seed", 0))
     budget = int(case.options.get("budget", BUDGET * len(form.free)))
     if budget < LEAST:
@@ -257,7 +257,7 @@ def fit_by_global_search(case: CoupledCase) -> Fit:
     if plain is not None and ahead < 0.0:
         polished = plain
     extra = {"search": {**told, "ahead_of_local": ahead}}
-    return fit_of(case, Delayed(LocalCost(polished, records), 0.0), limits, "global", extra)
+    return outcome(case, Delayed(LocalFit(polished, records), 0.0), limits, "global", extra)
 
 
 def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Solution | None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.models import FORCES, RIGID_BODY, STATES, Form, inertia_of
 
@@ -27,7 +27,7 @@ SHORTEST_LAG = 0.1
 """Shortest lag, in sampling steps: below it nothing of it is left in the samples."""
 
 
-def limits_of(form: Form, case: CoupledCase) -> Limits:
+def limits_of(form: Form, case: Case) -> Limits:
     """Return the limits for *form*.
 
     Raises
@@ -69,7 +69,7 @@ def _physical_side(name: str) -> int:
     return -1 if name[2:] in (own, own * 2, f"|{own}|{own}", own * 3) else 0
 
 
-def horizon_of(case: CoupledCase) -> float | None:
+def horizon_of(case: Case) -> float | None:
     """Return how long [s] a simulation is to run freely; None: as long as it can follow the runs.
 
     Raises

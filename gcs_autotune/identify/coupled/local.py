@@ -20,7 +20,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import THOROUGH, Solution, solve_form
 from gcs_autotune.models import Form
 
-__all__ = ["Delayed", "LocalCost", "fit_with_delay", "local_fit"]
+__all__ = ["Delayed", "LocalFit", "fit_with_delay", "local_fit"]
 
 Array = NDArray[np.float64]
 
@@ -28,8 +28,8 @@ GOOD = 2.0
 """A fit whose noise is below this many times each signal's own roughness needs no other start."""
 
 HOPELESS = 10.0
-"""A fit that misses some signal by so many times the noise to begin with, that is by as much as the signal moves, has
-gone astray: it is tried on short pieces."""
+"""Misfit of a signal, in multiples of its noise, that equals its motion: the fit has failed and is tried on short
+pieces."""
 
 SKETCH = Effort(15, exact=False, astray=HOPELESS)
 """Effort for each start; only the best is fitted to the end."""
@@ -45,7 +45,7 @@ BETTER = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalCost:
+class LocalFit:
     """A fit and the records it was made on; ``pieces``: cut short, because no fit held over whole runs."""
 
     solution: Solution
@@ -53,9 +53,7 @@ class LocalCost:
     pieces: bool = False
 
 
-def local_fit(
-    form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool, whole: bool = False
-) -> LocalCost:
+def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool, whole: bool = False) -> LocalFit:
     """Fit *form* from one start after the other until one explains the records down to their noise; the best else.
 
     A free run that diverges from the measured one after a while (a course-unstable craft, runs of different craft, a
@@ -89,7 +87,7 @@ def local_fit(
         begin = begin if better is None else better[0]
         cut = solve_form(form, pieces, begin, initial, limits, levels=ground.levels, robust=robust, effort=MISFIT)
         if cut is not None and (best is None or BETTER * _excess(cut, ground.levels) < _excess(best, ground.levels)):
-            return LocalCost(cut, pieces, pieces=True)
+            return LocalFit(cut, pieces, pieces=True)
     if best is None:
         raise NotInformative(
             f"no model '{form.name}' could be simulated on run '{records[0].run}': every start diverged; give start "
@@ -97,7 +95,7 @@ def local_fit(
         )
     effort = THOROUGH if _excess(best, ground.rough) < GOOD else MISFIT
     last = solve_form(form, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort)
-    return LocalCost(best if last is None or last.log_likelihood < best.log_likelihood else last, tuple(records))
+    return LocalFit(best if last is None or last.log_likelihood < best.log_likelihood else last, tuple(records))
 
 
 def _excess(solution: Solution, levels: Mapping[str, float]) -> float:
@@ -109,7 +107,7 @@ def _excess(solution: Solution, levels: Mapping[str, float]) -> float:
 class Delayed:
     """The fit chosen, and the evidence (difference of the criterion) for a delay."""
 
-    local: LocalCost
+    local: LocalFit
     evidence: float
 
 
@@ -126,7 +124,7 @@ def fit_with_delay(form: Form, records: Sequence[Segment], limits: Limits, *, ro
     price = math.log(max(solution.samples, 2))
     if solution.white and gain < price:
         return Delayed(plain, gain - price)
-    pairs: list[LocalCost] = []
+    pairs: list[LocalFit] = []
 
     def fits(margin: float) -> tuple[Solution | None, Solution | None]:
         without = _again(plain, tuple(r.after(margin) for r in whole), limits, robust)
@@ -137,11 +135,11 @@ def fit_with_delay(form: Form, records: Sequence[Segment], limits: Limits, *, ro
 
     verdict = weigh_delay(fits)
     if verdict.kept and verdict.lagged is not None:
-        return Delayed(LocalCost(verdict.lagged, pairs[-1].records, pairs[-1].pieces), verdict.evidence)
+        return Delayed(LocalFit(verdict.lagged, pairs[-1].records, pairs[-1].pieces), verdict.evidence)
     return Delayed(plain, verdict.evidence)
 
 
-def _again(plain: LocalCost, records: Sequence[Segment], limits: Limits, robust: bool) -> LocalCost | None:
+def _again(plain: LocalFit, records: Sequence[Segment], limits: Limits, robust: bool) -> LocalFit | None:
     """Fit the same form to records that begin later, from where the fit to the whole ended."""
     if plain.pieces:
         return plain
@@ -150,7 +148,7 @@ def _again(plain: LocalCost, records: Sequence[Segment], limits: Limits, robust:
     found = solve_form(
         form, records, solution.theta, initial, limits, levels=solution.noise, robust=robust, effort=SKETCH
     )
-    return None if found is None else LocalCost(found, tuple(records))
+    return None if found is None else LocalFit(found, tuple(records))
 
 
 def _one_step(plain: Solution, records: Sequence[Segment]) -> tuple[float, float]:
@@ -166,7 +164,7 @@ def _one_step(plain: Solution, records: Sequence[Segment]) -> tuple[float, float
     return plain.shift + float(step[at]), float(-local.gradient @ step)
 
 
-def _lagged(form: Form, without: LocalCost, limits: Limits, hint: float, robust: bool) -> Solution | None:
+def _lagged(form: Form, without: LocalFit, limits: Limits, hint: float, robust: bool) -> Solution | None:
     """Return the best fit with a delay, from the hint and from a regression at each of some delays."""
     freed, plain, records = form.freeing("delay"), without.solution, without.records
     p = len(form.free)

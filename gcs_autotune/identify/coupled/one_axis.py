@@ -1,4 +1,4 @@
-"""One degree of freedom as the smallest coupled form, so that every method for coupled models fits single axes too.
+"""One degree of freedom by a method that fits forms: the axis is the smallest one, told in physical numbers.
 
 ``alpha nu_dot + (beta + beta_nn |nu|) nu = tau + Delta`` is a form with the derivatives ``N_rdot = -alpha``,
 ``N_r = -beta``, ``N_rr = -beta_nn``, ``N_0 = Delta`` (yaw; likewise for the others), so estimates and covariances carry
@@ -16,96 +16,45 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.case import Case, named_parameters
-from gcs_autotune.identify.axis.structure import FREE
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure, derivative_names
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import OF_THE_RUNS, once
+from gcs_autotune.identify.fit_builder import AxisDetails, Motion, Table, axis_table, fit_of
 from gcs_autotune.identify.free_run import rms_of
-from gcs_autotune.identify.result import AxisFit, Fit, Parameter, Status, Structure, StructureFit
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.models import Form, SingleDof
-from gcs_autotune.sname import DOFS, Dof
+from gcs_autotune.identify.result import AxisFit, Fit, Model, Status, StructureFit
+from gcs_autotune.models import SingleDof
+from gcs_autotune.sname import Dof
 
-__all__ = ["axis_fit", "axis_form", "coupled_case", "derivative_names", "for_axis", "with_actuator"]
+__all__ = ["axis_fit", "for_axis", "with_actuator"]
 
 Array = NDArray[np.float64]
 
-SIGNS = (-1.0, -1.0, -1.0, 1.0, 1.0)
-"""Derivative times sign gives (alpha, beta, beta_quadratic, delta, delay)."""
 
-
-def derivative_names(dof: Dof) -> tuple[str, str, str, str, str]:
-    """Return the derivatives behind (alpha, beta, beta_quadratic, delta, delay)."""
-    force, nu = dof.force, dof.velocity
-    return (f"{force}_{nu}dot", f"{force}_{nu}", f"{force}_{nu}{nu}", f"{force}_0", "delay")
-
-
-def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bool, delay: float | None = 0.0) -> Form:
-    """Return the form of one axis; *delay* None makes it a free parameter, 0 leaves it out."""
-    names = derivative_names(dof)
-    free = [n for n, on in zip(names[:4], FREE[structure], strict=True) if on]
-    known = {} if not delay else {"delay": float(delay)}
-    return Form(
-        name=f"{dof.name}/{structure}",
-        title=f"{dof.name}, {structure} damping",
-        dofs=(dof.name,),
-        free=tuple(free if delay is not None else [*free, "delay"]),
-        known=known,
-        inputs={input_name: ((dof.force, 1.0),)},
-        coriolis=False,
-        normalised=normalised,
-    )
-
-
-def coupled_case(case: Case, structure: Structure) -> CoupledCase:
-    """Return *case* as a question about a form of one degree of freedom; an unknown delay is taken as none."""
-    first = case.records[0]
-    form = axis_form(
-        first.dof, first.input_names[0], structure, normalised=first.input_units[0] == "1", delay=case.delay or 0.0
-    )
-    return CoupledCase(
-        form=form,
-        records=tuple(_used(r, case.use) for r in case.records),
-        delay=case.delay or 0.0,
-        robust=case.robust,
-        names=case.names,
-        trials=case.trials,
-        options=case.options,
-    )
-
-
-def _used(segment: Segment, use: object) -> Segment:
-    """Return *segment* with the signals asked for, by name or as ``position`` and ``velocity``."""
-    wanted = tuple(use) if isinstance(use, (tuple, list)) else ()
-    kinds = {segment.dof.position: "position", segment.dof.velocity: "velocity"}
-    return segment.only([n for n in segment.signals if not wanted or kinds[n] in wanted or n in wanted])
-
-
-def axis_fit(case: Case, structure: Structure, fit: Fit) -> AxisFit:
-    """Return what a coupled method found for :func:`coupled_case` in the words of one axis."""
-    dof: Dof = DOFS[case.records[0].dof.name]
-    model, parameters, covariance = _in_words(dof, case.records[0].input_units[0], structure, fit)
-    main = case.records[0].main.name
-    rms = _left(fit, main)
-    return AxisFit(
-        dof=dof.name,
+def axis_fit(case: Case, structure: Structure, fit: Fit[Model]) -> AxisFit:
+    """Return *fit*, of the form of one degree of freedom, in physical numbers."""
+    record = case.records[0]
+    model, table = _in_words(record.dof, record.input_units[0], structure, fit)
+    main = record.main.name
+    motion = Motion(fit.traces, fit.fit_percent, _rms(fit, main), fit.noise)
+    return fit_of(
+        case,
+        fit.method,
+        model,
+        table,
+        motion,
         structure=structure,
-        method=fit.method,
-        model=model,
-        parameters=parameters,
-        covariance=covariance,
-        noise=fit.noise,
-        noise_std=fit.noise.get(main, rms),
-        residual_rms=rms,
-        fit_percent=fit.fit_percent,
-        used=case.names,
         doubts=fit.doubts,
-        traces=fit.traces,
         extra=fit.extra,
+        axis=AxisDetails(main),
     )
 
 
-def with_actuator(fit: Fit, plain: AxisFit) -> AxisFit:
+def _rms(fit: Fit[Model], signal: str) -> float:
+    """Return the root mean square of what is left of *signal*, or of everything where it was not fitted."""
+    return rms_of([t for t in fit.traces if t.signal == signal] or list(fit.traces))
+
+
+def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
     """Return *fit*, a model of one axis with effects of its actuator, in the words of one axis.
 
     plain : the model of the same runs without them. Of it the readings of limit cycles stay and what is doubtful about
@@ -113,8 +62,7 @@ def with_actuator(fit: Fit, plain: AxisFit) -> AxisFit:
     """
     assert isinstance(fit.model, ExtendedModel)
     axis, main = plain.model.axis, plain.traces[0].signal if plain.traces else plain.model.axis.position
-    structure: Structure = "affine"
-    model, parameters, covariance = _in_words(axis, plain.model.input_unit, structure, fit)
+    model, table = _in_words(axis, plain.model.input_unit, "affine", fit)
     effects = tuple(e for e in fit.model.effects if e.place == axis.force)
     labels = [n for n in fit.parameters if n.startswith(tuple(f"{e.slug}@{e.place}." for e in effects))]
     order = list(fit.parameters)
@@ -123,23 +71,23 @@ def with_actuator(fit: Fit, plain: AxisFit) -> AxisFit:
     at = [order.index(names[i]) for i in places]
     whole = np.zeros((len(names),) * 2)
     whole[np.ix_(places, places)] = np.outer(signs[places], signs[places]) * fit.covariance[np.ix_(at, at)]
-    whole[:5, :5] = covariance
-    of_the_runs = [d for d in plain.doubts if d.slug in OF_THE_RUNS]
+    whole[:5, :5] = table.covariance
+    table = Table({**table.parameters, **{n: fit.parameters[n] for n in labels}}, whole)
     own = tuple(t for t in fit.traces if t.signal == main)
-    rms = _left(fit, main)
+    rms = _rms(fit, main)
     return replace(
         plain,
-        structure=structure,
+        structure="affine",
         method=fit.method,
         model=model,
-        parameters={**parameters, **{n: fit.parameters[n] for n in labels}},
-        covariance=whole,
+        parameters=table.parameters,
+        covariance=table.covariance,
         noise=fit.noise,
         noise_std=fit.noise.get(main, rms),
         residual_rms=rms,
         fit_percent=fit.fit_percent,
         used=fit.used,
-        doubts=once([*of_the_runs, *fit.doubts]),
+        doubts=once([*(d for d in plain.doubts if d.slug in OF_THE_RUNS), *fit.doubts]),
         traces=own or fit.traces,
         extra=fit.extra,
         decision=None,
@@ -148,46 +96,37 @@ def with_actuator(fit: Fit, plain: AxisFit) -> AxisFit:
     )
 
 
-def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit) -> tuple[SingleDof, dict[str, Parameter], Array]:
-    """Return model, parameters and their covariance (5, 5) of a form of one axis."""
+def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:
+    """Return model and parameters of a form of one axis."""
     names = derivative_names(dof)
     order = list(fit.parameters)
     values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]
+    places = [i for i, n in enumerate(names) if n in order]
+    at, signs = [order.index(names[i]) for i in places], np.array(SIGNS)[places]
     covariance = np.zeros((5, 5))
-    bounds = [math.nan] * 5
-    for i, (n, s) in enumerate(zip(names, SIGNS, strict=True)):
-        if n in order:
-            bounds[i] = fit.parameters[n].bound
-        for j, (o, z) in enumerate(zip(names, SIGNS, strict=True)):
-            if n in order and o in order:
-                covariance[i, j] = s * z * fit.covariance[order.index(n), order.index(o)]
+    covariance[np.ix_(places, places)] = np.outer(signs, signs) * fit.covariance[np.ix_(at, at)]
+    bounds = [fit.parameters[n].bound if n in order else math.nan for n in names]
     model = SingleDof(dof.name, unit, *(float(v) for v in values))
     status: list[Status] = ["fitted" if on else "absent" for on in FREE[structure]]
     status.append(fit.parameters["delay"].status if "delay" in order else "absent")
-    return model, named_parameters(model, covariance, status, bounds), covariance
+    return model, axis_table(model, covariance, status, bounds)
 
 
-def _left(fit: Fit, signal: str) -> float:
-    """Return the root mean square of what is left of *signal*, or of everything where it was not fitted."""
-    own = [t for t in fit.traces if t.signal == signal] or list(fit.traces)
-    return rms_of(own)
+def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
+    """Adapt a method that fits forms to single axes.
 
-
-def for_axis(method: Callable[[CoupledCase], Fit]) -> Callable[[Case], AxisFit]:
-    """Make a method for coupled models one for single axes.
-
-    Without a structure asked for, all three drags are fitted and the one with the least Bayesian information
-    criterion of its free run is kept; its rivals stand in ``candidates``.
+    Without a requested structure, all three drags are fitted. The one with the lowest Bayesian information criterion of
+    its free run is kept; the others are in ``candidates``.
     """
 
     def fit_one_axis(case: Case) -> AxisFit:
         if case.structure is not None:
-            return axis_fit(case, case.structure, method(coupled_case(case, case.structure)))
+            return axis_fit(case, case.structure, method(case.as_form(case.structure)))
         found: list[tuple[float, AxisFit]] = []
         candidates: list[StructureFit] = []
         for structure in FREE:
             try:
-                fit = axis_fit(case, structure, method(coupled_case(case, structure)))
+                fit = axis_fit(case, structure, method(case.as_form(structure)))
             except NotInformative:
                 continue
             n = sum(len(t.t) for t in fit.traces)
@@ -199,10 +138,6 @@ def for_axis(method: Callable[[CoupledCase], Fit]) -> Callable[[Case], AxisFit]:
             found.append((bic if sane else bic + 1e6, fit))
         if not found:
             raise NotInformative(f"run '{case.names[0]}': no drag structure could be fitted by this method")
-        best = min(found, key=lambda pair: pair[0])[1]
-        return AxisFit(**{**{n: getattr(best, n) for n in _FIELDS}, "candidates": tuple(candidates)})
+        return replace(min(found, key=lambda pair: pair[0])[1], candidates=tuple(candidates))
 
     return fit_one_axis
-
-
-_FIELDS = tuple(AxisFit.__dataclass_fields__)

@@ -5,81 +5,50 @@ The effects asked for come into the base model one after the other, each from ev
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.base_model import fit_base, given_base, plain_form
-from gcs_autotune.identify.doubts import once
+from gcs_autotune.identify.base_model import fit_base, given_base
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
-from gcs_autotune.identify.first_look import quanta_of
+from gcs_autotune.identify.fit_builder import Motion, Table, fit_of, solution_extra, table_of
 from gcs_autotune.identify.fitted import Fitted
 from gcs_autotune.identify.free_numbers import label_of
-from gcs_autotune.identify.preparation import prepare_as_recorded
 from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.result import Doubt, Fit, Parameter, Status
-from gcs_autotune.identify.reweighting import rounding_error
-from gcs_autotune.identify.solution import Solution, fit_percent_of, solution_of, solve, traces_of
+from gcs_autotune.identify.quick_fit import quanta_of
+from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify.solution import Solution, solution_of, solve
 from gcs_autotune.identify.solution_doubts import effect_doubts, solution_doubts
-from gcs_autotune.models import CoupledModel, Form, unit_of
-from gcs_autotune.trial import Trial
+from gcs_autotune.models import CoupledModel, unit_of
 
-__all__ = ["ExtendedCase", "fit_with_effects", "with_effects"]
-
-Array = NDArray[np.float64]
+__all__ = ["fit_with_effects", "with_effects"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ExtendedCase:
-    """One question: these runs, this base and these effects, or a model to begin at and what to add to it.
-
-    ``form`` of the base; the plain one for what the runs show (of ``dof``) when None. ``delay`` [s]: known, of all
-    inputs; None: as the form has it. ``start``: its structure, effects and values are where the fit begins. ``robust``:
-    soft-L1 weights.
-    """
-
-    runs: tuple[Trial, ...]
-    form: Form | None = None
-    specs: tuple[EffectSpec, ...] = ()
-    start: ExtendedModel | None = None
-    dof: str | None = None
-    delay: float | None = None
-    use: tuple[str, ...] | None = None
-    robust: bool = False
-
-
-def fit_with_effects(case: ExtendedCase) -> Fit:
+def fit_with_effects(case: Case) -> Fit[CoupledModel | ExtendedModel]:
     """Fit *case*; all of the base and of the effects together, each run with initial states of its own.
 
     Unlike other fits nothing is mended on the way in: units and signs may be among the effects asked for.
 
     Raises
     ------
-    MissingChannel, BadFile, NotInformative
-        The runs cannot be used, or no such model can be simulated on them.
+    NotInformative
+        No such model can be simulated on these runs.
     UsageError
         An effect these runs cannot show.
     """
-    start = case.start
-    form = start.base.form if start is not None else case.form or plain_form(case.runs, case.dof)
-    if case.delay:
-        form = form.fixing({"delay": case.delay})
-    segments, doubts = prepare_as_recorded(case.runs, form, case.use)
+    form, start = case.the_form, case.start
     if start is None:
-        problem, fitted = fit_base(form, segments)
+        problem, fitted = fit_base(form, case.records)
     else:
         values = {**start.base.values, **form.known}
         base = CoupledModel(form, {n: values[n] for n in form.parameters})
-        problem, _, fitted = given_base(base, start.effects, segments)
-    fitted = with_effects(problem, fitted, case.specs)
-    return _told(case, problem, fitted, _solution(case, problem, fitted), doubts)
+        problem, _, fitted = given_base(base, start.effects, case.records)
+    fitted = with_effects(problem, fitted, case.effects)
+    return _outcome(case, problem, fitted, _solution(case, problem, fitted))
 
 
-def _solution(case: ExtendedCase, problem: Problem, fitted: Fitted) -> Solution:
+def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
     """Fit to the end as any other model: coarse sensors as rounding, outliers weighed when asked.
 
     Where a disturbance is learnt from what is left over (outliers, a jump of the compass) it stays as it was learnt,
@@ -108,42 +77,32 @@ def _solution(case: ExtendedCase, problem: Problem, fitted: Fitted) -> Solution:
     return found or solution_of(problem, fitted)
 
 
-def _told(case: ExtendedCase, problem: Problem, fitted: Fitted, solution: Solution, notes: Sequence[Doubt]) -> Fit:
-    parameters, covariance = _parameters(problem.data_summary, solution)
-    doubts = [*notes, *solution_doubts(solution), *effect_doubts(problem, fitted, parameters, solution.correlation)]
-    base = CoupledModel(solution.form, dict(zip(solution.form.parameters, solution.theta.tolist(), strict=True)))
-    model = ExtendedModel(
-        base, solution.effects, amplitude=problem.data_summary.full, units=problem.data_summary.inputs
-    )
-    return Fit(
-        dof="+".join(solution.form.dofs),
+def _outcome(case: Case, problem: Problem, fitted: Fitted, solution: Solution) -> Fit[CoupledModel | ExtendedModel]:
+    table, known = _table(problem.data_summary, solution), problem.data_summary
+    model = ExtendedModel(solution.base, solution.effects, amplitude=known.full, units=known.inputs)
+    return fit_of(
+        case,
+        "output-error",
+        model if model.effects else model.base,
+        table,
+        Motion.of_solution(problem.segments, solution),
         structure=" + ".join((solution.form.name, *(f"{e.slug}@{e.place}" for e in solution.effects))),
-        method="output-error",
-        model=model if model.effects else model.base,
-        parameters=parameters,
-        covariance=covariance,
-        fit_percent=fit_percent_of(solution),
-        used=tuple(run.name for run in case.runs),
-        noise=solution.noise,
-        doubts=once(doubts),
-        traces=traces_of(problem.segments, solution),
+        doubts=[
+            *solution_doubts(solution),
+            *effect_doubts(problem, fitted, table.parameters, solution.correlation),
+        ],
         extra={
             "signals": list(solution.noise),
-            "inputs": dict(problem.data_summary.inputs),
-            "swing": dict(problem.data_summary.full),
-            "largest": dict(problem.data_summary.amplitude),
-            "rounding": {n: rounding_error(solution.rests, n) for n in solution.noise},
-            "std_inflation": float(solution.factors.max(initial=1.0)),
-            "residual_correlation_time": solution.correlation,
-            "log_likelihood": solution.log_likelihood,
-            "time_shift": solution.shift,
-            "quantum": dict(solution.quanta),
+            "inputs": dict(known.inputs),
+            "swing": dict(known.full),
+            "largest": dict(known.amplitude),
+            **solution_extra(solution),
         },
     )
 
 
-def _parameters(data_summary: DataSummary, solution: Solution) -> tuple[Mapping[str, Parameter], Array]:
-    """Return all numbers with units, standard errors and Cramer-Rao bounds, and their covariance (p, p)."""
+def _table(data_summary: DataSummary, solution: Solution) -> Table:
+    """Return all numbers with units, standard errors and Cramer-Rao bounds."""
     form = solution.form
     normalised = form.normalised or set(data_summary.inputs.values()) == {"1"}
     values = dict(zip(form.parameters, solution.theta.tolist(), strict=True))
@@ -158,19 +117,15 @@ def _parameters(data_summary: DataSummary, solution: Solution) -> tuple[Mapping[
             values[label], units[label] = value, entry.unit_of(name, own.place, data_summary)
             if entry.is_disturbance:
                 learnt.append(label)
-    names = list(values)
-    covariance = np.zeros((len(names),) * 2)
-    places = [names.index(n) for n in solution.names]
-    covariance[np.ix_(places, places)] = solution.raised_covariance
-    bounds = dict(zip(solution.names, np.sqrt(np.diag(solution.whole)).tolist(), strict=False))
-    parameters = {}
-    for i, name in enumerate(names):
-        status: Status = "fixed"
-        if name in solution.names or name in learnt:
-            status = "at_bound" if name in solution.at_bound else "fitted"
-        std = float("nan") if name in learnt else float(np.sqrt(covariance[i, i]))
-        parameters[name] = Parameter(name, values[name], units[name], std, status, bounds.get(name, float("nan")))
-    return parameters, covariance
+    return table_of(
+        values,
+        units,
+        solution.names,
+        solution.raised_covariance,
+        bounds=solution.bounds,
+        status=dict.fromkeys(solution.at_bound, "at_bound"),
+        unknown=learnt,
+    )
 
 
 FIRST_TRIALS = 12

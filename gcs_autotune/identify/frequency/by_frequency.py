@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.axis.case import Case, named_parameters
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import Findings, collect
-from gcs_autotune.identify.free_run import fit_percent_of, rms_of, runs_or_doubt
+from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
 from gcs_autotune.identify.frequency.spectrum import (
@@ -23,7 +23,7 @@ from gcs_autotune.identify.frequency.spectrum import (
 )
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import AxisFit, Doubt, Status, Trace
+from gcs_autotune.identify.result import AxisFit, Doubt, Status
 from gcs_autotune.models import Nomoto1, SingleDof
 
 __all__ = ["METHOD", "OPTIONS", "fit_by_frequency", "frequency_doubts"]
@@ -125,39 +125,38 @@ def fit_by_frequency(case: Case) -> AxisFit:
     second, refused = _second(used, case.delay)
     model, covariance = _model(case, first)
     states: list[Status] = ["fitted", "fitted", "absent", "fitted", _delay_status(case, model)]
-    parameters = named_parameters(model, covariance, states)
-    runs, _ = runs_or_doubt(model, case.records)
-    rms, fit_percent = _left_over(runs, case)
-    doubts = collect(Findings(case, model, "linear", parameters, None, rms, fit_percent))
-    return AxisFit(
-        dof=model.dof,
+    table = axis_table(model, covariance, states)
+    motion = _motion(model, case)
+    doubts = collect(Findings(case, model, "linear", table.parameters, None, motion.rms, motion.fit_percent))
+    main = case.records[0].main.name
+    return fit_of(
+        case,
+        "frequency",
+        model,
+        table,
+        motion,
         structure="linear",
-        method="frequency",
-        model=model,
-        parameters=parameters,
-        covariance=covariance,
-        noise_std=rms,
-        residual_rms=rms,
-        fit_percent=fit_percent,
-        used=case.names,
-        doubts=(*doubts, *frequency_doubts(response, first, second), *([] if runs else [_runs_away(first)])),
-        traces=tuple(runs),
+        doubts=(*doubts, *frequency_doubts(response, first, second), *([] if motion.traces else [_runs_away(first)])),
         extra={
-            "signals": [case.records[0].main.name],
+            "signals": [main],
             "response": response.to_dict(),
             "nomoto": first.to_dict(),
             "nomoto_2": None if second is None else second.to_dict(),
             "nomoto_2_refused": refused,
             "preferred_order": 1 if second is None or first.bic <= second.bic else 2,
         },
+        axis=AxisDetails(main),
     )
 
 
-def _left_over(runs: Sequence[Trace], case: Case) -> tuple[float, float]:
-    """Return rms of the residuals and fit in per cent; without a free run all of the motion is left over."""
-    if not runs:
-        return math.sqrt(float(np.mean([np.var(r.main.values) for r in case.records]))), 0.0
-    return rms_of(runs), fit_percent_of(runs)
+def _motion(model: SingleDof, case: Case) -> Motion:
+    """Return the free run; without one all of the motion is left over."""
+    motion = Motion.freely(model, case.records)
+    if motion.traces:
+        return motion
+    return replace(
+        motion, fit_percent=0.0, rms=math.sqrt(float(np.mean([np.var(r.main.values) for r in case.records])))
+    )
 
 
 def _runs_away(first: NomotoFit) -> Doubt:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels, Prior, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
@@ -23,6 +23,7 @@ from gcs_autotune.identify.kalman.task import OPTIONS, REPEAT, Task, first_state
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
+from gcs_autotune.models import CoupledModel
 
 __all__ = ["EKF", "FILTER_OPTIONS", "UKF", "fit_by_ekf", "fit_by_ukf"]
 
@@ -45,18 +46,18 @@ HOPELESS = 3
 """Passes after which an inertia that is not positive definite is taken for lost."""
 
 
-def fit_by_ekf(case: CoupledCase) -> Fit:
+def fit_by_ekf(case: Case) -> Fit[CoupledModel]:
     """Fit by the extended Kalman filter; *case* and result as every method for coupled models."""
     return _fit(case, "ekf", sigma=False)
 
 
 @on_settled_stamps
-def fit_by_ukf(case: CoupledCase) -> Fit:
+def fit_by_ukf(case: Case) -> Fit[CoupledModel]:
     """Fit by the sigma-point filter; see :mod:`.sigma`. Its points cannot carry a shift of stamps."""
     return _fit(case, "ukf", sigma=True)
 
 
-def _fit(case: CoupledCase, method: str, *, sigma: bool) -> Fit:
+def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
     task = task_of(case)
     passes = int(case.options.get("passes", PASSES))
     walk = float(case.options.get("parameter_walk", 0.0))

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
-from gcs_autotune.identify.kalman.days import RunSays
 from gcs_autotune.identify.kalman.noise_filter import DRIFTING_FORCE, NoiseFilter
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import NoisyObjective, Point
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.kalman.run_to_run import RunSays
 from gcs_autotune.identify.kalman.waves import waves_ahead
 from gcs_autotune.identify.least_squares import Local, Rules, descend, step_of
 from gcs_autotune.identify.segment import Segment

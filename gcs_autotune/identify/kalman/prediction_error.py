@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, Levels, Prior
 from gcs_autotune.identify.kalman.report import Found, report
@@ -25,6 +25,7 @@ from gcs_autotune.identify.kalman.task import OPTIONS, Task, first_states, task_
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.result import Fit
+from gcs_autotune.models import CoupledModel
 
 __all__ = ["METHOD", "PEM_OPTIONS", "fit_by_prediction_error"]
 
@@ -124,7 +125,7 @@ class _Likelihood:
         return gradient, information
 
 
-def fit_by_prediction_error(case: CoupledCase) -> Fit:
+def fit_by_prediction_error(case: Case) -> Fit[CoupledModel]:
     """Fit by prediction error; *case* and result as every method for coupled models."""
     task = task_of(case)
     rounds = int(case.options.get("rounds", ROUNDS))

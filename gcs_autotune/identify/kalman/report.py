@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
 from gcs_autotune.identify.doubts import COLOUR
-from gcs_autotune.identify.free_run import fit_percent_of, runs_or_doubt
+from gcs_autotune.identify.fit_builder import Motion, fit_of, table_of
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels
 from gcs_autotune.identify.kalman.task import Task
-from gcs_autotune.identify.result import Doubt, Fit, Parameter
+from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
@@ -45,44 +45,36 @@ class Found:
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
-def report(task: Task, method: str, found: Found) -> Fit:
+def report(task: Task, method: str, found: Found) -> Fit[CoupledModel]:
     """Return the fit of *method*."""
     form, bank, case = task.bank.form, task.bank, task.case
-    units = dict(zip(form.inputs, case.records[0].input_units, strict=True))
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    parameters: dict[str, Parameter] = {}
-    names = [n for n in form.parameters if not task.is_shift(n) or n in task.form.parameters]
-    for name in names:
-        unit = form.unit_of(name, units)
-        if task.is_shift(name):
-            parameters[name] = Parameter(name, float(task.stamps or 0.0), unit, 0.0, "fixed")
-        elif name in bank.free:
-            i = bank.free.index(name)
-            value, bound = float(found.parameters[i]), float(found.bounds[i])
-            parameters[name] = Parameter(name, value, unit, float(std[i]), "fitted", bound)
-        else:
-            parameters[name] = Parameter(name, float(form.known[name]), unit, 0.0, "fixed")
     sought = [n for n in bank.free if not task.is_shift(n)]
-    at, places = [bank.free.index(n) for n in sought], [names.index(n) for n in sought]
-    covariance = np.zeros((len(names), len(names)))
-    covariance[np.ix_(places, places)] = found.covariance[np.ix_(at, at)]
-    values = {n: p.value for n, p in parameters.items()}
+    at = [bank.free.index(n) for n in sought]
+    values = {n: float(found.parameters[bank.free.index(n)]) for n in sought}
+    values |= {n: float(task.stamps or 0.0) for n in task.form.parameters if task.is_shift(n)}
+    values = {
+        n: values[n] if n in values else float(form.known[n]) for n in form.parameters if n in task.form.parameters
+    }
+    table = table_of(
+        values,
+        {n: form.unit_of(n, case.input_units) for n in values},
+        sought,
+        found.covariance[np.ix_(at, at)],
+        bounds=dict(zip(sought, found.bounds[at].tolist(), strict=True)),
+    )
     model = CoupledModel(task.form, values)
     shift = {n: float(v) for n, v in zip(bank.free, found.parameters, strict=True) if task.is_shift(n)}
-    traces, runaway = runs_or_doubt(CoupledModel(form, {**values, **shift}), case.records)
-    own = tuple(d for r in case.records for d in r.notes)
-    return Fit(
-        dof="+".join(form.dofs) if len(form.dofs) > 1 else form.dofs[0],
+    noise = {s: float(np.sqrt(v)) for s, v in zip(bank.signals, found.levels.noise, strict=True)}
+    motion = Motion.freely(CoupledModel(form, {**values, **shift}), case.records, noise)
+    return fit_of(
+        case,
+        method,
+        model,
+        table,
+        motion,
         structure=form.name,
-        method=method,
-        model=model,
-        parameters=parameters,
-        covariance=covariance,
-        fit_percent=fit_percent_of(traces),
-        used=case.names,
-        noise={s: float(np.sqrt(v)) for s, v in zip(bank.signals, found.levels.noise, strict=True)},
-        doubts=(*own, *found.doubts, *runaway, *filter_doubts(task, found.last, found.moved, std, model)),
-        traces=traces,
+        doubts=(*found.doubts, *motion.doubts, *filter_doubts(task, found.last, found.moved, std, model)),
         extra={
             "state_noise": {
                 s: float(np.sqrt(v)) for s, v in zip(bank.states, found.levels.drive, strict=True) if s in "uvwpqr"

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels, Smoothed
 from gcs_autotune.identify.kalman.report import Found, report, thinned
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, task_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.models import inertia_matrix
+from gcs_autotune.models import CoupledModel, inertia_matrix
 
 __all__ = ["METHOD", "SMOOTHER_OPTIONS", "Ended", "fit_by_smoother", "iterate", "positive_inertia", "settled"]
 
@@ -59,7 +59,7 @@ class Ended:
     settled: bool
 
 
-def fit_by_smoother(case: CoupledCase) -> Fit:
+def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
     """Fit by the iterated smoother; *case* and result as every method for coupled models."""
     task = task_of(case)
     rounds = int(case.options.get("rounds", ROUNDS))

@@ -42,7 +42,7 @@ ROUNDS = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """What a filter begins with.
+    """Initial values of a filter.
 
     ``theta`` (all,) parameters and the ``scale`` (p,) of the free ones: the size at which a term matters as much as
     all others together. ``states`` (records, n) at every start, ``spread`` their standard deviations; ``levels`` with

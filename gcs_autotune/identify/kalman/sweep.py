@@ -48,7 +48,7 @@ class FilterHistory(NamedTuple):
 
 
 def new_history(s: int, m: int, n: int, N: int, *, full: bool) -> FilterHistory:
-    """Return room for a pass; without *full* only the innovations are kept."""
+    """Return buffers for a pass; without *full* only the innovations are kept."""
     k = s if full else 0
     return FilterHistory(
         np.zeros((k, N)),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.free_numbers import WEAK
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior, Smoothed, tuned
 from gcs_autotune.identify.kalman.start import Start, begin
@@ -41,7 +41,7 @@ class Task:
     estimated or given. ``loose`` (n,): a drive on the high side, which ties the states to the samples.
     """
 
-    case: CoupledCase
+    case: Case
     form: Form
     bank: FilterBank
     start: Start
@@ -86,7 +86,7 @@ def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
     return states, np.minimum(REPEAT * std, widest)
 
 
-def task_of(case: CoupledCase) -> Task:
+def task_of(case: Case) -> Task:
     """Read a case and its options.
 
     Raises
@@ -96,7 +96,7 @@ def task_of(case: CoupledCase) -> Task:
     NotInformative
         The form has no free parameter.
     """
-    form = case.form
+    form = case.the_form
     if case.delay and "delay" not in form.free:
         form = form.fixing({"delay": case.delay})
     if not form.free:

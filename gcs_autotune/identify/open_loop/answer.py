@@ -1,4 +1,4 @@
-"""From a model of one degree of freedom to an ``AxisFit``: shared by the step and the zig-zag method."""
+"""From a model of one degree of freedom to a ``Fit``: shared by the step and the zig-zag method."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.axis.case import Case, named_parameters
+from gcs_autotune.identify.axis.form import Structure
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import Findings, collect
-from gcs_autotune.identify.free_run import fit_percent_of, rms_of, runs_or_doubt
-from gcs_autotune.identify.result import AxisFit, Doubt, Status, Structure
+from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
+from gcs_autotune.identify.result import AxisFit, Doubt, Status
 from gcs_autotune.models import SingleDof
 
 __all__ = ["axis_answer"]
@@ -41,23 +42,21 @@ def axis_answer(
     full[:4, :4] = covariance
     status: list[Status] = ["fitted" if f else "absent" for f in fitted]
     status.append("absent" if case.delay is None else "fixed")
-    parameters = named_parameters(model, full, status)
-    traces, runaway = runs_or_doubt(model, case.records)
-    rms, fit_percent = rms_of(traces), fit_percent_of(traces)
-    findings = Findings(replace(case, cycles=()), model, structure, parameters, None, rms, fit_percent)
-    return AxisFit(
-        dof=model.dof,
+    table = axis_table(model, full, status)
+    motion = Motion.freely(model, case.records)
+    findings = Findings(
+        replace(case, cycles=()), model, structure, table.parameters, None, motion.rms, motion.fit_percent
+    )
+    if motion.traces:
+        motion = replace(motion, noise={motion.traces[0].signal: motion.rms})
+    return fit_of(
+        case,
+        method,
+        model,
+        table,
+        motion,
         structure=structure,
-        method=method,
-        model=model,
-        parameters=parameters,
-        covariance=full,
-        fit_percent=fit_percent,
-        used=case.names,
-        noise={} if not traces else {traces[0].signal: rms},
-        doubts=(*collect(findings), *runaway, *doubts),
-        traces=traces,
-        noise_std=rms,
-        residual_rms=rms,
-        extra=dict(extra),
+        doubts=(*collect(findings), *motion.doubts, *doubts),
+        extra=extra,
+        axis=AxisDetails(record.main.name),
     )

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.case import Case
+from gcs_autotune.identify.axis.form import Structure
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.step_table import lag, row_of, time_to, unevenness_doubts
 from gcs_autotune.identify.open_loop.steps import ENOUGH, StepReading, read_steps
-from gcs_autotune.identify.result import AxisFit, Doubt, Structure
+from gcs_autotune.identify.result import AxisFit, Doubt
 
 __all__ = ["METHOD", "StepModel", "fit_by_steps", "fit_readings"]
 

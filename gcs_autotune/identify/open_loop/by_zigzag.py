@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.case import Case
-from gcs_autotune.identify.axis.structure import FREE
+from gcs_autotune.identify.axis.form import FREE, Structure
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.zigzag_integrals import IntegralRows, half_periods, rows_of, solve_rows
-from gcs_autotune.identify.result import AxisFit, Doubt, Structure
+from gcs_autotune.identify.result import AxisFit, Doubt
 
 __all__ = ["METHOD", "Nomoto", "fit_by_zigzag", "nomoto_of", "solve_zigzag"]
 
@@ -50,7 +50,7 @@ def nomoto_of(theta: Array, covariance: Array, length: float = math.nan, speed: 
 
 
 CLEAR = 3.0
-"""Standard errors of the drag left out from zero at which it draws a doubt."""
+"""Standard errors from zero at which an omitted drag raises a doubt."""
 
 WORSE = 2.0
 """Factor by which the weighted misfit must grow without it, for the same."""
@@ -142,7 +142,7 @@ def _doubts(
             found.append(
                 Doubt(
                     f"{kind}-drag",
-                    f"the half periods ask for {kind} drag too ({clear:.0f} standard errors); what was fitted holds "
+                    f"the half periods show {kind} drag too ({clear:.0f} standard errors); the fit holds "
                     "for this rudder angle only",
                     "structure='affine' fits both; method='output-error' decides",
                 )

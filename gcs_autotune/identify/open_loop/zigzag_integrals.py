@@ -191,7 +191,7 @@ class HalfPeriodValues:
 
 
 def rows_of(record: Segment, delay: float = 0.0) -> IntegralRows | None:
-    """Return the integrated equations of a record; None when it holds no zig-zag with a heading."""
+    """Return the integrated equations of a record; None if it contains no zig-zag with a heading."""
     if record.position is None:
         return None
     t, psi = record.position.t, record.position.values

@@ -16,7 +16,7 @@ from gcs_autotune.identify.free_run import Validation, validate
 from gcs_autotune.identify.plan.combine import Agreement, Joint, Part, StepEstimate, agreements, combined, fit_jointly
 from gcs_autotune.identify.plan.plan import Final, Plan, PlanStep
 from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.result import Doubt, Fit, Parameter
+from gcs_autotune.identify.result import Doubt, Fit, Model, Parameter
 from gcs_autotune.models import CoupledModel, Form, unit_of
 from gcs_autotune.rounding import format_value
 from gcs_autotune.trial import Trial
@@ -29,7 +29,7 @@ class StepResult:
     """One step done. ``unseen``: the validation ran on runs kept from the fit, not on one of its own."""
 
     step: PlanStep
-    fit: Fit
+    fit: Fit[Model]
     validation: Validation | None
     unseen: bool
 
@@ -296,7 +296,7 @@ def _only_signals(trial: Trial, form: Form, signals: Sequence[str]) -> Trial:
     return replace(trial, channels={n: c for n, c in trial.channels.items() if n in form.inputs or n in signals})
 
 
-def _estimate(step: PlanStep, found: Fit) -> StepEstimate | None:
+def _estimate(step: PlanStep, found: Fit[Model]) -> StepEstimate | None:
     """Return what a fit says of the parameters other steps may use; those at a bound or unseen say nothing."""
     order = list(found.parameters)
     names = tuple(
@@ -312,7 +312,7 @@ def _estimate(step: PlanStep, found: Fit) -> StepEstimate | None:
 
 
 def _part(
-    step: PlanStep, runs: Sequence[Trial], found: Fit, values: Mapping[str, float], seen: Collection[str]
+    step: PlanStep, runs: Sequence[Trial], found: Fit[Model], values: Mapping[str, float], seen: Collection[str]
 ) -> Part:
     """Return a step for the joint fit: what it held is free if a step that was done identifies it (*seen*)."""
     known = {n: values.get(n, step.form.start.get(n, math.nan)) for n in step.held if n not in seen}

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.noise_bias import as_simulated
-from gcs_autotune.identify.regression.outcome import fit_of, model_of
+from gcs_autotune.identify.regression.outcome import regression_fit
 from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import Recipe, recipe_of
@@ -33,6 +34,7 @@ from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.identify.whiteness import scores_covariance
+from gcs_autotune.models import CoupledModel
 
 __all__ = ["METHOD", "OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
 
@@ -52,7 +54,7 @@ HALVINGS = 8
 
 
 @on_settled_stamps
-def fit_by_instruments(case: CoupledCase) -> Fit:
+def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
     """Fit *case* by refined instrumental variables, from least squares; errors as there."""
     recipe, motions, first, draws = recipe_of(case, robust=case.robust)
     doubts: list[Doubt] = []
@@ -89,7 +91,7 @@ def fit_by_instruments(case: CoupledCase) -> Fit:
         "physics": [check.told for check in checks],
         "converged": estimate.converged,
     }
-    return fit_of(case, estimate, motions, "instrumental-variables", doubts, extra)
+    return regression_fit(case, estimate, motions, "instrumental-variables", doubts, extra)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

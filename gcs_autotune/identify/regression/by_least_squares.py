@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.free_run import RUNS_AWAY
 from gcs_autotune.identify.least_squares import Local
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts, inflation_factors
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
-from gcs_autotune.identify.regression.outcome import fit_of, model_of
+from gcs_autotune.identify.regression.outcome import regression_fit
 from gcs_autotune.identify.regression.physical import check_physics, damping_slopes, physics_doubts, velocities_visited
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import recipe_of
@@ -31,7 +32,7 @@ from gcs_autotune.identify.regression.solver import Barrier, Equations, Estimate
 from gcs_autotune.identify.regression.spread import excess_doubt
 from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
-from gcs_autotune.models import Form, inertia_matrix, program_of
+from gcs_autotune.models import CoupledModel, Form, inertia_matrix, program_of
 
 __all__ = [
     "METHOD",
@@ -49,7 +50,7 @@ OPTIONS = (*RECIPE_OPTIONS, ("physical", "True: M and D(nu) held positive defini
 
 
 @on_settled_stamps
-def fit_by_least_squares(case: CoupledCase) -> Fit:
+def fit_by_least_squares(case: Case) -> Fit[CoupledModel]:
     """Fit *case* by least squares; Miskovic2010, eq. (4.10)-(4.22), Miskovic2007 (5)-(11), ZhaoUSV (19)-(26).
 
     Raises
@@ -83,10 +84,10 @@ def fit_by_least_squares(case: CoupledCase) -> Fit:
         "physics": [check.told for check in checks],
         "converged": estimate.converged,
     }
-    return fit_of(case, with_bias(estimate, bias), motions, "least-squares", doubts, extra)
+    return regression_fit(case, with_bias(estimate, bias), motions, "least-squares", doubts, extra)
 
 
-def refusing_runaways(fit: Fit) -> Fit:
+def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
     """Return *fit*; for a choice between structures a model that cannot be simulated is none.
 
     Raises

@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
-from gcs_autotune.identify.regression.outcome import fit_of, model_of
+from gcs_autotune.identify.regression.outcome import regression_fit
 from gcs_autotune.identify.regression.physical import check_physics, physics_doubts, velocities_visited
 from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import recipe_of
@@ -32,6 +33,7 @@ from gcs_autotune.identify.regression.solver import Equations, Estimate, row_sta
 from gcs_autotune.identify.regression.spread import excess_doubt
 from gcs_autotune.identify.result import Doubt, Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
+from gcs_autotune.models import CoupledModel
 
 __all__ = ["METHOD", "OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recursion", "recursive"]
 
@@ -60,7 +62,7 @@ class History:
 
 
 @on_settled_stamps
-def fit_by_recursion(case: CoupledCase) -> Fit:
+def fit_by_recursion(case: Case) -> Fit[CoupledModel]:
     """Fit *case* by recursive least squares; errors as :func:`fit_by_least_squares`.
 
     ``extra["history"]`` holds ``t`` [s], and per parameter its ``values`` and ``stds`` along the runs.
@@ -95,7 +97,7 @@ def fit_by_recursion(case: CoupledCase) -> Fit:
         "batch": dict(zip(names, batch.free.tolist(), strict=True)),
         "physics": [check.told for check in checks],
     }
-    return fit_of(case, with_bias(estimate, bias), motions, "recursive-least-squares", doubts, extra)
+    return regression_fit(case, with_bias(estimate, bias), motions, "recursive-least-squares", doubts, extra)
 
 
 def recursive(batch: Estimate, rows: Sequence[Rows], forgetting: float) -> tuple[Estimate, History]:

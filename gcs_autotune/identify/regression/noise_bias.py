@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, NotInformative
+from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.free_run import run_freely
 from gcs_autotune.identify.regression.motion import GriddedMotion
-from gcs_autotune.identify.regression.outcome import model_of
 from gcs_autotune.identify.regression.recipe import Recipe
 from gcs_autotune.identify.regression.solver import Estimate, solve
 from gcs_autotune.identify.regression.spread import with_noise

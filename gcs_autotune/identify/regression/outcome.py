@@ -7,75 +7,52 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import POOR
-from gcs_autotune.identify.free_run import fit_percent_of, runs_or_doubt
+from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, model_of
 from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.regression.solver import Estimate
-from gcs_autotune.identify.result import Doubt, Fit, Parameter, Trace
-from gcs_autotune.models import CoupledModel, Form
+from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.models import CoupledModel
 
-__all__ = ["fit_of", "model_of"]
-
-Array = NDArray[np.float64]
+__all__ = ["regression_fit"]
 
 BEYOND_NOISE = 2.0
 """Rms residual of the free run, in noise levels, that noise no longer excuses."""
 
 
-def model_of(form: Form, theta: Array) -> CoupledModel:
-    """Return *form* with the parameters (p,)."""
-    return CoupledModel(form, dict(zip(form.parameters, theta.tolist(), strict=True)))
-
-
-def fit_of(
-    case: CoupledCase,
+def regression_fit(
+    case: Case,
     estimate: Estimate,
     motions: Sequence[GriddedMotion],
     method: str,
     doubts: Sequence[Doubt],
     extra: Mapping[str, Any],
-) -> Fit:
+) -> Fit[CoupledModel]:
     """Return the :class:`Fit`; its traces are free runs, not the regression's own residuals."""
     form = estimate.equations.form
     model = model_of(form, estimate.theta)
-    units = dict(zip(form.inputs, case.records[0].input_units, strict=True))
-    p, f = len(form.parameters), len(form.free)
-    covariance = np.zeros((p, p))
-    covariance[:f, :f] = estimate.covariance
-    parameters = {}
-    for i, name in enumerate(form.parameters):
-        std = math.sqrt(max(float(covariance[i, i]), 0.0))
-        unit = form.unit_of(name, units)
-        parameters[name] = Parameter(name, float(estimate.theta[i]), unit, std, "fitted" if i < f else "fixed")
-    said = [note for record in case.records for note in record.notes] + list(doubts)
-    traces, runaway = runs_or_doubt(model, case.records)
-    noise, percent = _noise(motions), fit_percent_of(traces)
-    said += [*runaway, *_poor(traces, percent, noise)]
-    return Fit(
-        dof="+".join(form.dofs),
+    table = form_table(form, estimate.theta, case.input_units, form.free, estimate.covariance)
+    motion = Motion.freely(model, case.records, _noise(motions))
+    return fit_of(
+        case,
+        method,
+        model,
+        table,
+        motion,
         structure=form.name,
-        method=method,
-        model=model,
-        parameters=parameters,
-        covariance=covariance,
-        fit_percent=percent,
-        used=case.names,
-        noise=noise,
-        doubts=tuple(said),
-        traces=traces,
+        doubts=[*doubts, *motion.doubts, *_poor(motion)],
         extra={"delay": form.known.get("delay", 0.0), **extra},
     )
 
 
-def _poor(traces: Sequence[Trace], percent: float, noise: Mapping[str, float]) -> list[Doubt]:
+def _poor(motion: Motion) -> list[Doubt]:
     """Say so when the free run explains little and noise is no excuse."""
-    beyond = []
+    beyond, traces, percent = [], motion.traces, motion.fit_percent
     for name in dict.fromkeys(t.signal for t in traces):
         residual = np.concatenate([t.measured - t.fitted for t in traces if t.signal == name])
-        if math.sqrt(float(np.mean(residual**2))) > BEYOND_NOISE * noise.get(name, 0.0):
+        if math.sqrt(float(np.mean(residual**2))) > BEYOND_NOISE * motion.noise.get(name, 0.0):
             beyond.append(name)
     if percent >= POOR or not beyond:
         return []

@@ -1,4 +1,5 @@
-"""Does a model obey physics: M symmetric and positive, C without power, D positive over the velocities visited.
+"""Check that a model is physical: M symmetric and positive definite, C without power, D positive over the velocities
+visited.
 
 Miskovic2007 (9)-(11).
 """
@@ -74,7 +75,11 @@ def _symmetric(M: Array) -> Check:
 
 def _positive(what: str, name: str, least: float) -> Check:
     holds = least > -ROUNDING
-    told = f"{name} is positive" if holds else f"{name} is not positive: an eigenvalue of {least:.2g} of its diagonal"
+    told = (
+        f"{name} is positive definite"
+        if holds
+        else f"{name} is not positive definite: least eigenvalue {least:.2g} times its diagonal"
+    )
     return Check(what, holds, least, told)
 
 

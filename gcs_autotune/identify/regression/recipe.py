@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.regression.motion import GriddedMotion, motion_of
 from gcs_autotune.identify.regression.rows import EQUATIONS, Rows, rows_of
@@ -84,9 +84,9 @@ class Recipe:
         return Equations.of(self.form, self.rows(records, motions))
 
 
-def form_of(case: CoupledCase) -> Form:
+def form_of(case: Case) -> Form:
     """Return the form to regress: the delay asked for known, a constant in every equation when ``bias`` is set."""
-    form = case.form
+    form = case.the_form
     if case.delay is not None and (case.delay > 0.0 or "delay" in form.parameters):
         form = form.fixing({"delay": case.delay})
     if case.options.get("bias", False):
@@ -96,7 +96,7 @@ def form_of(case: CoupledCase) -> Form:
 
 
 def recipe_of(
-    case: CoupledCase, *, robust: bool = False
+    case: Case, *, robust: bool = False
 ) -> tuple[Recipe, tuple[GriddedMotion, ...], Estimate, tuple[NoiseDraw, ...]]:
     """Return the recipe for *case*, its motions, the first least-squares estimate and the draws behind its spread.
 
@@ -129,7 +129,7 @@ def recipe_of(
     return best[1], motions, best[2], draws
 
 
-def _windows(case: CoupledCase, motions: Sequence[GriddedMotion]) -> tuple[float, ...]:
+def _windows(case: Case, motions: Sequence[GriddedMotion]) -> tuple[float, ...]:
     given = case.options.get("window")
     if given is not None:
         if not float(given) > 0.0:

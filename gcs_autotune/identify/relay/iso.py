@@ -14,7 +14,7 @@ which is the same in both, measures how sure one can be.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from typing import Literal
 
@@ -29,10 +29,10 @@ __all__ = [
     "from_delay",
     "from_integrators",
     "is_valid",
-    "most_different_pair",
     "quadratic_drag",
     "relay",
     "relay_bias",
+    "two_experiment_decision",
 ]
 
 
@@ -149,7 +149,13 @@ def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decis
     return Decision(sigma_alpha, sigma_beta, sigma_quadratic, width, verdict)
 
 
-def most_different_pair(estimates: tuple[IsoEstimate, ...]) -> tuple[IsoEstimate, IsoEstimate] | None:
+def two_experiment_decision(estimates: Sequence[IsoEstimate]) -> Decision | None:
+    """Return the decision from the two most different limit cycles, None when there are no two."""
+    pair = _most_different_pair(tuple(estimates))
+    return None if pair is None else decide(*pair)
+
+
+def _most_different_pair(estimates: tuple[IsoEstimate, ...]) -> tuple[IsoEstimate, IsoEstimate] | None:
     """Return the two valid estimates whose velocity amplitudes differ most, or None.
 
     The experiments should be as different as possible (Miskovic2010, 7.3); below 10 % of difference in velocity

@@ -90,10 +90,10 @@ SPECIAL: Mapping[str, str] = {
 """What is neither force nor inertia, and its unit."""
 
 PAYLOAD, DEPTH = "payload", "depth"
-"""The input that multiplies the inertia, and that which stands for ``z``."""
+"""The input that multiplies the inertia, and the input that represents ``z``."""
 
 SEEN: Mapping[str, str] = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
-"""Velocity -> the input that stands for it where it was measured and is not simulated."""
+"""Velocity -> the input that replaces it if it is measured and not simulated."""
 
 _POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}
 _SHAPES = {

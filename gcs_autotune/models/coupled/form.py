@@ -125,7 +125,7 @@ class Form:
 
     @property
     def is_in_newtons(self) -> bool:
-        """Whether one of its inertias is known in full, so that a run driven by shares of full shows their forces."""
+        """Whether one of its inertias is fully known, so that a run with normalised outputs determines their forces."""
         rigid = {"X": "m", "Y": "m", "Z": "m", "K": "I_x", "M": "I_y", "N": "I_z"}
         for dof in (DOFS[d] for d in self.dofs):
             added = f"{dof.force}_{dof.velocity}dot"

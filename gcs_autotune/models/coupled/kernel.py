@@ -1,4 +1,4 @@
-"""The compiled heart of :mod:`gcs_autotune.models.coupled`: right-hand side, its derivatives, and the sweep.
+"""The compiled core of :mod:`gcs_autotune.models.coupled`: right-hand side, its derivatives, and the sweep.
 
 ``M nu_dot + C(nu) nu = F(nu, eta, inputs)``, ``eta_dot = J(eta) nu + current``, with ``F`` a sum of products
 ``theta_p * theta_s * c * f_1 * f_2 * f_3`` (``theta_s``: a second parameter, which few terms have). ``M`` is linear in
@@ -54,10 +54,11 @@ STEEPEST = 50.0
 """Exponent beyond which nearness grows no further: a simulation under the bottom is to run away, not to overflow."""
 
 REACH = 0.4
-"""Longest step times the fastest rate. Chosen: a Runge-Kutta step then errs by REACH**5/120 = 9e-5 of its change."""
+"""Longest step times the fastest rate. Chosen: the error of a Runge-Kutta step is then REACH**5/120 = 9e-5 of its
+change."""
 
 RUNAWAY = 1e6
-"""State at which a simulation is given up."""
+"""State at which a simulation is abandoned."""
 
 
 # What is called for every stage is inlined: without passing a hundred words per call a simulation takes a quarter of

@@ -1,4 +1,4 @@
-"""One degree of freedom whose equation is linear in its velocity, swept with exact transitions.
+"""One degree of freedom with an equation linear in its velocity, solved with exact transitions.
 
 ``nu_dot = a nu + f`` with ``a`` and ``f`` held between the jumps of the inputs: what most searches simulate most of the
 time, for commands bent, late or scaled leave it so. Motion and sensitivities are exponentials then, ten times as quick

@@ -41,7 +41,7 @@ TRIES, FINER = 4, 8.0
 """A motion that runs away is tried again with steps this much shorter, as steps too long run away by themselves."""
 
 PATIENCE, STEPS = 70, 2000
-"""Steps per stamp, and so many more for a short run, that a simulation may take."""
+"""Most steps of a simulation: per stamp, and in addition for a short run."""
 
 HOPELESS = 1.000001
 """Steps needed to the end, in shares of those that may be taken, from which on a simulation is not begun."""
@@ -250,7 +250,7 @@ class CoupledModel:
     def simulate(
         self, t_in: Array, inputs: Mapping[str, Array], t_out: Array, initial: Mapping[str, float] | None = None
     ) -> CoupledMotion:
-        """Simulate from *initial* states (0 where not given) at ``t_out[0]``; see :meth:`Simulator.run`."""
+        """Simulate from *initial* states (default 0) at ``t_out[0]``; see :meth:`Simulator.run`."""
         simulator = Simulator(self.form)
         columns = [np.asarray(inputs[n], dtype=np.float64) for n in self.form.inputs]
         table = np.column_stack(columns) if columns else np.zeros((len(t_in), 0))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.identify import Fit, Validation
+from gcs_autotune.identify import Fit, Model, Validation
 from gcs_autotune.report.plots import label_as_read
 from gcs_autotune.report.study.document import damping_section, model_section
 from gcs_autotune.report.study.study import answer_sentences
@@ -50,7 +50,7 @@ __all__ = ["FlightModel", "FlightStory", "TrialSummary", "flight_document", "pre
 class FlightModel:
     """A model identified from a flight; ``unseen``: its prediction of the runs ``held_out``, if any."""
 
-    fit: Fit
+    fit: Fit[Model]
     held_out: Sequence[str] = ()
     unseen: Validation | None = None
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.design import Proposal
 from gcs_autotune.diagnose import Diagnosis
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import Fit
+from gcs_autotune.identify import Fit, Model
 from gcs_autotune.report.plots.experiments import correlation_plot, plan_plot, profile_plot
 from gcs_autotune.report.plots.fits import draw_trace, fit_plot, label_as_read, plot_trace
 from gcs_autotune.report.plots.frequency import frequency_plot
@@ -30,7 +30,7 @@ __all__ = [
 
 
 def plot(
-    result: Fit | Proposal | Diagnosis, ax: Axes | None = None, *, run: str = "", signal: str = ""
+    result: Fit[Model] | Proposal | Diagnosis, ax: Axes | None = None, *, run: str = "", signal: str = ""
 ) -> Figure | Axes:
     """Draw *result*; return the new figure, or *ax* where one is given.
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from gcs_autotune.identify import Fit
+    from gcs_autotune.identify import Fit, Model
 
 __all__ = ["draw_trace", "fit_plot", "label_as_read", "plot_trace"]
 
@@ -30,7 +30,7 @@ MEASURED, MODEL, BAND, INK = "#d55e00", "#0072b2", "#9ecae1", "#222222"
 """The colour-blind-safe set of Okabe2008."""
 
 MOST_POINTS = 900
-"""Samples drawn of one trace; more cannot be told apart."""
+"""Most samples plotted per trace; more are not distinguishable."""
 
 
 def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
@@ -94,7 +94,7 @@ def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "
     return ax
 
 
-def fit_plot(fit: Fit) -> Figure:
+def fit_plot(fit: Fit[Model]) -> Figure:
     """Return a figure: per run and signal the measured and the fitted motion, below what is left over."""
     from matplotlib.figure import Figure
 

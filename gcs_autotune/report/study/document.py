@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gcs_autotune.identify import AxisFit, Fit, Method, Trace, Validation
+from gcs_autotune.identify import Fit, Method, Model, Trace, Validation, is_of_one_axis
 from gcs_autotune.report.study.figures import draw_correlation, draw_methods
 from gcs_autotune.report.study.study import (
     MethodOutcome,
@@ -69,7 +69,7 @@ def study_document(study: Study) -> Document:
     )
 
 
-def fit_document(fit: Fit) -> Document:
+def fit_document(fit: Fit[Model]) -> Document:
     """Return the report of a single fit of any form."""
     return Document(
         title=structure_title(fit),
@@ -81,7 +81,7 @@ def fit_document(fit: Fit) -> Document:
     )
 
 
-def model_section(fit: Fit, slug: str = "model") -> Section:
+def model_section(fit: Fit[Model], slug: str = "model") -> Section:
     """Return the parameters of a fit, and how certain they are."""
     return Section(
         slug,
@@ -100,7 +100,7 @@ def model_section(fit: Fit, slug: str = "model") -> Section:
     )
 
 
-def _key_figures(fit: Fit, unseen: Validation | None) -> Iterator[KeyFigure]:
+def _key_figures(fit: Fit[Model], unseen: Validation | None) -> Iterator[KeyFigure]:
     fitted = [p for p in fit.parameters.values() if p.status in ("fitted", "at_bound")]
     yield KeyFigure(format_percent(fit.fit_percent), "fit", "free run, identification runs")
     if unseen is not None:
@@ -140,9 +140,9 @@ def _trace(study: Study, trace: Trace, name: str, caption: str) -> Figure:
     return Figure(name, caption, partial(draw_fit, trace, run, study.fit.model))
 
 
-def damping_section(fit: Fit, *, detail: bool = False) -> Iterator[Section]:
+def damping_section(fit: Fit[Model], *, detail: bool = False) -> Iterator[Section]:
     """Yield how the damping of one axis was chosen."""
-    if isinstance(fit, AxisFit) and (parts := damping_parts(fit)):
+    if is_of_one_axis(fit) and (parts := damping_parts(fit)):
         yield Section("damping", "Choice of damping", parts, detail, facts=IN_RESULT)
 
 

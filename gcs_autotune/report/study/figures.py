@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.identify import Fit
+from gcs_autotune.identify import Fit, Model
 from gcs_autotune.report.toolkit.canvas import AFTER, BEFORE, FAINT, INK, WANTED, legend, new_axes
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ DEEPEST = 0.7
 _COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
 
 
-def draw_correlation(fit: Fit) -> Figure | None:
+def draw_correlation(fit: Fit[Model]) -> Figure | None:
     """Plot the correlation of every pair of estimates; None with fewer than three."""
     from matplotlib.patches import Rectangle
 
@@ -46,7 +46,7 @@ def draw_correlation(fit: Fit) -> Figure | None:
     return figure
 
 
-def draw_methods(selected: Fit, fits: Sequence[Fit]) -> Figure | None:
+def draw_methods(selected: Fit[Model], fits: Sequence[Fit[Model]]) -> Figure | None:
     """Plot the estimates of each method relative to the *selected* one; None with a single method."""
     if len(fits) < 2:
         return None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from gcs_autotune.experiments import DofComparison
-from gcs_autotune.identify import CONTRADICTION, AxisFit, Fit, Validation
+from gcs_autotune.identify import CONTRADICTION, Fit, Model, Validation, is_of_one_axis
 from gcs_autotune.models import FORMS
 from gcs_autotune.report.toolkit.axis_fit import explained_sentence, model_sentences, model_words
 from gcs_autotune.report.toolkit.document import Verdict
@@ -52,7 +52,7 @@ class MethodOutcome:
     """The result of one method: a fit with its held-out prediction, or the reason for its refusal."""
 
     method: str
-    fit: Fit | None
+    fit: Fit[Model] | None
     seconds: float
     unseen: Validation | None = None
     refusal: str = ""
@@ -94,7 +94,7 @@ class Study:
         return next(o for o in self.outcomes if o.fit is not None)
 
     @property
-    def fit(self) -> Fit:
+    def fit(self) -> Fit[Model]:
         """The fit of the selected outcome."""
         fit = self.answer.fit
         assert fit is not None
@@ -122,21 +122,21 @@ def _compared(c: DofComparison, other: str) -> tuple[str, str]:
     return f"{said}.", f"{soon}."
 
 
-def structure_title(fit: Fit) -> str:
+def structure_title(fit: Fit[Model]) -> str:
     """Return the heading of the model's table."""
-    if isinstance(fit, AxisFit):
+    if is_of_one_axis(fit):
         return f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})"
     known = FORMS.get(fit.structure)
     return f"Model '{fit.structure}'" + (f": {known.title}" if known is not None else "")
 
 
-def answer_sentences(fit: Fit) -> tuple[str, ...]:
+def answer_sentences(fit: Fit[Model]) -> tuple[str, ...]:
     """Return the meaning of a fit, its residual and its origin."""
-    about = model_sentences(fit) if isinstance(fit, AxisFit) else _residual_sentences(fit)
+    about = model_sentences(fit) if is_of_one_axis(fit) else _residual_sentences(fit)
     return (*about, f"Method: {fit.method}, from {', '.join(fit.used)}.")
 
 
-def _residual_sentences(fit: Fit) -> tuple[str, ...]:
+def _residual_sentences(fit: Fit[Model]) -> tuple[str, ...]:
     """Return the residual of a coupled model, signal by signal."""
     left = {n: r for n, r in fit.remainder.items() if n in SIGNALS}
     if not left:
@@ -157,7 +157,7 @@ def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
     )
 
 
-def verdict_of(fit: Fit, unseen: Validation | None = None) -> Verdict:
+def verdict_of(fit: Fit[Model], unseen: Validation | None = None) -> Verdict:
     """Return how well a fit explains the motion, of held-out data if it predicted any, and what it is."""
     percent = fit.fit_percent if unseen is None else unseen.fit_percent
     said = explained_sentence(fit.fit_percent)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gcs_autotune.identify import AxisFit, Fit, Parameter, Validation
+from gcs_autotune.identify import Fit, Model, Parameter, Validation, is_of_one_axis
 from gcs_autotune.report.study.study import MethodOutcome, Study
 from gcs_autotune.report.toolkit.axis_fit import meanings, model_table, short_name
 from gcs_autotune.report.toolkit.document import Table
@@ -70,11 +70,11 @@ _NAMED = {
 }
 
 
-def parameter_table(fit: Fit) -> Table:
+def parameter_table(fit: Fit[Model]) -> Table:
     """Return every parameter rounded to its standard error, with the Cramér-Rao bound."""
-    if isinstance(fit, AxisFit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
+    if is_of_one_axis(fit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
         return model_table(fit)
-    axis = meanings(fit) if isinstance(fit, AxisFit) else None
+    axis = meanings(fit) if is_of_one_axis(fit) else None
     rows = tuple(
         (
             short_name(p.name) if axis is not None else p.name,
@@ -154,7 +154,7 @@ def estimate_tables(study: Study) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-def _estimate(fit: Fit, name: str) -> str:
+def _estimate(fit: Fit[Model], name: str) -> str:
     found = fit.parameters.get(name)
     if found is None or found.status == "absent":
         return ""

@@ -10,9 +10,8 @@ import pytest
 from coupled_plants import BOAT, horizontal, levels, sail
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, fit
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.models.coupled import FORMS
+from gcs_autotune.identify import Fit, fit, prepare_form
+from gcs_autotune.models import FORMS
 from gcs_autotune.trial import Channel, Trial
 
 NOISE = {"x": 0.05, "y": 0.05, "psi": 0.005, "u": 0.02, "v": 0.02, "r": 0.005}

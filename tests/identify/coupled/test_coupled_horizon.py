@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import fit
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.identify import fit, prepare_form
+from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel, Trial
 
 TRUTH = {"N_r": 0.15, "N_rr": -2.0, "N_delta": 0.3}

@@ -10,7 +10,7 @@ from coupled_plants import sail
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.limits import limits_of
 from gcs_autotune.identify.initial_guess import initial_guess_of
 from gcs_autotune.identify.preparation import prepare_form
@@ -41,7 +41,7 @@ def test_it_finds_the_truth_where_a_local_fit_from_a_bad_start_does_not(run: Tri
     bad = {"K_pdot": -8.0, "K_p": -0.5, "K_phi": -8.0}
     records = prepare_form(run, FORM)
     ground = initial_guess_of(FORM, records)
-    limits = limits_of(FORM, CoupledCase(FORM, records, 0.0, False, (run.name,)))
+    limits = limits_of(FORM, Case(form=FORM, records=tuple(records), delay=0.0, names=(run.name,)))
     start = np.array([bad[n] for n in FORM.parameters])
     local = solve_form(FORM, records, start, ground.initial, limits, levels=ground.levels)
     assert local is None or local.noise["phi"] > 0.03

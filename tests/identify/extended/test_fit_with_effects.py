@@ -11,9 +11,7 @@ from towed_boats import DRAG, INERTIA, NOISE, yaw_run
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile, UnknownName, UsageError
-from gcs_autotune.identify import fit, validate
-from gcs_autotune.identify.model_file import load_model, save_model
-from gcs_autotune.identify.result import Fit
+from gcs_autotune.identify import Fit, fit, load_model, save_model, validate
 
 HIDDEN = {"dead-zone@N": {"width": 0.2}, "input-bias@yaw": {"bias": 0.1}}
 TRUTH = {"N_rdot": -INERTIA, "N_r": -DRAG, "dead-zone@N.width": 0.2, "input-bias@yaw.bias": 0.1}

@@ -9,8 +9,7 @@ import pytest
 from towed_boats import yaw_run
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.identify.base_model import fit_base, plain_form
-from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
 from gcs_autotune.trial import Trial
 
 pytestmark = pytest.mark.slow

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.kalman import sweep, transition
 from gcs_autotune.identify.kalman.sweep import FilterHistory, backward, forward, new_history
 from gcs_autotune.identify.kalman.transition import inertia, measure, sigma_step, step
+from gcs_autotune.models import INPUT, NU_SIZE, Program, Scratch, carry
 from gcs_autotune.models.coupled import kernel
-from gcs_autotune.models.coupled.kernel import INPUT, NU, NU_SIZE, Program, Scratch, carry
+from gcs_autotune.models.coupled.kernel import NU
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,8 @@ import pytest
 from regression_plants import TRUTH, M, camera_run, coupled, velocity_run, yaw_run
 
 from gcs_autotune.errors import UnknownName, UsageError
-from gcs_autotune.identify import fit
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.regression.drive import drives_of
-from gcs_autotune.identify.regression.motion import motion_of
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.identify import drives_of, fit, inverse_of, motion_of, prepare_form
+from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel, Trial
 
 RUNS = ((2.0, 0.06), (1.5, 0.09))

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
-from gcs_autotune.identify.coupled.case import CoupledCase
+from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.regression.by_least_squares import solve_physical
 from gcs_autotune.identify.regression.physical import check_physics, velocities_visited
@@ -63,7 +63,8 @@ def test_the_constrained_fit_is_the_free_one_when_that_obeys():
 
 def test_the_barrier_ends_where_sequential_quadratic_programming_does():
     trials, form = weak()
-    case = CoupledCase(form, tuple(r for t in trials for r in prepare_form(t, form)), 0.0, False, ("weak",))
+    records = tuple(r for t in trials for r in prepare_form(t, form))
+    case = Case(form=form, records=records, delay=0.0, names=("weak",))
     _, motions, first, _ = recipe_of(case)
     visited = velocities_visited(motions)
     held = solve_physical(first.equations, first.theta, visited)

@@ -7,12 +7,8 @@ import pytest
 from regression_plants import TRUTH, coupled, s_manoeuvre, velocity_run, videoray
 
 from gcs_autotune.errors import MissingChannel, UsageError
-from gcs_autotune.identify import fit
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.regression.drive import drives_of
-from gcs_autotune.identify.regression.motion import motion_of
-from gcs_autotune.models.coupled import Form
-from gcs_autotune.models.coupled.regressors import force_columns, inertia_columns
+from gcs_autotune.identify import drives_of, fit, motion_of, prepare_form
+from gcs_autotune.models import Form, force_columns, inertia_columns
 from gcs_autotune.trial import Channel, Trial
 
 

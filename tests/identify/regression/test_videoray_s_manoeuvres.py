@@ -10,7 +10,7 @@ from regression_plants import DOFS, HORIZONTAL_INPUTS, TRUTH, M, camera_run, cou
 
 from gcs_autotune.identify import fit, validate
 from gcs_autotune.identify.regression import check_physics
-from gcs_autotune.models.coupled import Form
+from gcs_autotune.models import Form
 from gcs_autotune.research import correlations, structure_by_correlation
 
 pytestmark = pytest.mark.slow

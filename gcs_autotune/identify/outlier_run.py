@@ -29,7 +29,7 @@ from gcs_autotune.identify.segment import Segment
 from gcs_autotune.identify.solution import Solution, solve_form
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["CraftEstimate", "OddRun", "odd_run", "odd_run_doubts", "odd_runs"]
+__all__ = ["CraftEstimate", "OutlierRun", "outlier_run", "outlier_run_doubts", "outlier_runs"]
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class CraftEstimate:
 
 
 @dataclass(frozen=True, slots=True)
-class OddRun:
+class OutlierRun:
     """A run that speaks of another craft, ``sigmas`` standard errors from the others; ``change`` of the parameter
     that differs most, as a share. ``pair`` holds both names when there are only two runs and either may be the odd one.
     """
@@ -71,9 +71,9 @@ class OddRun:
     pair: tuple[str, str] | None = None
 
 
-def odd_runs(
+def outlier_runs(
     names: Sequence[str], estimate: Callable[[tuple[int, ...]], CraftEstimate | None], sigmas: float = SIGMAS
-) -> tuple[OddRun, ...]:
+) -> tuple[OutlierRun, ...]:
     """Return the runs that do not belong to the others.
 
     Parameters
@@ -83,7 +83,7 @@ def odd_runs(
     """
     alone = [estimate((i,)) for i in range(len(names))]
     left = [i for i, found in enumerate(alone) if found is not None]
-    odd: list[OddRun] = []
+    odd: list[OutlierRun] = []
     while len(left) >= 2:
         distances = [_distance(alone[i], estimate(tuple(j for j in left if j != i)), sigmas) for i in left]
         k = int(np.argmax([d for d, _ in distances]))
@@ -91,7 +91,7 @@ def odd_runs(
         if distance <= 0.0:
             break
         pair = (names[left[0]], names[left[1]]) if len(left) == 2 and not odd else None
-        odd.append(OddRun(names[left[k]], distance, change, pair))
+        odd.append(OutlierRun(names[left[k]], distance, change, pair))
         del left[k]
     return tuple(odd)
 
@@ -118,7 +118,7 @@ def _distance(one: CraftEstimate | None, rest: CraftEstimate | None, sigmas: flo
     return math.sqrt(square), change
 
 
-def odd_run_doubts(found: Sequence[OddRun]) -> list[Doubt]:
+def outlier_run_doubts(found: Sequence[OutlierRun]) -> list[Doubt]:
     """Return one doubt per run apart, the run named."""
     return [
         Doubt(
@@ -132,7 +132,7 @@ def odd_run_doubts(found: Sequence[OddRun]) -> list[Doubt]:
     ]
 
 
-def odd_run(solution: Solution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
+def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
     """Return a doubt that names the run which does not belong to the rest, None when all agree."""
     runs = list(dict.fromkeys(r.run for r in records))
     if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from test_noisy_problem import DRAG, GAIN, LINEAR, problem_of, run
 
-from gcs_autotune.identify import NoisyProblem, ProcessNoise, Segment, Signal
-from gcs_autotune.identify.kalman.days import RunSays, common_gain, spread_between
+from gcs_autotune.identify import NoisyProblem, ProcessNoise, RunSays, Segment, Signal, common_gain, spread_between
 
 Array = NDArray[np.float64]
 

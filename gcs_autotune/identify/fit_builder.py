@@ -1,0 +1,225 @@
+"""From what a method found to a :class:`Fit`: the one place where a ``Fit`` of runs is made.
+
+A method gives a table of its parameters (:func:`table_of`, :func:`axis_table`), what its model makes of the runs
+(:meth:`Motion.freely`, :meth:`Motion.of_solution`) and its doubts; :func:`fit_of` puts them together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.effects import ExtendedModel
+from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubts import once
+from gcs_autotune.identify.free_run import fit_percent_of, rms_of, runs_or_doubt
+from gcs_autotune.identify.result import (
+    Decision,
+    Doubt,
+    Fit,
+    IsoEstimate,
+    Parameter,
+    Status,
+    StructureFit,
+    Trace,
+)
+from gcs_autotune.identify.reweighting import rounding_error
+from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.solution import Solution, fit_percents, traces_of
+from gcs_autotune.models import CoupledModel, Form, SingleDof
+
+__all__ = [
+    "AxisDetails",
+    "Motion",
+    "Table",
+    "axis_table",
+    "fit_of",
+    "form_table",
+    "model_of",
+    "solution_extra",
+    "table_of",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """All parameters of a model, fitted or not, and their covariance (p, p) in that order."""
+
+    parameters: Mapping[str, Parameter]
+    covariance: Array
+
+
+def table_of(
+    values: Mapping[str, float],
+    units: Mapping[str, str],
+    fitted: Sequence[str],
+    covariance: Array,
+    *,
+    bounds: Mapping[str, float] | None = None,
+    status: Mapping[str, Status] | None = None,
+    unknown: Sequence[str] = (),
+) -> Table:
+    """Return the table of all *values*.
+
+    fitted : (f,) names to which *covariance* (f, f) belongs. bounds : Cramer-Rao bounds, NaN where there is none.
+    status : where it is another than "fitted" of these and "fixed" of the others. unknown : names that were fitted
+    without a standard error: theirs is NaN.
+    """
+    names = list(values)
+    whole = np.zeros((len(names),) * 2)
+    places = [names.index(n) for n in fitted]
+    whole[np.ix_(places, places)] = covariance
+    stds = np.sqrt(np.maximum(np.diag(whole), 0.0)).tolist()
+    given, least = status or {}, bounds or {}
+    parameters = {}
+    for name, std in zip(names, stds, strict=True):
+        usual: Status = "fitted" if name in fitted or name in unknown else "fixed"
+        error = math.nan if name in unknown else std
+        bound = float(least.get(name, math.nan))
+        parameters[name] = Parameter(name, float(values[name]), units[name], error, given.get(name, usual), bound)
+    return Table(parameters, whole)
+
+
+def form_table(
+    form: Form,
+    theta: Array,
+    units: Mapping[str, str],
+    fitted: Sequence[str],
+    covariance: Array,
+    **more: Any,
+) -> Table:
+    """Return the table of a form's parameters *theta* (p,); *units* of its inputs, the rest as :func:`table_of`."""
+    values = dict(zip(form.parameters, theta.tolist(), strict=True))
+    return table_of(values, {n: form.unit_of(n, units) for n in values}, fitted, covariance, **more)
+
+
+def axis_table(model: SingleDof, covariance: Array, status: Sequence[Status], bounds: Sequence[float] = ()) -> Table:
+    """Return the table of one degree of freedom.
+
+    covariance : (5, 5) of (alpha, beta, beta_quadratic, delta, delay). status, bounds : one per parameter.
+    """
+    names = (*model.axis.parameter_names(), "delay")
+    units = (*model.axis.parameter_units(model.input_unit), "s")
+    values = (model.alpha, model.beta, model.beta_quadratic, model.delta, model.delay)
+    return table_of(
+        dict(zip(names, values, strict=True)),
+        dict(zip(names, units, strict=True)),
+        names,
+        covariance,
+        bounds=dict(zip(names, bounds, strict=True)) if bounds else None,
+        status=dict(zip(names, status, strict=True)),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What a model makes of the runs it was fitted to, against what was measured.
+
+    ``rms`` of what is left over of the main signal, or of all; ``noise`` the standard deviation per signal; ``doubts``:
+    that it runs away.
+    """
+
+    traces: tuple[Trace, ...]
+    fit_percent: float
+    rms: float
+    noise: Mapping[str, float] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
+
+    @classmethod
+    def freely(
+        cls, model: SingleDof | CoupledModel, segments: Sequence[Segment], noise: Mapping[str, float] | None = None
+    ) -> Motion:
+        """Return the free run of *model* on all *segments*; without any traces where it runs away."""
+        traces, runaway = runs_or_doubt(model, segments)
+        return cls(traces, fit_percent_of(traces), rms_of(traces), noise or {}, runaway)
+
+    @classmethod
+    def of_solution(cls, segments: Sequence[Segment], solution: Solution, main: str | None = None) -> Motion:
+        """Return the motion of *solution*; of one signal, *main*, only when it is given."""
+        percents, traces = fit_percents(solution), traces_of(segments, solution)
+        if main is None:
+            shares = list(percents.values())
+            return cls(traces, float(np.mean(shares)) if shares else 0.0, math.nan, solution.noise)
+        own = tuple(t for t in traces if t.signal == main)
+        return cls(own, percents.get(main, 0.0), solution.rms(main), dict(solution.noise))
+
+
+def solution_extra(solution: Solution, **more: float) -> dict[str, Any]:
+    """Return what is kept of any solution of a form beside its parameters, and *more* of how it was chosen."""
+    return {
+        "rounding": {n: rounding_error(solution.rests, n) for n in solution.noise},
+        "std_inflation": float(solution.factors.max(initial=1.0)),
+        "residual_correlation_time": solution.correlation,
+        "log_likelihood": solution.log_likelihood,
+        **more,
+        "time_shift": solution.shift,
+        "quantum": dict(solution.quanta),
+    }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisDetails:
+    """What a fit of one degree of freedom tells besides: ``main`` signal, readings of limit cycles, the choice made."""
+
+    main: str
+    iso: tuple[IsoEstimate, ...] = ()
+    decision: Decision | None = None
+    candidates: tuple[StructureFit, ...] = ()
+
+
+ModelT = TypeVar("ModelT", SingleDof, CoupledModel, ExtendedModel, CoupledModel | ExtendedModel)
+
+
+def fit_of(
+    case: Case,
+    method: str,
+    model: ModelT,
+    table: Table,
+    motion: Motion,
+    *,
+    structure: str,
+    doubts: Iterable[Doubt],
+    extra: Mapping[str, Any],
+    axis: AxisDetails | None = None,
+) -> Fit[ModelT]:
+    """Return the fit of *case* by *method*; what is doubtful about the runs comes before the method's own *doubts*."""
+    noise_std = math.nan if axis is None else motion.noise.get(axis.main, motion.rms)
+    return Fit(
+        dof=dof_of(model),
+        structure=structure,
+        method=method,
+        model=model,
+        parameters=table.parameters,
+        covariance=table.covariance,
+        fit_percent=motion.fit_percent,
+        used=case.names,
+        noise=motion.noise,
+        doubts=once([*case.all_notes, *doubts]),
+        traces=motion.traces,
+        extra=dict(extra),
+        noise_std=noise_std,
+        residual_rms=math.nan if axis is None else motion.rms,
+        iso=() if axis is None else axis.iso,
+        decision=None if axis is None else axis.decision,
+        candidates=() if axis is None else axis.candidates,
+    )
+
+
+def dof_of(model: SingleDof | CoupledModel | ExtendedModel) -> str:
+    """Return the degrees of freedom of a model, as ``surge+yaw``."""
+    if isinstance(model, SingleDof):
+        return model.dof
+    base = model.base if isinstance(model, ExtendedModel) else model
+    return "+".join(base.form.dofs)
+
+
+def model_of(form: Form, theta: Array) -> CoupledModel:
+    """Return *form* with the parameters (p,)."""
+    return CoupledModel(form, dict(zip(form.parameters, theta.tolist(), strict=True)))
