@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from sitl.autopilot import INFO, WARNING
-from sitl.autopilot.mission import MOST_ITEMS, Command, Mission, MissionItem
+from sitl.autopilot import INFO, MOST_ITEMS, WARNING, Command, Mission, MissionItem
 from sitl.mavlink.dialect import Message, mavlink
 from sitl.mavlink.port import Port
 from sitl.mavlink.telemetry import make_mission_current
