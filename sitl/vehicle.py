@@ -114,9 +114,11 @@ class Vehicle:
         self.autopilot.tick(self.ms, self._reading, voltage, self.battery.consumed_mah)
 
     def reboot(self) -> None:
-        """Restart the autopilot: its clock at zero, disarmed, parameters kept."""
+        """Restart the autopilot: its clock at zero, disarmed, parameters and mission kept."""
         self._boot_tick = self.tick
+        items = self.autopilot.mission.items
         self.autopilot = self._boot()
+        self.autopilot.mission.store(items)
 
     def _boot(self) -> Autopilot:
         return self._make_autopilot(self.parameters, self._dt, round(1000.0 * self.data.ready_time))

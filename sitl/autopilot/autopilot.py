@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Protocol
 
+from sitl.autopilot.mission import Crew, Mission
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.rc_input import RcInput
@@ -14,7 +15,17 @@ from sitl.autopilot.servo_rail import ServoRail
 from sitl.autopilot.shaping import TwoPoleLowPass
 from sitl.sensors import SensorReading
 
-__all__ = ["CRITICAL", "ERROR", "INFO", "SLOW_RATE", "WARNING", "Autopilot", "BatteryMonitor", "StateEstimate"]
+__all__ = [
+    "CRITICAL",
+    "ERROR",
+    "INFO",
+    "NOTICE",
+    "SLOW_RATE",
+    "WARNING",
+    "Autopilot",
+    "BatteryMonitor",
+    "StateEstimate",
+]
 
 
 class StateEstimate:
@@ -48,6 +59,16 @@ class StateEstimate:
         self.distance = reading.d
         self.climb = -reading.w
         self.climb_acceleration = self._accelerometer.apply(-reading.az, values["INS_ACCEL_FILTER"], dt)
+
+    @property
+    def place(self) -> complex:
+        """The position on the plane, north + i east [m] of the origin."""
+        return complex(self.x, self.y)
+
+    @property
+    def velocity(self) -> complex:
+        """The velocity on the plane, north + i east [m/s]."""
+        return complex(self.vx, self.vy)
 
     @property
     def vx(self) -> float:
@@ -104,10 +125,12 @@ class BatteryMonitor:
 SLOW_RATE = 50
 """Rate [Hz] at which sticks and failsafes are processed, whatever the loop rate (ArduPilot's scheduler tables)."""
 
-CRITICAL, ERROR, WARNING, INFO = 2, 3, 4, 6
+CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
 """MAV_SEVERITY."""
 _SLOW_PERIOD_MS = 1000 // SLOW_RATE
 _PREARM_PERIOD_MS = 1000
+_HOME_LEAST = 0.5
+"""Home follows a disarmed craft in steps of at least that [m]."""
 _PREARM_REPORT_MS = 30000
 _FIRST_REPORT_MS = 2000
 
@@ -115,8 +138,9 @@ _FIRST_REPORT_MS = 2000
 class Autopilot(ABC):
     """One firmware on its board. ``tick`` is one loop; everything else may be called between loops.
 
-    ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``last_gcs_ms`` when
-    the ground station was last heard, ``failsafe`` whether one is in force.
+    ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``reached_items`` the
+    mission items not yet reported as reached, ``last_gcs_ms`` when the ground station was last heard, ``failsafe``
+    whether one is in force. ``home`` follows the craft until it arms (north + i east [m]).
     """
 
     firmware: str
@@ -135,6 +159,9 @@ class Autopilot(ABC):
         self.armed = False
         self.last_gcs_ms = 0
         self.texts: list[tuple[int, str]] = []
+        self.reached_items: list[int] = []
+        self.mission = Mission()
+        self.home: complex | None = None
         self.prearm_ok = False
         self._next_report_ms = _FIRST_REPORT_MS
         self.modes: Mapping[int, Mode] = self._make_modes()
@@ -197,6 +224,7 @@ class Autopilot(ABC):
             self.battery.update(self, voltage, consumed_mah)
             if ms % _PREARM_PERIOD_MS == 0:
                 self._check_prearm()
+                self._follow_home()
         if self.armed:
             self.mode.run()
         self.write_outputs()
@@ -212,9 +240,24 @@ class Autopilot(ABC):
         if mode.needs_position and self.armed and not self.position_ok:
             self.say(WARNING, f"Mode change to {mode.name} failed: requires position")
             return False
+        refusal = mode.refusal()
+        if refusal is not None:
+            self.say(WARNING, refusal)
+            return False
+        self.mode.leave()
         self.mode = mode
         mode.enter()
         return True
+
+    def set_mission_item(self, index: int) -> bool:
+        """Go on with item *index* of the mission; return whether there is one. Only AUTO starts it at once."""
+        crew = self.mission_crew
+        return crew is not None and self.mission.set_current(index, crew)
+
+    @property
+    def mission_crew(self) -> Crew | None:
+        """Who flies the mission; None where the firmware's AUTO is not simulated."""
+        return None
 
     def arm(self, *, force: bool) -> bool:
         """Arm; return whether it was accepted (a text states why not)."""
@@ -235,6 +278,11 @@ class Autopilot(ABC):
             self.armed = False
             self.say(INFO, "Throttle disarmed")
         return True
+
+    def _follow_home(self) -> None:
+        place = self.estimate.place
+        if not self.armed and self.position_ok and (self.home is None or abs(place - self.home) >= _HOME_LEAST):
+            self.home = place
 
     def _check_prearm(self) -> None:
         fault = self.arming_fault(arming=False)

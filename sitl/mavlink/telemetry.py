@@ -11,9 +11,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from sitl.autopilot import Pid, Rover, Sub
 from sitl.mavlink.dialect import Message, fit_float, mavlink
+from sitl.place import to_globe
 from sitl.vehicle import Vehicle
 
-__all__ = ["HOME", "MESSAGES", "METRES_PER_DEGREE", "available_messages", "make_heartbeat", "make_pid_tuning"]
+__all__ = ["MESSAGES", "available_messages", "make_heartbeat", "make_mission_current", "make_pid_tuning"]
 
 _YAW_AXIS, _ACCZ_AXIS, _STEER_AXIS = 3, 4, 5
 _ROVER_STEER, _ROVER_SPEED = 1, 2
@@ -55,9 +56,6 @@ def _sub(sub: Sub, mask: int) -> Iterator[Message]:
         yield _message(_ACCZ_AXIS, _HUNDREDTH * pid.target, achieved, pid.feed_forward, pid, _HUNDREDTH)
 
 
-HOME = 44.4250, 8.7640
-"""Chosen: Genoa Pra harbour, latitude and longitude [deg], where Miskovic2010's boat was tried."""
-METRES_PER_DEGREE = 111319.5
 _SURFACE_HPA = 1013.25
 _HPA_PER_METRE = 98.0665
 """Fresh water; times BARO_SPEC_GRAV."""
@@ -98,13 +96,10 @@ def _vfr_hud(vehicle: Vehicle) -> Message:
 
 def _global_position(vehicle: Vehicle) -> Message:
     e = vehicle.autopilot.estimate
-    latitude = HOME[0] + e.x / METRES_PER_DEGREE
-    longitude = HOME[1] + e.y / (METRES_PER_DEGREE * math.cos(math.radians(HOME[0])))
     altitude = round(-1000.0 * e.z)
     return mavlink.MAVLink_global_position_int_message(
         vehicle.ms,
-        round(latitude * 1e7),
-        round(longitude * 1e7),
+        *to_globe(e.place),
         altitude,
         altitude,
         round(100.0 * e.vx),
@@ -179,6 +174,44 @@ def _autopilot_version(vehicle: Vehicle) -> Message:
     )
 
 
+_NO_MISSION = 1
+_ONLY_POSITION = 0xFDF8
+"""POSITION_TARGET_TYPEMASK: velocity, acceleration and yaw mean nothing, nor do the four highest bits."""
+_MOST_DISTANCE = 65535
+
+
+def make_mission_current(vehicle: Vehicle, seq: int | None = None) -> Message:
+    """Return MISSION_CURRENT; *seq* instead of the present item answers a station that has set that one."""
+    autopilot, mission = vehicle.autopilot, vehicle.autopilot.mission
+    total = max(len(mission.items) - 1, 0)
+    state = int(mission.progress) if total else _NO_MISSION
+    return mavlink.MAVLink_mission_current_message(
+        mission.current if seq is None else seq, total, state, int(autopilot.mode.in_mission)
+    )
+
+
+def _nav_controller_output(vehicle: Vehicle) -> Iterable[Message]:
+    way = vehicle.autopilot.mode.report()
+    if way is None:
+        return ()
+    heading, bearing = (round(math.degrees(angle)) for angle in (way.heading, way.bearing))
+    distance = min(round(way.distance), _MOST_DISTANCE)
+    return (
+        mavlink.MAVLink_nav_controller_output_message(
+            0.0, 0.0, heading, bearing % 360, distance, 0.0, 0.0, fit_float(way.cross_track)
+        ),
+    )
+
+
+def _position_target(vehicle: Vehicle) -> Iterable[Message]:
+    way = vehicle.autopilot.mode.report()
+    if way is None:
+        return ()
+    frame, nothing = mavlink.MAV_FRAME_GLOBAL, [0.0] * 8
+    where = (*to_globe(way.destination), 0.0)
+    return (mavlink.MAVLink_position_target_global_int_message(vehicle.ms, frame, _ONLY_POSITION, *where, *nothing),)
+
+
 def _one(make: Callable[[Vehicle], Message]) -> Callable[[Vehicle], Iterable[Message]]:
     return lambda vehicle: (make(vehicle),)
 
@@ -198,6 +231,9 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: (_one(_water_pressure), 1.0),
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: (_distance, 0.0),
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: (_one(_estimator), 1.0),
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (_one(make_mission_current), 1.0),
+    mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: (_nav_controller_output, 1.0),
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: (_position_target, 1.0),
     mavlink.MAVLINK_MSG_ID_PID_TUNING: (make_pid_tuning, 2.0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (_one(_autopilot_version), 0.0),
 }
