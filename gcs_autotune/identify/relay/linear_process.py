@@ -233,7 +233,7 @@ def simplify(loop: TransferFunction) -> TransferFunction:
     NotInformative
         When the pole to go is unstable, so that what is left would not stand for the loop.
     """
-    a_3, b_1 = loop.denominator[3], loop.numerator[1]
+    a_3, b_1 = loop.denominator[3], loop.numerator[1] if len(loop.numerator) > 1 else 0.0
     poles = loop.poles()
     real = poles[np.abs(poles.imag) <= 1e-7 * np.abs(poles)].real
     p = float(real.min())

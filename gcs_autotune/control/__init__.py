@@ -1,0 +1,84 @@
+"""Controllers of our own: frozen laws made from a model by a rule.
+
+The same law flies on a craft, runs in the preview and is analysed by python-control.
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.control.distance import DistanceController, DistanceLaw, design_distance
+from gcs_autotune.control.feedback import FeedbackController, FeedbackLaw
+from gcs_autotune.control.ipd import (
+    Uncertainty,
+    design_ipd,
+    drag_speed_limit,
+    least_inertia_ratio,
+    stability_bound,
+    uncertainty_of,
+)
+from gcs_autotune.control.line import (
+    AdaptiveLineOfSight,
+    DirectLine,
+    IndirectLine,
+    IntegralLineOfSight,
+    Line,
+    LineGuidance,
+    LineState,
+    design_direct,
+    design_indirect,
+)
+from gcs_autotune.control.position import PidPosition, Pose, PositionTarget, RigidModel, SlidingMode
+from gcs_autotune.control.reference_model import (
+    REFERENCE_MODELS,
+    SETTLED,
+    ReferenceModel,
+    ReferenceStep,
+    omega_for_settling,
+    reference_coefficients,
+    reference_model,
+    settling_time,
+    wanted_step,
+)
+from gcs_autotune.control.structure import STRUCTURES, Structure
+from gcs_autotune.control.wall_filter import WallEstimate, WallFilter, WallReading
+
+__all__ = [
+    "REFERENCE_MODELS",
+    "SETTLED",
+    "STRUCTURES",
+    "AdaptiveLineOfSight",
+    "DirectLine",
+    "DistanceController",
+    "DistanceLaw",
+    "FeedbackController",
+    "FeedbackLaw",
+    "IndirectLine",
+    "IntegralLineOfSight",
+    "Line",
+    "LineGuidance",
+    "LineState",
+    "PidPosition",
+    "Pose",
+    "PositionTarget",
+    "ReferenceModel",
+    "ReferenceStep",
+    "RigidModel",
+    "SlidingMode",
+    "Structure",
+    "Uncertainty",
+    "WallEstimate",
+    "WallFilter",
+    "WallReading",
+    "design_direct",
+    "design_distance",
+    "design_indirect",
+    "design_ipd",
+    "drag_speed_limit",
+    "least_inertia_ratio",
+    "omega_for_settling",
+    "reference_coefficients",
+    "reference_model",
+    "settling_time",
+    "stability_bound",
+    "uncertainty_of",
+    "wanted_step",
+]
