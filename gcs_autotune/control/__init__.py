@@ -5,6 +5,7 @@ The same law flies on a craft, runs in the preview and is analysed by python-con
 
 from __future__ import annotations
 
+from gcs_autotune.control.choice import LoopMargins, OwnDesign, design_own, margins, simulated_step
 from gcs_autotune.control.distance import DistanceController, DistanceLaw, design_distance
 from gcs_autotune.control.feedback import FeedbackController, FeedbackLaw
 from gcs_autotune.control.ipd import (
@@ -38,6 +39,7 @@ from gcs_autotune.control.reference_model import (
     settling_time,
     wanted_step,
 )
+from gcs_autotune.control.set_point import OwnLoop, SetPointLoop
 from gcs_autotune.control.structure import STRUCTURES, Structure
 from gcs_autotune.control.wall_filter import WallEstimate, WallFilter, WallReading
 
@@ -56,12 +58,16 @@ __all__ = [
     "Line",
     "LineGuidance",
     "LineState",
+    "LoopMargins",
+    "OwnDesign",
+    "OwnLoop",
     "PidPosition",
     "Pose",
     "PositionTarget",
     "ReferenceModel",
     "ReferenceStep",
     "RigidModel",
+    "SetPointLoop",
     "SlidingMode",
     "Structure",
     "Uncertainty",
@@ -72,12 +78,15 @@ __all__ = [
     "design_distance",
     "design_indirect",
     "design_ipd",
+    "design_own",
     "drag_speed_limit",
     "least_inertia_ratio",
+    "margins",
     "omega_for_settling",
     "reference_coefficients",
     "reference_model",
     "settling_time",
+    "simulated_step",
     "stability_bound",
     "uncertainty_of",
     "wanted_step",

@@ -156,6 +156,15 @@ FLOWN = (
         "a positive force, moment or angle at full output",
     ),
     Limit(
+        "for",
+        "time to hold after the step",
+        "s",
+        0.0,
+        3600.0,
+        "above, fly a mission under the autopilot instead",
+        0.0,
+    ),
+    Limit(
         "settling-time",
         "required settling time",
         "s",

@@ -21,6 +21,7 @@ from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
+from gcs_autotune.manoeuvres.own_loop import KeepSetPoint, UnderOwnLoop
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, NominalPlant, PlantState, Preview, fly_on, preview
 from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
@@ -56,6 +57,7 @@ __all__ = [
     "Ending",
     "Envelope",
     "Guard",
+    "KeepSetPoint",
     "Manoeuvre",
     "ManoeuvreKind",
     "NominalPlant",
@@ -80,6 +82,7 @@ __all__ = [
     "ThrustCheckSettings",
     "TurnAbout",
     "TurnAboutSettings",
+    "UnderOwnLoop",
     "ZigZag",
     "ZigZagSettings",
     "Zone",

@@ -27,6 +27,7 @@ from gcs_autotune.report.flight.document import (
     flight_document,
     preview_document,
 )
+from gcs_autotune.report.flight.held import HeldLoop, hold_document
 from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_document
 from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
 from gcs_autotune.report.study.document import fit_document, method_list, study_document
@@ -54,6 +55,7 @@ __all__ = [
     "Document",
     "FlightModel",
     "FlightStory",
+    "HeldLoop",
     "LoopCheck",
     "LoopNumbers",
     "MethodOutcome",
@@ -74,6 +76,7 @@ __all__ = [
     "frequency_plot",
     "hint_notes",
     "hint_title",
+    "hold_document",
     "lead_sentence",
     "log_document",
     "method_list",

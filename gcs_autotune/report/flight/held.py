@@ -1,0 +1,196 @@
+"""The report of a step flown with a controller of our own."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gcs_autotune.axes import axis_kind
+from gcs_autotune.control import OwnDesign, wanted_step
+from gcs_autotune.design import StepMetrics
+from gcs_autotune.report.toolkit.canvas import AFTER, INK, WANTED, legend, new_axes
+from gcs_autotune.report.toolkit.document import Document, Figure, Section, Table, Verdict
+from gcs_autotune.report.toolkit.figures import finite, thin
+from gcs_autotune.report.toolkit.wording import UNKNOWN, format_moment, format_number, to_people
+from gcs_autotune.sname import SIGNALS
+from gcs_autotune.trial import Trial
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+__all__ = ["HeldLoop", "hold_document"]
+
+FOLLOWS = 0.05
+"""Largest overshoot beyond the model function's, and largest steady error, of a loop that follows it [of the step]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldLoop:
+    """A controller of our own on one axis: its design, the record of its step, and how it followed.
+
+    ``full_scale``: input of the model at full output.
+    """
+
+    axis: str
+    design: OwnDesign
+    trial: Trial
+    metrics: StepMetrics
+    full_scale: float = 1.0
+
+    @property
+    def promised(self) -> float:
+        """Overshoot of the model function [fraction of the step]."""
+        wanted = self.design.wanted
+        return float(wanted_step(wanted, np.linspace(0.0, 20.0 / wanted.omega_0, 2000)).position.max()) - 1.0
+
+    @property
+    def follows(self) -> bool:
+        """Whether the step went as the model function, within :data:`FOLLOWS`."""
+        return self.metrics.overshoot - self.promised <= FOLLOWS and self.metrics.steady_error <= FOLLOWS
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data; unknown numbers are None."""
+        design, metrics = self.design, self.metrics
+        law = design.law
+
+        def known(value: float) -> float | None:
+            return value if math.isfinite(value) else None
+
+        return {
+            "schema": 1,
+            "axis": self.axis,
+            "follows": self.follows,
+            "controller": {
+                "structure": law.structure.name,
+                "K_P": law.K_P,
+                "K_I": law.K_I,
+                "K_D": law.K_D,
+                "drag": law.drag,
+                "drag_speed": known(law.drag_speed),
+                "disturbance": law.disturbance,
+                "limits": [known(limit) for limit in law.limits],
+            },
+            "model_function": {"kind": design.wanted.kind, "omega_0": design.wanted.omega_0},
+            "margins": {
+                "gain": known(design.margins.gain),
+                "phase": known(design.margins.phase),
+                "vector": known(design.margins.vector),
+            },
+            "stability": {"left": known(design.bound[0]), "right": known(design.bound[1])},
+            "limited_by": design.limited_by,
+            "step": {
+                name: known(getattr(metrics, name))
+                for name in ("overshoot", "rise", "settling", "steady_error", "travel")
+            },
+        }
+
+
+def hold_document(held: HeldLoop, heading: str = "", when: str = "") -> Document:
+    """Return the report: does the loop follow its model function, the gains, the margins, the step."""
+    metrics = held.metrics
+    text = (
+        f"Our own controller holds the {held.axis}: its step follows the model function."
+        if held.follows
+        else f"Our own controller moves the {held.axis} otherwise than its model function."
+    )
+    sentences = (
+        f"Overshoot {100.0 * metrics.overshoot:.1f} % of the step (model function {100.0 * held.promised:.1f} %), "
+        f"steady error {100.0 * metrics.steady_error:.1f} %.",
+        f"What keeps the loop from being faster: {held.design.limited_by}.",
+    )
+    return Document(
+        title=heading,
+        when=format_moment(when),
+        verdict=Verdict(text, "good" if held.follows else "bad", sentences),
+        sections=(
+            Section("controller", "Controller", (_gains(held),)),
+            Section("margins", "Margins", (_margins(held),)),
+            Section("step", "Step", (_figures(held), *_step(held))),
+        ),
+        facts=held.to_dict(),
+    )
+
+
+def _gains(held: HeldLoop) -> Table:
+    law, wanted = held.design.law, held.design.wanted
+    rows = [
+        ("structure", law.structure.name, ""),
+        ("K_P", format_number(law.K_P, 4), "input per rad or m"),
+        ("K_I", format_number(law.K_I, 4), "input per rad s or m s"),
+        ("K_D", format_number(law.K_D, 4), "input per rad/s or m/s"),
+        ("compensated quadratic drag", format_number(law.drag, 3) if law.drag else "", ""),
+        ("compensated constant disturbance", format_number(law.disturbance, 3) if law.disturbance else "", "input"),
+        (f"model function: {wanted.kind}, third order", format_number(wanted.omega_0, 3), "rad/s"),
+    ]
+    return Table(("quantity", "value", "unit"), "lrl", tuple(row for row in rows if row[1]))
+
+
+def _margins(held: HeldLoop) -> Table:
+    found, (left, right) = held.design.margins, held.design.bound
+    rows = (
+        (
+            "gain margin",
+            f"{20.0 * math.log10(found.gain):.1f} dB (factor {found.gain:.2f})"
+            if math.isfinite(found.gain)
+            else "unlimited",
+        ),
+        ("phase margin", f"{math.degrees(found.phase):.0f} deg"),
+        ("vector margin", f"{found.vector:.2f}"),
+        ("stable for every model within its uncertainty", f"{format_number(left, 3)} < {format_number(right, 3)}"),
+    )
+    return Table(("margin", "value"), "ll", rows)
+
+
+def _figures(held: HeldLoop) -> Table:
+    metrics = held.metrics
+    rows = (
+        ("overshoot", "%", 100.0 * metrics.overshoot),
+        ("rise time, 10 to 90 %", "s", metrics.rise),
+        ("settling time, to 5 %", "s", metrics.settling),
+        ("steady error", "%", 100.0 * metrics.steady_error),
+        ("actuator travel", "of full output per s", metrics.travel),
+    )
+    return Table(
+        ("figure", "flown", "unit"),
+        "lrl",
+        tuple((name, format_number(value, 3) if math.isfinite(value) else UNKNOWN, unit) for name, unit, value in rows),
+    )
+
+
+def _step(held: HeldLoop) -> Iterator[Figure]:
+    caption = (
+        "The step as flown, the model function, and the output."
+    )
+    yield Figure("own-step", caption, partial(_draw, held))
+
+
+def _draw(held: HeldLoop) -> Drawing:
+    trial, kind = held.trial, axis_kind(held.axis)
+    signal, force = kind.stepped, kind.names.force
+    unit, factor = to_people(trial[signal].unit)
+    targets = [(m.t, float(m.detail["value"])) for m in trial.marks if m.kind == "target"]
+    base = targets[0][1] if not SIGNALS[signal].down else 0.0
+    figure, (upper, lower) = new_axes((2.6, 1.4))
+    seen = thin(finite(trial[signal].t - trial.start, factor * (trial[signal].values - base)))
+    upper.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
+    t = np.linspace(targets[0][0], trial.end, 800)
+    required = np.full(len(t), targets[0][1])
+    for (_, before), (start, after) in itertools.pairwise(targets):
+        required += (after - before) * wanted_step(held.design.wanted, t - start).position
+    upper.plot(t - trial.start, factor * (required - base), color=WANTED, lw=1.2, label="model function")
+    upper.set_ylabel(f"{held.axis} [{unit}]")
+    if SIGNALS[signal].down:
+        upper.invert_yaxis()
+    legend(upper, 2)
+    if force in trial:
+        out = thin(finite(trial[force].t - trial.start, 100.0 * trial[force].values))
+        lower.plot(out.t, out.y, color=INK, lw=0.9)
+    lower.set_ylabel("output [%]")
+    lower.set_xlabel("time [s]")
+    return figure
