@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Protocol
 
 from gcs_autotune.control.feedback import FeedbackLaw
@@ -19,18 +20,24 @@ class OwnLoop(Protocol):
         """Return the output that brings the craft to *target*."""
 
 
+def _as_it_is(force: float) -> float:
+    return force
+
+
 class SetPointLoop:
     """The loop of one degree of freedom, for commands that name its position (``HeadingTarget``, ``DepthTarget``).
 
     Parameters
     ----------
-    law : with the input as fraction of full output, times *full_scale*.
     throttle : thrust ahead that a boat keeps [fraction of full].
-    full_scale : input of the law at full output.
+    output : the inverse of the actuator, from the law's force to normalised output (Miskovic2010, fig. 8.2: actuator
+        nonlinearity compensation).
     """
 
-    def __init__(self, law: FeedbackLaw, dof: Dof, *, throttle: float = 0.0, full_scale: float = 1.0) -> None:
-        self._dof, self._throttle, self._full_scale = dof, throttle, full_scale
+    def __init__(
+        self, law: FeedbackLaw, dof: Dof, *, throttle: float = 0.0, output: Callable[[float], float] = _as_it_is
+    ) -> None:
+        self._dof, self._throttle, self._output = dof, throttle, output
         self._controller = law.started()
         self._value = self._t = math.nan
 
@@ -43,4 +50,4 @@ class SetPointLoop:
             rate = (value - self._value) / dt if dt > 0.0 else 0.0
         self._value, self._t = value, now.t
         demand = self._controller.update(float(getattr(target, self._dof.position)), value, rate, now.t)
-        return Actuate(**{"X": self._throttle, self._dof.force: demand / self._full_scale})
+        return Actuate(**{"X": self._throttle, self._dof.force: self._output(demand)})

@@ -6,17 +6,17 @@ The order is that of Miskovic2010, algorithm 8.4: one or two relays, the model, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from gcs_autotune.control import OwnDesign, SetPointLoop, Uncertainty, design_own, uncertainty_of
+from gcs_autotune.design.actuator import Actuator
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import save_model
 from gcs_autotune.link import Journal
 from gcs_autotune.manoeuvres import KeepSetPoint, Manoeuvre, Step, StepSettings, UnderOwnLoop
-from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import Observer
 from gcs_autotune.report import HeldLoop, hold_document, to_html
 from gcs_autotune.workflow.announcement import battery, how_long, room
@@ -27,6 +27,7 @@ from gcs_autotune.workflow.identification import identify
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_experiment, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.proof import Known, known_of, reduction_with_curve
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
@@ -39,7 +40,7 @@ RANGE = 0.9
 """Largest output that our own loops use [fraction of full]; the relays' too."""
 SETTLE = 10.0
 """Holding before the step [s]: until the integral has found the constant disturbance."""
-SETTLED_TIMES = 6.0
+SETTLED_TIMES = 8.0
 """Duration of the step each way, in reciprocals of the characteristic frequency: a third-order Bessel loop settles in
 four. Chosen."""
 SUPPLIED = Uncertainty(0.1, 0.2)
@@ -122,15 +123,14 @@ def _declare(settings: HoldSettings, flown: list[HeldLoop], visit: Visit[TuneLog
 
 def _fly(settings: HoldSettings, context: TuneContext, given: SuppliedModel | None) -> HeldLoop:
     tune, kind = settings.tune, context.axis.kind
-    model, uncertainty, full_scale = _model(context, given)
+    known, uncertainty, link = _model(context, given)
     step = tune.step if tune.step is not None else kind.step
-    most = RANGE * full_scale
     design = context.run_in_background(
         design_own,
-        model,
+        replace(known.model, delay=known.model.delay + link),
         uncertainty,
         step=step,
-        limits=(-most, most),
+        limits=_range_of(known.actuator),
         kind=tune.model,
         omega_0=tune.omega_0,
     )
@@ -138,29 +138,43 @@ def _fly(settings: HoldSettings, context: TuneContext, given: SuppliedModel | No
     duration = tune.step_duration or max(SETTLED_TIMES / design.wanted.omega_0, 0.5 * kind.step_duration)
     proof = StepSettings(kind.stepped, step, duration, speed=context.speed, settle=2.0 * SETTLE, hold=SETTLE)
     context.turn_around("own-step", SWING_AHEAD)
-    trial = context.fly(_own(Step(proof, "own-step"), design, context, full_scale), "step with our own loop")
+    trial = context.fly(_own(Step(proof, "own-step"), design, known.actuator, context), "step with our own loop")
     if settings.seconds > 0.0:
         keep = KeepSetPoint(kind.stepped, settings.seconds, context.speed, "own-hold")
-        context.fly(_own(keep, design, context, full_scale), "holding")
+        context.fly(_own(keep, design, known.actuator, context), "holding")
     metrics = measure(trial, noise_in(trial, kind.stepped), resolution(trial))
-    return HeldLoop(tune.axis, design, trial, metrics, full_scale)
+    return HeldLoop(tune.axis, design, trial, metrics)
 
 
-def _model(context: TuneContext, given: SuppliedModel | None) -> tuple[SingleDof, Uncertainty, float]:
-    """Return the model to design from, its uncertainty, and its input at full output."""
+def _model(context: TuneContext, given: SuppliedModel | None) -> tuple[Known, Uncertainty, float]:
+    """Return what to design from, its uncertainty, and the delay of the link, there and back [s]."""
+    link = context.craft.link_times.loop
     if given is not None:
         covariance = given.reduction.covariance
-        uncertainty = SUPPLIED if covariance is None else uncertainty_of(given.reduction.model, np.asarray(covariance))
-        return given.reduction.model, uncertainty, given.full_scale or 1.0
+        sure = bool(np.any(covariance))
+        uncertainty = uncertainty_of(given.reduction.model, covariance) if sure else SUPPLIED
+        return known_of(given, context.axis), uncertainty, link
     identified = identify(context, turns_first=False)
-    save_model(identified.fit, context.visit.record.path / "model.json")
-    return identified.fit.model, uncertainty_of(identified.fit.model, identified.fit.covariance), 1.0
+    fit, curved = identified.fit, identified.curved
+    save_model(fit, context.visit.record.path / "model.json")
+    reduction = None if curved is None else reduction_with_curve(curved, context.axis)
+    if reduction is None:
+        uncertainty = uncertainty_of(fit.model, fit.craft_covariance)
+    else:
+        uncertainty = uncertainty_of(reduction.model, reduction.covariance)
+    return known_of(identified, context.axis), uncertainty, link
 
 
-def _own(manoeuvre: Manoeuvre, design: OwnDesign, context: TuneContext, full_scale: float) -> UnderOwnLoop:
+def _range_of(actuator: Actuator) -> tuple[float, float]:
+    """Return the smallest and the largest force of our own loops: those of :data:`RANGE` of full output."""
+    low, high = actuator.static(np.array([-RANGE, RANGE]))
+    return float(low), float(high)
+
+
+def _own(manoeuvre: Manoeuvre, design: OwnDesign, actuator: Actuator, context: TuneContext) -> UnderOwnLoop:
     """Return *manoeuvre* under our own loop of *design*."""
     law, names = design.law, context.axis.kind.names
-    loop = SetPointLoop(law, names, throttle=context.throttle, full_scale=full_scale)
+    loop = SetPointLoop(law, names, throttle=context.throttle, output=actuator.output_for)
     gains = {"structure": law.structure.name, "K_P": law.K_P, "K_I": law.K_I, "K_D": law.K_D, "drag": law.drag}
     return UnderOwnLoop(manoeuvre, loop, gains, keeps_still=not context.craft.firmware.needs_way)
 

@@ -32,16 +32,12 @@ FOLLOWS = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldLoop:
-    """A controller of our own on one axis: its design, the record of its step, and how it followed.
-
-    ``full_scale``: input of the model at full output.
-    """
+    """A controller of our own on one axis: its design, the record of its step, and how it followed."""
 
     axis: str
     design: OwnDesign
     trial: Trial
     metrics: StepMetrics
-    full_scale: float = 1.0
 
     @property
     def promised(self) -> float:
@@ -164,9 +160,7 @@ def _figures(held: HeldLoop) -> Table:
 
 
 def _step(held: HeldLoop) -> Iterator[Figure]:
-    caption = (
-        "The step as flown, the model function, and the output."
-    )
+    caption = "The step as flown, the model function, and the output."
     yield Figure("own-step", caption, partial(_draw, held))
 
 
