@@ -65,7 +65,7 @@ Overshoot of third order: Bessel 0.75 %, Butterworth 8 %, binomial none.
 """
 
 SETTLED = 0.05
-"""A step counts as settled within this fraction of it (the same 5 % as in ``StepMetrics``)."""
+"""Deviation, relative to the step, within which a step counts as settled (5 %, as in ``StepMetrics``)."""
 
 _UNIT_HORIZON = 20.0
 _UNIT_STEP = 0.01
@@ -88,7 +88,7 @@ class ReferenceModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceStep:
-    """A reference model's unit step: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
+    """Unit step of a reference model: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -118,7 +118,7 @@ def reference_model(kind: str, omega_0: float) -> ReferenceModel:
 
 
 def settling_time(kind: str, omega_0: float) -> float:
-    """Return when the reference model's step has settled to 5 % [s]."""
+    """Return the time [s] at which the reference model's step has settled to 5 %."""
     return _unit_settling(kind) / omega_0
 
 
@@ -146,7 +146,7 @@ def wanted_step(function: ReferenceModel, t: NDArray[np.float64]) -> ReferenceSt
 
 @cache
 def _unit_response(kind: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Step of the family at omega_0 = 1: times (n,) and states (n, 3), exact at the grid points."""
+    """Return the unit step of the family at omega_0 = 1: times (n,) and states (n, 3), exact at the grid points."""
     f = reference_model(kind, 1.0)
     generator = np.zeros((4, 4))
     generator[0, 1] = generator[1, 2] = 1.0

@@ -1,4 +1,4 @@
-"""From an identified model to gains for the autopilot's own control law. Proposes; never writes to a vehicle.
+"""Calculate gains for the autopilot's own control law from an identified model. Nothing is written to a vehicle.
 
 What to use when: :func:`design` makes a :class:`Proposal`, :func:`design_from` of a model with effects,
 :func:`provisional` nearly the same gains in a fifth of the time while more is being flown;

@@ -1,8 +1,9 @@
 """Decide whether the craft responds with a delay: one rule for every form.
 
-A delay costs phase margin in every later design and trades off against inertia, so its evidence must be strong. Models
-with and without a delay are fitted to the same samples, those that do not depend on inputs before the record. They are
-compared by the Bayesian information criterion, tempered by the residuals' correlation time (Kass1995: 6 is strong).
+A delay reduces the phase margin of every later design, and it trades off against inertia. Its evidence must therefore
+be strong. Models with and without a delay are fitted to the same samples, those that do not depend on inputs before the
+record. They are compared by the Bayesian information criterion, tempered by the residuals' correlation time. On the
+scale of Kass1995 a difference of 6 is strong evidence.
 """
 
 from __future__ import annotations
@@ -16,26 +17,28 @@ from gcs_autotune.identify.solution import Solution
 __all__ = ["SEARCHED_DELAYS", "DelayVerdict", "weigh_delay"]
 
 DELAY_EVIDENCE, SURELY = 6.0, 3.0
-"""Difference of the criterion, and standard errors above zero, that a delay needs.
+"""Difference of the criterion, and standard errors above zero, from which a delay is kept.
 
-Without a delay they are reached by chance once in some thousands of records of a thousand samples.
+For a craft without a delay both are exceeded by chance once in some thousands of records of a thousand samples.
 """
 
 FIRST_MARGIN = 0.5
-"""Seconds left out at the start while a delay is looked for; longer than the delay of any healthy link."""
+"""Time [s] left out at the start of a record while a delay is tested. It exceeds the delay of any healthy link."""
 
 LONGER = 1.2
-"""Factor for the next time left out, if the delay is longer than the last one."""
+"""Factor for the time left out in the next attempt, relative to the fitted delay. It applies if the delay exceeds the
+time left out so far."""
 
 SEARCHED_DELAYS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
-"""Delays [s] from which a second search starts, because a fit far from the true delay does not converge."""
+"""Delays [s] from which a second search starts. A fit that starts far from the true delay does not converge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DelayVerdict:
-    """Whether a delay is ``kept``, with its ``evidence`` (difference of the criterion) and both fits.
+    """Result of the decision on a delay.
 
-    A fit is None if it failed or ended on a bound. ``margin`` [s] was left out at the beginning.
+    ``kept``: whether the delay is kept. ``evidence``: difference of the criterion. ``margin`` [s]: time left out at the
+    beginning. ``plain``, ``lagged``: fits without and with a delay, None if they failed or ended on a bound.
     """
 
     kept: bool
@@ -46,7 +49,10 @@ class DelayVerdict:
 
 
 def weigh_delay(fits: Callable[[float], tuple[Solution | None, Solution | None]]) -> DelayVerdict:
-    """Decide on a delay; *fits* returns both fits, without and with one, to the samples after a given time [s]."""
+    """Decide whether a delay is kept.
+
+    fits : function that returns the fits without and with a delay to the samples after a given time [s].
+    """
     margin = FIRST_MARGIN
     while True:
         plain, lagged = fits(margin)

@@ -1,4 +1,4 @@
-"""Smallest and largest values that parameters may have."""
+"""Lower and upper limits of parameters."""
 
 from __future__ import annotations
 
@@ -15,18 +15,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Smallest and largest value allowed per parameter name; unlimited where not named."""
+    """Lower and upper limit per parameter name; parameters not listed are unlimited."""
 
     low: Mapping[str, float]
     high: Mapping[str, float]
 
     def of(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Return both (p,) in the order of *names*."""
+        """Return the lower and the upper limits (p,) in the order of *names*."""
         low = np.array([self.low.get(n, -np.inf) for n in names])
         return low, np.array([self.high.get(n, np.inf) for n in names])
 
     def within(self, other: Limits) -> Limits:
-        """Return the limits that respect both, these first where they contradict each other."""
+        """Return limits that satisfy these and *other*.
+
+        Where they contradict each other, these limits apply.
+        """
         low, high = dict(self.low), dict(self.high)
         for name in {*other.low, *other.high}:
             least = max(self.low.get(name, -np.inf), other.low.get(name, -np.inf))

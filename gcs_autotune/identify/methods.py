@@ -1,4 +1,4 @@
-"""The identification methods, each loaded when it is first looked up."""
+"""Table of the identification methods. Each is loaded when it is first used."""
 
 from __future__ import annotations
 

@@ -119,9 +119,9 @@ SETTLED_TURN = math.pi
 class TurningCircle:
     """Figures of one turning circle.
 
-    ``rudder`` [unit of the input]; ``turned`` [rad] in all; ``advance``, ``transfer`` at 90 degrees, ``tactical
-    diameter`` at 180, ``steady diameter`` [m]; times to 90 and 180 [s]; ``approach`` and ``steady`` speed [m/s] through
-    the water, ``speed_loss`` the part lost; ``drift`` angle [rad], positive with the bow inside the turn;
+    ``rudder`` [unit of the input]; ``turned`` [rad] in all; ``advance``, ``transfer`` at 90 degrees,
+    ``tactical diameter`` at 180, ``steady diameter`` [m]; times to 90 and 180 [s]; ``approach`` and ``steady`` speed
+    [m/s] through the water, ``speed_loss`` the part lost; ``drift`` angle [rad], positive with the bow inside the turn;
     ``rate`` [rad/s]; ``current`` what was taken out. NaN where the turn was too short for it.
     """
 

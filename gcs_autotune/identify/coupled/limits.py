@@ -1,4 +1,4 @@
-"""Limits of each parameter: what the record can resolve, what is physical, what the user sets."""
+"""Limits of each parameter from the sampling, from physics, and from the user's bounds."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ OPTIONS = (
     ("physical", "True: inertia stays positive and drag damps"),
     ("horizon", "time [s] a simulation runs before it restarts from the measurement; inf: whole runs"),
 )
-"""Options of ``fit`` read here."""
+"""Options of ``fit`` that set limits, with a line of help each."""
 
 LONGEST_DELAY = 3.0
-"""Longest delay and lag [s] searched. A slower craft needs repair first."""
+"""Longest delay and longest lag [s] that are searched. A craft with more should be repaired first."""
 
 SHORTEST_LAG = 0.1
-"""Shortest lag, in sampling steps. A shorter one is not visible in the samples."""
+"""Shortest lag that is fitted, in sampling steps. The samples do not show a shorter one."""
 
 
 def limits_of(form: Form, case: Case) -> Limits:
-    """Return the limits for *form*.
+    """Return the limits of the parameters of *form*.
 
     Raises
     ------
     UsageError
-        Bounds for what is not a free parameter, or the wrong way round.
+        Bounds of a parameter that is not free, or bounds in the wrong order.
     """
     step = min(float(np.median(np.diff(s.t))) for r in case.records for s in r.signals.values())
     limits = Limits({"delay": 0.0, "lag": SHORTEST_LAG * step}, {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY})
@@ -51,13 +51,13 @@ def limits_of(form: Form, case: Case) -> Limits:
 
 
 def physical(form: Form) -> Limits:
-    """Return the limits that keep inertia positive and let every drag damp."""
+    """Return the limits that keep inertia positive and drag damping."""
     sides = {n: _physical_side(n) for n in form.free}
     return Limits({n: 0.0 for n, s in sides.items() if s > 0}, {n: 0.0 for n, s in sides.items() if s < 0})
 
 
 def _physical_side(name: str) -> int:
-    """Return -1 for what is negative by nature, 1 for what is positive, 0 for what may be either."""
+    """Return the sign of a parameter that physics requires: -1, 1, or 0 for either sign."""
     if name in ("m", "I_x", "I_y", "I_z"):
         return 1
     if name in RIGID_BODY or "_" not in name or name[0] not in FORCES:
@@ -70,12 +70,14 @@ def _physical_side(name: str) -> int:
 
 
 def horizon_of(case: Case) -> float | None:
-    """Return how long [s] a simulation runs freely; None: as long as it can follow the runs.
+    """Return the user's limit for the length of a free simulation [s], or None.
+
+    Without a limit, whole runs are simulated. They are cut into short pieces only if the fit to whole runs fails.
 
     Raises
     ------
     UsageError
-        Not a time.
+        The horizon is not above zero.
     """
     horizon = case.options.get("horizon")
     if horizon is None:

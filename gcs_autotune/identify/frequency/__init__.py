@@ -1,9 +1,9 @@
-"""Frequency domain: what control people look at first.
+"""Identification in the frequency domain.
 
 ============  ===================================================================================
-response      the empirical response as a value: frequencies, complex gains, coherence, uncertainty
-spectrum      it, from any run: cross spectra with sine tapers; from a relay: the harmonics of its cycles
-nomoto        Nomoto's models of first and second order fitted to it
+response      the empirical response: frequencies, complex gains, coherence, uncertainty
+spectrum      the response of any run (cross spectra with sine tapers) or of a relay (harmonics)
+nomoto        fits of Nomoto's models of first and second order to the response
 by_frequency  the method ``frequency``
 ============  ===================================================================================
 """

@@ -4,8 +4,8 @@ A run has its own constant force ``b`` (mean wind, current, trim) and its own re
 load). Both have zero mean and are known only by their standard deviations.
 
 For a linear equation the innovations of a run are ``e = e0 + A (b, s)``. ``e0`` is the innovation without them; each
-column of ``A`` is the filter's response to one of the forces. Both are therefore integrated out beside the filter,
-sample by sample (DeJong1991), and the filter needs no further states.
+column of ``A`` is the filter's response to one of the forces. Both are therefore integrated out after the filter,
+sample by sample (DeJong1991). The filter needs no further states.
 
 The spread between runs is estimated from each run's own ``b`` and ``s``, about their common part. The common part is a
 bias, which an effect has to explain.
@@ -28,9 +28,9 @@ Array = NDArray[np.float64]
 MOST_THRUST = 0.05
 """Largest standard deviation of thrust between runs.
 
-The voltage of a battery falls by a sixth from full to empty, and thrust at one command falls by twice that. The runs of
-one outing start closer together. A larger spread hides what a nonlinear thrust curve does to runs with different
-commands. Example: a saturation with process noise, seed 318; a spread of 0.1 leaves 7 of 16 in log-likelihood.
+The voltage of a battery falls by a sixth from full to empty, and thrust at one command falls by twice that. Runs of one
+outing differ by less. A larger spread hides what a nonlinear thrust curve does to runs with different commands.
+Example: for a saturation with process noise (seed 318), a spread of 0.1 reduces its log-likelihood gain from 16 to 7.
 """
 
 
@@ -47,14 +47,17 @@ class RunOffset:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunLikelihood:
-    """Log-likelihood ``h x - x G x / 2`` of the constant force and thrust ``x`` of one run; h (2,), G (2, 2)."""
+    """Log-likelihood of the constant force and thrust ``x`` (2,) of one run.
+
+    It is ``h x - x G x / 2`` with ``h`` (2,) and ``G`` (2, 2).
+    """
 
     run: str
     G: Array
     h: Array
 
     def day(self, force: float, thrust: float) -> RunOffset:
-        """Return the estimate for a prior with zero means and these standard deviations."""
+        """Return the estimate for a prior with zero means and standard deviations *force* and *thrust*."""
         P = np.diag([force**2, thrust**2])
         cov = P @ np.linalg.inv(np.eye(2) + self.G @ P)
         mean = cov @ self.h
@@ -64,12 +67,14 @@ class RunLikelihood:
 
 @njit(cache=True, nogil=True)
 def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None:
-    """Remove the run's own forces from the innovations of one record, sample by sample.
+    """Remove the run's own constant force and change of thrust from the innovations of one record.
 
-    A (2, s) : response of the innovations to each force of size one. e, S (s,) : innovations without these forces and
-    their variances. They are replaced by those of a filter that does not know (b, s). mean (2,), cov (2, 2) : of (b, s)
-    before the record and, in place, after it. The innovation e0 + A' x has variance S about zero at the true x, so H =
-    -A'.
+    A (2, s) : response of the innovations to each force of size one.
+    e, S (s,) : innovations without these forces, and their variances. They are replaced by those of a filter to which
+        (b, s) are unknown.
+    mean (2,), cov (2, 2) : of (b, s) before the record and, in place, after it.
+
+    The innovation e0 + A' x has variance S about zero at the true x, so H = -A'.
     """
     for k in range(len(e)):
         a0, a1 = A[0, k], A[1, k]
@@ -87,7 +92,10 @@ def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None
 
 
 def _parts(says: Sequence[RunLikelihood], force: float, thrust: float) -> tuple[float, Array, Array]:
-    """Return the log-likelihood of deviations of these sizes about a common x, ``c + q x - x Q x / 2``: c, q, Q."""
+    """Return ``c``, ``q`` and ``Q`` of the log-likelihood ``c + q x - x Q x / 2`` of a common part ``x``.
+
+    Runs deviate from it with standard deviations *force* and *thrust*.
+    """
     P = np.diag([force**2, thrust**2])
     constant, q, Q = 0.0, np.zeros(2), np.zeros((2, 2))
     for one in says:
@@ -100,7 +108,10 @@ def _parts(says: Sequence[RunLikelihood], force: float, thrust: float) -> tuple[
 
 
 def common_gain(says: Sequence[RunLikelihood], force: float, thrust: float) -> float:
-    """Return the log-likelihood gained by deviations of these sizes, about the best common part, over none."""
+    """Return the log-likelihood of deviations between runs about the best common part.
+
+    It is relative to no constant force and no change of thrust. *force* and *thrust* are the standard deviations.
+    """
     constant, q, Q = _parts(says, force, thrust)
     return constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q)
 
@@ -110,9 +121,12 @@ def spread_between(
 ) -> tuple[float, float]:
     """Return the standard deviations of force and thrust between runs, about their common part.
 
-    The estimate is by restricted likelihood (Patterson1971), that is, after the common part is taken out. With few runs
-    the plain likelihood makes the spread too small. least, widest : limits of the force [per inertia]. force, thrust :
-    whether the force differs by more than the least, and whether the thrust differs at all.
+    The estimate is by restricted likelihood (Patterson1971), that is, after the common part is removed. With few runs
+    the plain likelihood underestimates the spread.
+
+    least, widest : limits of the standard deviation of the force [per inertia].
+    force, thrust : whether each may differ between runs. If not, the standard deviation is *least* for the force and
+        zero for the thrust.
     """
     best, found = -math.inf, (least, 0.0)
     forces = [least, *np.geomspace(max(least, 0.01 * widest), widest, 25)[1:]] if force and widest > least else [least]

@@ -1,13 +1,13 @@
-"""Methods that read a model off open-loop manoeuvres: ``step`` and ``zig-zag``.
+"""The methods ``step`` and ``zig-zag``, which read a model off open-loop manoeuvres.
 
 ================  =================================================================================
-readings          numbers with standard errors, by local polynomials; where an input stands still
-ship_log          a run as a ship's log, and its helm orders
-steps             readings of every step of the input
-step_table        Miskovic2010, table 4.1, and whether the steps tell one story
+readings          values with standard errors, from local polynomials; intervals of constant input
+ship_log          heading and rudder of a run, and its helm orders
+steps             readings from every step of the input
+step_table        Miskovic2010, table 4.1, and whether all steps agree
 by_steps          the method ``step``
-zigzag_integrals  (4.51)-(4.53) between the instants of a zig-zag
+zigzag_integrals  equations (4.51)-(4.53), integrated between instants of a zig-zag
 by_zigzag         the method ``zig-zag``: K and T
-answer            what both return
+answer            the fit that both methods return
 ================  =================================================================================
 """

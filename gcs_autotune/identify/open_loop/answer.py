@@ -1,4 +1,4 @@
-"""From a model of one degree of freedom to a ``Fit``: shared by the step and the zig-zag method."""
+"""Build the ``Fit`` of the step and the zig-zag method from their model of one degree of freedom."""
 
 from __future__ import annotations
 
@@ -31,9 +31,10 @@ def axis_answer(
     doubts: Sequence[Doubt],
     extra: Mapping[str, Any],
 ) -> AxisFit:
-    """Return the fit with its free run on the records.
+    """Return the fit of the model, with its free run on the records.
 
-    theta, covariance, fitted : (4,), (4, 4), (4,) of (alpha, beta, beta_quadratic, Delta); the delay is the case's.
+    theta (4,), covariance (4, 4), fitted (4,) : for alpha, beta, beta_quadratic and Delta. The delay is that of the
+        case.
     """
     record = case.records[0]
     alpha, beta, quadratic, delta = (float(v) for v in theta)

@@ -1,7 +1,7 @@
-"""Sequenced experiments (Erunsal2017): a plan defines which manoeuvre identifies what, and the fits run in that order.
+"""Run sequenced experiments (Erunsal2017).
 
-``plan`` reads it and ``run`` executes it. ``combine`` weights the steps' estimates of shared parameters by their
-information, and fits all runs at once.
+A plan defines which manoeuvre identifies which parameters. ``plan`` reads the plan, and ``run`` executes the fits in
+its order. ``combine`` weights the estimates of shared parameters by their information, and fits all runs together.
 """
 
 from __future__ import annotations

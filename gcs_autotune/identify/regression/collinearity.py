@@ -1,5 +1,4 @@
-"""Find terms that are correlated in these runs, so that their parameters cannot be distinguished (variance
-inflation)."""
+"""Find correlated terms, whose parameters these runs cannot distinguish (variance inflation)."""
 
 from __future__ import annotations
 
@@ -15,20 +14,21 @@ __all__ = ["collinearity_doubts", "inflation_factors"]
 Array = NDArray[np.float64]
 
 TOO_MUCH = 100.0
-"""Variance inflation above which two terms are reported as correlated: 99 % of one is in the others."""
+"""Variance inflation above which two terms are reported as correlated. 99 % of one term is then a combination of the
+others."""
 
 SHARE = 0.3
-"""Smallest fraction in the worst direction for a parameter to be listed."""
+"""Smallest component in the worst direction for which a parameter is listed."""
 
 
 def inflation_factors(information: Array) -> Array:
-    """Return the variance inflation factor (f,) of each parameter: 1 for an uncorrelated term."""
+    """Return the variance inflation factor (f,) of each parameter, 1 for an uncorrelated term."""
     factors: Array = np.diag(information) * np.diag(inverse_of(information))
     return factors
 
 
 def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
-    """Return doubts about parameters that cannot be distinguished or were not excited."""
+    """Return doubts about parameters that cannot be distinguished or that the runs do not excite."""
     information, names = estimate.information, estimate.equations.form.free
     doubts: list[Doubt] = []
     dead = np.diag(information) <= 0.0
