@@ -17,15 +17,19 @@ from gcs_autotune.control.ipd import (
     uncertainty_of,
 )
 from gcs_autotune.control.line import (
+    LINE_LAWS,
     AdaptiveLineOfSight,
     DirectLine,
     IndirectLine,
     IntegralLineOfSight,
     Line,
     LineGuidance,
+    LineOfHeading,
+    LineQuestion,
     LineState,
     design_direct,
     design_indirect,
+    simplify,
 )
 from gcs_autotune.control.position import PidPosition, Pose, PositionTarget, RigidModel, SlidingMode
 from gcs_autotune.control.reference_model import (
@@ -44,6 +48,7 @@ from gcs_autotune.control.structure import STRUCTURES, Structure
 from gcs_autotune.control.wall_filter import WallEstimate, WallFilter, WallReading
 
 __all__ = [
+    "LINE_LAWS",
     "REFERENCE_MODELS",
     "SETTLED",
     "STRUCTURES",
@@ -57,6 +62,8 @@ __all__ = [
     "IntegralLineOfSight",
     "Line",
     "LineGuidance",
+    "LineOfHeading",
+    "LineQuestion",
     "LineState",
     "LoopMargins",
     "OwnDesign",
@@ -86,6 +93,7 @@ __all__ = [
     "reference_coefficients",
     "reference_model",
     "settling_time",
+    "simplify",
     "simulated_step",
     "stability_bound",
     "uncertainty_of",

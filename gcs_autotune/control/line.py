@@ -10,6 +10,7 @@ integral (Borhaug2008) and with an adaptive sideslip angle (Fossen2023).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,6 +24,7 @@ from gcs_autotune.models import SingleDof, TransferFunction
 from gcs_autotune.sname import wrap
 
 __all__ = [
+    "LINE_LAWS",
     "AdaptiveLineOfSight",
     "DirectLine",
     "IndirectLine",
@@ -30,9 +32,11 @@ __all__ = [
     "Line",
     "LineGuidance",
     "LineOfHeading",
+    "LineQuestion",
     "LineState",
     "design_direct",
     "design_indirect",
+    "simplify",
 ]
 
 APPROACH = math.radians(45.0)
@@ -181,6 +185,33 @@ class IndirectLine:
         return command, memory - self.K_I * state.d * dt - (demand - command) * min(dt / TRACKING_TIME, 1.0)
 
 
+def simplify(loop: TransferFunction) -> TransferFunction:
+    """Return the loop with two poles and one zero, Miskovic2010, Algorithm 8.7 and (8.51).
+
+    The real pole *p* is removed, and its lag ``-1/p`` is subtracted from the lead of the zero. If there are three real
+    poles, the cube roots of the algorithm are complex. The fastest pole is then removed, because that changes the
+    response least.
+
+    Raises
+    ------
+    NoGainsMeetSpec
+        The pole to remove is unstable, so the rest would not represent the loop.
+    """
+    a_3, b_1 = loop.denominator[3], loop.numerator[1] if len(loop.numerator) > 1 else 0.0
+    poles = loop.poles()
+    real = poles[np.abs(poles.imag) <= 1e-7 * np.abs(poles)].real
+    p = float(real.min())
+    if p >= 0.0 or a_3 == 0.0:
+        raise NoGainsMeetSpec(
+            f"the identified heading loop has its real pole at {p:.3g} rad/s: it is unstable or of lower order. "
+            "Repeat the two relay experiments with clearly different C or x_a and without saturating the rudder"
+        )
+    omega_n_squared = -1.0 / (p * a_3)
+    # s^3 + (a_2/a_3) s^2 + ... = (s - p)(s^2 + 2 zeta omega_n s + omega_n^2)
+    damping = loop.denominator[2] / a_3 + p
+    return TransferFunction((1.0, b_1 + 1.0 / p), (1.0, damping / omega_n_squared, 1.0 / omega_n_squared))
+
+
 def design_indirect(
     loop: TransferFunction, speed: float, kind: str, omega_0: float, *, approach: float = APPROACH
 ) -> IndirectLine:
@@ -256,3 +287,61 @@ class LineGuidance:
         self._t = t
         relative, self._memory = self.law.heading(state, self._memory, dt)
         return self.line.gamma + relative
+
+
+# --- a law for a craft: one row per kind --------------------------------------------------------------------------
+
+SLOWER = 0.47
+"""Characteristic frequency of the line loop relative to that of the heading loop: Charlie's 0.211 to 0.45 rad/s in
+Miskovic2010, sections 8.1.5 and 8.3.5, for a rudder that is quiet on the line."""
+LOOKAHEAD = 4.0
+"""Lookahead distance in units of speed over the heading loop's frequency, so that the line loop is four times slower
+than the heading loop."""
+INTEGRAL_WEIGHT = 0.06
+"""Gain of the integral relative to the speed. Chosen: larger ones overshoot after a long approach."""
+ADAPTION = 0.025
+"""Gain of the sideslip estimate in units of speed over the squared lookahead. Chosen: a tenth of critical damping."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineQuestion:
+    """What a line law is made from: the yaw model, the design of the heading loop, speed, approach angle, current.
+
+    ``loop`` is the heading loop in closed form, ``omega_0`` its characteristic frequency [rad/s].
+    """
+
+    yaw: SingleDof
+    loop: TransferFunction
+    kind: str
+    omega_0: float
+    speed: float
+    approach: float = APPROACH
+    current: float = 0.0
+
+
+def _direct(q: LineQuestion) -> DirectLine:
+    return design_direct(q.yaw, q.speed, q.kind, SLOWER * q.omega_0, approach=q.approach, current=q.current)
+
+
+def _indirect(q: LineQuestion) -> LineOfHeading:
+    _crossing(q.speed, q.approach, q.current)
+    loop = simplify(q.loop) if len(q.loop.denominator) == 4 else q.loop
+    return design_indirect(loop, q.speed, q.kind, SLOWER * q.omega_0, approach=q.approach)
+
+
+def _integral(q: LineQuestion) -> LineOfHeading:
+    return IntegralLineOfSight(LOOKAHEAD * q.speed / q.omega_0, INTEGRAL_WEIGHT * q.speed)
+
+
+def _adaptive(q: LineQuestion) -> LineOfHeading:
+    lookahead = LOOKAHEAD * q.speed / q.omega_0
+    return AdaptiveLineOfSight(lookahead, ADAPTION * q.speed / lookahead**2)
+
+
+LINE_LAWS: Mapping[str, Callable[[LineQuestion], DirectLine | LineOfHeading]] = {
+    "direct": _direct,
+    "indirect": _indirect,
+    "integral": _integral,
+    "adaptive": _adaptive,
+}
+"""Name -> rule that makes the law for a craft; one line adds another."""

@@ -106,7 +106,6 @@ from gcs_autotune.identify.relay.linear_process import (
     loop_process,
     loop_trial,
     process_from_response,
-    simplify,
 )
 from gcs_autotune.identify.result import (
     AxisFit,
@@ -285,7 +284,6 @@ __all__ = [
     "set_on_the_way_back",
     "ship_log",
     "signals_of",
-    "simplify",
     "simulated",
     "solve_zigzag",
     "spread_between",

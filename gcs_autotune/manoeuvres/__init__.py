@@ -17,6 +17,7 @@ from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
+from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
@@ -56,6 +57,7 @@ __all__ = [
     "DiveSettings",
     "Ending",
     "Envelope",
+    "FollowLine",
     "Guard",
     "KeepSetPoint",
     "Manoeuvre",
@@ -94,5 +96,6 @@ __all__ = [
     "preview",
     "read_area",
     "restore_on_exit",
+    "state_on",
     "windows_of",
 ]

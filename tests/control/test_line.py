@@ -23,9 +23,9 @@ from gcs_autotune.control import (
     design_indirect,
     design_ipd,
     reference_model,
+    simplify,
 )
 from gcs_autotune.errors import NoGainsMeetSpec
-from gcs_autotune.identify.relay.linear_process import simplify
 from gcs_autotune.models import SingleDof, TransferFunction
 
 YAW = SingleDof("yaw", "rad", 8.2, 2.465)

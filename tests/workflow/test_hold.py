@@ -60,7 +60,7 @@ def test_a_required_frequency_is_what_the_loop_gets_and_it_holds_for_the_time_re
 @pytest.mark.slow
 def test_a_loop_that_is_too_fast_is_refused_with_the_fastest_and_leaves_the_vehicle_neutral(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "blueboat")
-    with pytest.raises(NoGainsMeetSpec, match="too fast: .* The fastest that is possible is"):
+    with pytest.raises(NoGainsMeetSpec, match=r"too fast: .* The fastest that is possible is"):
         held(harness, "heading", omega_0=20.0)
     harness.assert_neutral()
     assert not harness.vehicle.autopilot.armed
