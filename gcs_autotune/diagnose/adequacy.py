@@ -25,7 +25,8 @@ from gcs_autotune.diagnose.resonance_check import memories, resonance_checks
 from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE, SearchStep
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual, ExtendedSimulator, columns_of
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify import Fitted, Problem, autocorrelation, judged_by
+from gcs_autotune.identify.problems import Fitted, Problem, judged_by
+from gcs_autotune.identify.signals import autocorrelation
 from gcs_autotune.models import Form, term_of
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS

@@ -22,16 +22,9 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.executor import executor_for
-from gcs_autotune.identify import (
-    CONTRADICTION,
-    Doubt,
-    ModelFile,
-    moved_too,
-    overlooked,
-    plain_form,
-    prepare_as_recorded,
-    within_horizon,
-)
+from gcs_autotune.identify import CONTRADICTION, Doubt, ModelFile, moved_too
+from gcs_autotune.identify.problems import overlooked, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded, within_horizon
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial

@@ -27,7 +27,7 @@ from gcs_autotune.effects import (
     in_order,
 )
 from gcs_autotune.executor import Executor, SerialExecutor
-from gcs_autotune.identify import Fitted, Problem, judged_by
+from gcs_autotune.identify.problems import Fitted, Problem, judged_by
 from gcs_autotune.kept_results import recalled
 
 __all__ = [

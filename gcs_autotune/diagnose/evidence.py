@@ -19,7 +19,7 @@ from gcs_autotune.diagnose.result import Hint, Lack
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
-from gcs_autotune.identify import Segment
+from gcs_autotune.identify.signals import Segment
 
 __all__ = [
     "ENOUGH",

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import INPUTS, THRUSTERS, signals_of
+from gcs_autotune.identify.problems import THRUSTERS
+from gcs_autotune.identify.signals import INPUTS, signals_of
 from gcs_autotune.models import Form
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS

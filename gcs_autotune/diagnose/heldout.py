@@ -13,7 +13,8 @@ from scipy.special import logsumexp
 
 from gcs_autotune.diagnose.result import ErrorReduction
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
-from gcs_autotune.identify import Fitted, Problem, Residual, Segment
+from gcs_autotune.identify.problems import Fitted, Problem, Residual
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [

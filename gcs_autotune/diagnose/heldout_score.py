@@ -12,7 +12,8 @@ from scipy.special import stdtrit
 from gcs_autotune.diagnose.heldout import BLOCKS, FEWEST
 from gcs_autotune.diagnose.result import ErrorReduction
 from gcs_autotune.diagnose.sampling_interval import horizons, prediction_horizon, refitted
-from gcs_autotune.identify import NoisyFit, NoisyProblem, Segment
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["Folds", "densities_of", "gains_ahead", "interval_of", "unseen_of"]

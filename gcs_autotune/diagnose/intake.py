@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.excitation_check import MOTIONS, coherence, held_share, on_grid
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
-from gcs_autotune.identify import INPUTS, MIN_SAMPLES, Doubt, check_axes, clock_jump, left_out, parts_of
+from gcs_autotune.identify import MIN_SAMPLES, Doubt
+from gcs_autotune.identify.signals import INPUTS, check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.models import FORCES
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial

@@ -41,7 +41,7 @@ from gcs_autotune.diagnose.score import (
 from gcs_autotune.diagnose.starting_points import merged, permuted_channels
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
 from gcs_autotune.executor import SerialExecutor
-from gcs_autotune.identify import Fitted, Problem
+from gcs_autotune.identify.problems import Fitted, Problem
 
 __all__ = ["SHORT_LIST", "LeastSquares", "delay_equivalence", "is_alike", "mistaken_for", "values_of"]
 

@@ -15,7 +15,8 @@ from gcs_autotune.diagnose.result import MissingCurve, MissingForce, Waves
 from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.effects import force_unit
-from gcs_autotune.identify import NoisyFit, ProcessNoise, moves
+from gcs_autotune.identify.kalman import NoisyFit, ProcessNoise
+from gcs_autotune.sensor import moves
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["missing_of", "next_of", "words_of", "words_of_noise"]

@@ -28,7 +28,7 @@ from gcs_autotune.diagnose.score import (
     plainest,
 )
 from gcs_autotune.effects import EFFECTS, DataSummary, Effect, EffectInstance, columns_of, name_of, twins_of
-from gcs_autotune.identify import NoisyFit, NoisyProblem, Tangent
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, Tangent
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_told", "may_be_weighed"]

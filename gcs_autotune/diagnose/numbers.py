@@ -34,7 +34,8 @@ from gcs_autotune.diagnose.result import Number, Numbers
 from gcs_autotune.diagnose.score import LUCK, MATERIAL, error_ratio, is_needed
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
-from gcs_autotune.identify import SIGNS, Fitted, ModelFile, Problem, derivative_names, label_of
+from gcs_autotune.identify import ModelFile
+from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.models import RIGID_BODY, SPECIAL, CoupledModel, Form, unit_of
 from gcs_autotune.sname import DOFS
 
@@ -65,10 +66,8 @@ def model_in_question(model: ExtendedModel | ModelFile) -> ModelInQuestion:
     std = {n: math.sqrt(max(v, 0.0)) for n, v in zip(model.names, np.diag(model.covariance).tolist(), strict=True)}
     if model.axis is None:
         return ModelInQuestion(_to_be_judged(model.model), {}, std)
-    theirs = ("alpha", "beta", "beta_quadratic", "delta")
-    own = derivative_names(model.axis.axis)
     names: dict[Key, tuple[str, float]] = {
-        ("", "", mine): (name, sign) for mine, name, sign in zip(own, theirs, SIGNS, strict=False)
+        ("", "", own): written for own, written in model.written_as.items() if own != "delay"
     }
     names |= {(e.slug, e.place, "delay"): ("delay", 1.0) for e in model.model.effects}
     return ModelInQuestion(model.model, names, std)
@@ -261,7 +260,7 @@ def _less_of_all(before: HeldOut, after: HeldOut) -> bool:
 
 def _label(key: Key) -> str:
     slug, place, name = key
-    return label_of(EffectInstance(slug, place, {}), name) if slug else name
+    return EffectInstance(slug, place, {}).label_of(name) if slug else name
 
 
 def _unit(key: Key, data_summary: DataSummary, form: Form) -> str:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance, columns_of, in_order
-from gcs_autotune.identify import Fitted, Problem, Segment
+from gcs_autotune.identify.problems import Fitted, Problem
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.sname import DOFS
 

@@ -24,7 +24,9 @@ from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, 
 from gcs_autotune.diagnose.score import WORTH, CandidateScore, SearchStep, key_of, may_be_none
 from gcs_autotune.diagnose.search import add_one_by_one, fits_of, judge
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
-from gcs_autotune.identify import Fitted, NoisyFit, NoisyProblem, Problem, Segment, thinned_to
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, thinned_to
+from gcs_autotune.identify.problems import Fitted, Problem
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 

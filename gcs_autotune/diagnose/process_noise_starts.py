@@ -16,19 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.sampling_interval import Plain, judged_at
 from gcs_autotune.diagnose.score import WORTH
-from gcs_autotune.identify import (
-    LEAST_DAMPING,
-    LONGEST_WAVE,
-    MOST_DAMPING,
-    Fitted,
-    Limits,
-    NoisyFit,
-    NoisyProblem,
-    Problem,
-    ProcessNoise,
-    data_summary_of,
-    thinned_to,
-)
+from gcs_autotune.identify.kalman import LONGEST_WAVE, NoisyFit, NoisyProblem, ProcessNoise, thinned_to
+from gcs_autotune.identify.problems import Fitted, Limits, Problem, data_summary_of
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
@@ -99,8 +88,9 @@ NOISES = ((2.0, 1.0), (20.0, 1.0), (20.0, 10.0))
 """Start values of the process noise, in pairs.
 
 The first is the time constant of the force, relative to the craft's. The second is the sensor noise, relative to its
-usual start value. Waves that turn the bow act as noise far above any sensor's. Without the last pair, the fit to one
-craft had a time constant of 0.7 s instead of 18 s and was 17 nats worse (rough water, seed 275, quadratic actuator).
+usual start value. Waves that turn the bow act as noise far above any sensor's. Without the last pair, the time constant
+of one craft was fitted as 0.7 s instead of 18 s. That fit was 17 nats worse (rough water, seed 275, quadratic
+actuator).
 """
 
 MOMENTARY = 2.0
@@ -322,9 +312,8 @@ def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:
     if found is None:
         return calm
     found = _shaped(problem, found, say)
-    within = 1.01 * LEAST_DAMPING < found.noise.wave_damping < 0.99 * MOST_DAMPING
-    # At a limit these are no waves: a tone in step with the commands, or a drifting force in another way.
-    inside = within and found.noise.wave_frequency > 1.01 * slowest and not momentary(problem, found)
+    # At a limit of their damping these are no waves: a tone in step with the commands, or a drifting force.
+    inside = found.noise.is_band and found.noise.wave_frequency > 1.01 * slowest and not momentary(problem, found)
     return found if inside and found.total > calm.total + WAVES else calm
 
 

@@ -9,7 +9,8 @@ from gcs_autotune.clock import check_effort
 from gcs_autotune.diagnose.result import Number
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.executor import Executor, SerialExecutor
-from gcs_autotune.identify import Fitted, Problem, Segment
+from gcs_autotune.identify.problems import Fitted, Problem
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["Key", "ModelInQuestion", "Progress", "Question"]

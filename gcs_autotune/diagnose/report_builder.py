@@ -24,7 +24,8 @@ from gcs_autotune.diagnose.score import ALIKE, key_of
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance
-from gcs_autotune.identify import Doubt, Fitted, reversed_input
+from gcs_autotune.identify import Doubt, reversed_input
+from gcs_autotune.identify.problems import Fitted
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import Test, tests_of, whiteness_of
 from gcs_autotune.diagnose.result import Portrait, Signature
-from gcs_autotune.identify import Fitted, Problem, Residual, Trace, autocorrelation
+from gcs_autotune.identify import Trace
+from gcs_autotune.identify.problems import Fitted, Problem, Residual
+from gcs_autotune.identify.signals import autocorrelation
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import SIGNALS
 

@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 from gcs_autotune.clock import check_effort
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.effects import EffectResidual, ExtendedSimulator, Passage, rung
-from gcs_autotune.identify import Fitted, Problem, judged_by
+from gcs_autotune.identify.problems import Fitted, Problem, judged_by
 
 __all__ = ["memories", "resonance_checks"]
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel
-from gcs_autotune.identify import Doubt, RunOffset, Trace
+from gcs_autotune.identify import Doubt, Trace
+from gcs_autotune.identify.kalman import RunOffset
 from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_number, format_value

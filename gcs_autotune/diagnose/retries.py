@@ -18,7 +18,9 @@ from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material
 from gcs_autotune.diagnose.search_with_noise import NO_MODEL, model_process_noise, no_model_with_noise
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.identify import Doubt, Fitted, Segment, within_horizon
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.problems import Fitted
+from gcs_autotune.identify.signals import Segment, within_horizon
 from gcs_autotune.sname import DOFS
 
 __all__ = ["improves_prediction", "search_all_runs", "search_in_pieces"]

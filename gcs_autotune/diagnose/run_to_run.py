@@ -6,16 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from gcs_autotune.diagnose.score import WORTH
-from gcs_autotune.identify import (
-    Doubt,
-    NoisyFit,
-    NoisyProblem,
-    ProcessNoise,
-    RunLikelihood,
-    RunOffset,
-    common_gain,
-    spread_between,
-)
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, ProcessNoise, RunLikelihoods, RunOffset
 
 __all__ = ["alike_in", "days_of", "differing", "doubt_of_days"]
 
@@ -61,10 +53,10 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     if says is None or told is None or other is None:
         return none
     least = OF_THE_DRIFT * other.noise.size
-    best, sizes = says[1] + common_gain(says[0], none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
+    best, sizes = says[1] + says[0].gain(none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
     for force, thrust in ((True, False), (False, True), (True, True)):
-        found = spread_between(told[0], least, full, force=force, thrust=thrust)
-        likelier = told[1] + common_gain(told[0], *found) - WORTH * (force and thrust)
+        found = told[0].spread(least, full, force=force, thrust=thrust)
+        likelier = told[1] + told[0].gain(*found) - WORTH * (force and thrust)
         if likelier > best:
             best, sizes = likelier, found
     if not any(sizes):
@@ -73,8 +65,8 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     return end if end is not None and end.total > none.total + WORTH else none
 
 
-def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunLikelihood, ...], float] | None:
-    """Return the likelihood of each run's offsets at *fit*, and the log-likelihood without offsets."""
+def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[RunLikelihoods, float] | None:
+    """Return the likelihood of each run's offsets at *fit*, and the log-likelihood without them."""
     says = problem.says(fit)
     bare = problem.fit(
         fit.theta, fit.effects, replace(fit.noise, day_force=0.0, day_thrust=0.0), only_log_likelihood=True
@@ -101,7 +93,7 @@ SIDES: Mapping[str, tuple[str, str]] = {
 def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:
     """Return the offsets of each run, with forces multiplied by *inertia*; empty if runs are alike."""
     says = problem.says(fit) if fit.noise.differs else None
-    found = [one.day(fit.noise.day_force, fit.noise.day_thrust) for one in says or ()]
+    found = () if says is None else says.offsets(fit.noise.day_force, fit.noise.day_thrust)
     return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in found)
 
 

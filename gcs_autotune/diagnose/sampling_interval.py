@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.candidates import candidates
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify import Limits, NoisyFit, NoisyProblem
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem
+from gcs_autotune.identify.problems import Limits
 
 __all__ = [
     "Look",

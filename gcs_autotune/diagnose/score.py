@@ -14,7 +14,8 @@ from gcs_autotune import chi_square
 from gcs_autotune.diagnose.heldout import HeldOut, rms_of
 from gcs_autotune.diagnose.result import Lack
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
-from gcs_autotune.identify import Fitted, NoisyFit
+from gcs_autotune.identify.kalman import NoisyFit
+from gcs_autotune.identify.problems import Fitted
 
 __all__ = [
     "ALIKE",

@@ -26,7 +26,8 @@ from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND
 from gcs_autotune.diagnose.score import ALIKE, key_of
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
-from gcs_autotune.identify import Doubt, Fitted
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.problems import Fitted
 from gcs_autotune.sname import DOFS
 
 __all__ = [

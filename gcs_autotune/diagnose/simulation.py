@@ -22,7 +22,9 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.effects import EFFECTS, EffectInstance, columns_of, in_order
 from gcs_autotune.errors import UsageError
 from gcs_autotune.executor import executor_for
-from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.problems import Fitted, Problem, fit_base, plain_form
+from gcs_autotune.identify.signals import Segment, prepare_as_recorded
 from gcs_autotune.models import Form
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial

@@ -35,16 +35,8 @@ from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.executor import Executor
-from gcs_autotune.identify import (
-    Fitted,
-    Limits,
-    Problem,
-    Segment,
-    base_limits,
-    fit_base,
-    initial_guess_of,
-    without_signal,
-)
+from gcs_autotune.identify.problems import Fitted, Limits, Problem, base_limits, fit_base, initial_guess_of
+from gcs_autotune.identify.signals import Segment, without_signal
 from gcs_autotune.models import Form
 
 __all__ = ["Bases", "lost", "merged", "permuted_channels", "segment_starts", "without_one_signal"]

@@ -25,7 +25,8 @@ from gcs_autotune.diagnose.score import CandidateScore, SearchStep, key_of
 from gcs_autotune.diagnose.search import fits_of, judge
 from gcs_autotune.diagnose.starting_points import lost, without_one_signal
 from gcs_autotune.effects import EffectInstance, name_of, twins_of
-from gcs_autotune.identify import Doubt, Fitted, Problem, fit_base, given_base
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.problems import Fitted, Problem, fit_base, given_base
 
 __all__ = ["NOT_BEGUN", "LostBase", "SearchState", "begin", "begin_with"]
 

@@ -44,7 +44,7 @@ from gcs_autotune.diagnose.search_with_noise import needs_process_noise
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of
-from gcs_autotune.identify import Fitted, Problem
+from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.sname import DOFS
 
 __all__ = [

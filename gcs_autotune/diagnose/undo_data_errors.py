@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectInstance, Observed, columns_of
-from gcs_autotune.identify import Segment
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.models import Form, states_of
 
 __all__ = ["turned", "undo_data_errors"]

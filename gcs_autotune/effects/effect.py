@@ -91,6 +91,10 @@ class EffectInstance:
         """The constant ``sense``: -1 if the base model's inertia is negative, 1 by default."""
         return self.constants.get("sense", 1.0)
 
+    def label_of(self, name: str) -> str:
+        """Return what a fit calls a parameter of the effect: ``dead-zone@N.width``."""
+        return f"{self.slug}@{self.place}.{name}"
+
     def with_values(self, values: Mapping[str, float]) -> EffectInstance:
         """Return the instance with some values replaced."""
         return replace(self, values={**self.values, **values})

@@ -121,7 +121,7 @@ def product_terms(velocities: str = "uvwpqr", order: int = 2) -> Iterator[Produc
     """Yield the terms of all rows of *velocities* with up to *order* factors among these velocities.
 
     Port-starboard symmetry decides which terms exist. A product of moduli alone is yielded only if it is a square, and
-    not of the row's own velocity, because that force would act in one direction only.
+    not of the row's own velocity. With its own velocity, that force would act in one direction only.
     """
     known = [s for s in STATES if s in velocities]
     products = [p for count in range(1, order + 1) for p in combinations_with_replacement(known, count)]

@@ -11,9 +11,10 @@ import numpy as np
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.axis.form import Structure, axis_form
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
-from gcs_autotune.identify.result import Doubt, LimitCycle
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.result import LimitCycle
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Trial
 

@@ -15,10 +15,11 @@ import numpy as np
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.solution import Solution
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.result import Decision, LimitCycle, Parameter
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import SingleDof
 
 __all__ = [
@@ -110,7 +111,7 @@ class Findings:
 
     @property
     def relays(self) -> Sequence[LimitCycle]:
-        """Limit cycles, if a relay was flown."""
+        """Limit cycles of the runs, empty if no relay was flown."""
         return self.case.cycles if self.case.relay_flown else ()
 
 
@@ -125,7 +126,7 @@ REVERSED_INPUT = Doubt(
     "a positive input turns or pushes against the SNAME convention, so the fitted parameters are negative",
     "this is normal for a rudder angle; otherwise check wiring and sign of the channel",
 )
-"""Doubt about one input and one motion whose inertia is negative."""
+"""Doubt for a model with negative inertia, which indicates an input of reversed sign."""
 
 
 def _few_periods(f: Findings) -> Doubt | None:

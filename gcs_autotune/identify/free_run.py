@@ -19,16 +19,17 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.base_model import base_limits, data_summary_of
-from gcs_autotune.identify.least_squares import Local, descend
-from gcs_autotune.identify.preparation import prepare, prepare_as_recorded, prepare_form
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import first_levels, first_states
-from gcs_autotune.identify.result import AxisFit, Doubt, Trace
-from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import solve
-from gcs_autotune.identify.whiteness import autocorrelation, explained, whiteness
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.base_model import base_limits, data_summary_of
+from gcs_autotune.identify.problems.least_squares import Local, descend
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import first_levels, first_states
+from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.problems.solution import solve
+from gcs_autotune.identify.result import AxisFit, Trace
+from gcs_autotune.identify.signals.preparation import prepare, prepare_as_recorded, prepare_form
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import autocorrelation, explained, whiteness
 from gcs_autotune.models import CoupledModel, Simulator, SingleDof, explicit_parameters
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
@@ -40,7 +41,6 @@ __all__ = [
     "first_state",
     "fit_percent_of",
     "free_run",
-    "join",
     "residual_statistics",
     "rms_of",
     "run_freely",
@@ -87,6 +87,11 @@ class Validation:
     traces: tuple[Trace, ...]
     statistics: tuple[ResidualStatistics, ...]
 
+    @classmethod
+    def joined(cls, parts: Sequence[Validation]) -> Validation:
+        """Return several validations as one."""
+        return cls(tuple(t for part in parts for t in part.traces), tuple(s for part in parts for s in part.statistics))
+
     @property
     def fit_percent(self) -> float:
         """Average of 100 (1 - rms/std) over runs and signals.
@@ -121,13 +126,6 @@ def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
     return Validation(tuple(traces), tuple(residual_statistics(t) for t in traces))
 
 
-def join(parts: Sequence[Validation]) -> Validation:
-    """Return the traces and statistics of several validations as one validation."""
-    return Validation(
-        tuple(t for part in parts for t in part.traces), tuple(s for part in parts for s in part.statistics)
-    )
-
-
 def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
     """Simulate *trial* with a model of one axis and return the trace of its position (or else velocity).
 
@@ -137,7 +135,7 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
     Raises
     ------
     NotInformative
-        The model diverges on this input, or as for :func:`gcs_autotune.identify.preparation.prepare`.
+        The model diverges on this input, or as for :func:`gcs_autotune.identify.signals.preparation.prepare`.
     """
     model = fit if isinstance(fit, SingleDof) else fit.model
     return _joined(trial.name, [run_freely(model, record)[0] for record in prepare(trial, model.dof)])

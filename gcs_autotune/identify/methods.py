@@ -12,7 +12,7 @@ __all__ = ["METHODS"]
 
 
 class _Methods(Mapping[str, Method]):
-    """Name -> method."""
+    """Mapping from the name of a method to the method. A method's module is imported on first use."""
 
     def __init__(self) -> None:
         self._loaded: dict[str, Method] = {}

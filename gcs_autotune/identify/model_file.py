@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.axis.form import SIGNS, as_extended, derivative_names
+from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, as_extended
 from gcs_autotune.identify.result import Fit, Model
 from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.plain_json import json_text
@@ -56,6 +56,13 @@ class ModelFile:
     noise: Mapping[str, float] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def written_as(self) -> Mapping[str, tuple[str, float]]:
+        """Derivative -> its name in a file of one degree of freedom and the sign between them; else empty."""
+        if self.axis is None:
+            return {}
+        return dict(zip(self.axis.axis.derivative_names(), zip(PHYSICAL, SIGNS, strict=True), strict=True))
 
 
 def save_model(fit: Fit[Model], path: Path) -> None:
@@ -166,6 +173,6 @@ def _as_derivatives(names: tuple[str, ...], covariance: Array, dofs: Sequence[st
         return names, covariance
     dof = DOFS[dofs[0]]
     own = (*dof.parameter_names(), "delay")
-    words = {a: (b, s) for a, b, s in zip(own, derivative_names(dof), SIGNS, strict=True)}
+    words = {a: (b, s) for a, b, s in zip(own, dof.derivative_names(), SIGNS, strict=True)}
     signs = np.array([words.get(n, (n, 1.0))[1] for n in names])
     return tuple(words.get(n, (n, 1.0))[0] for n in names), np.outer(signs, signs) * covariance

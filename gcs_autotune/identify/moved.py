@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel
-from gcs_autotune.identify.base_model import plain_form
-from gcs_autotune.identify.cleaning import noise_of, quantum
-from gcs_autotune.identify.preparation import INPUTS
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import MIN_SAMPLES
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.base_model import plain_form
+from gcs_autotune.identify.signals.preparation import INPUTS
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES
 from gcs_autotune.models import FORMS
+from gcs_autotune.sensor import noise_of, quantum
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 
@@ -23,7 +23,7 @@ __all__ = ["MOVED_TOO", "dof_option", "moved_besides", "moved_too"]
 Array = NDArray[np.float64]
 
 MOVED_TOO = "moved-too"
-"""Slug of the doubt about motion that was not examined."""
+"""Slug of the doubt about motion in degrees of freedom that the model does not include."""
 
 CLEAR = 3.0
 """Ratio of a velocity's standard deviation to that of its noise, above which it counts as motion."""

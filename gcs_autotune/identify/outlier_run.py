@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.reweighting import Effort
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, solve_form
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.problems.reweighting import Effort
+from gcs_autotune.identify.problems.solution import Solution, solve_form
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["CraftEstimate", "OutlierRun", "outlier_run", "outlier_run_doubts", "outlier_runs"]
@@ -37,8 +37,8 @@ SIGMAS = 6.0
 """Significance limit of a run's distance from the others. It has the probability of six standard errors of one
 parameter."""
 CHANGE = 0.20
-"""Relative difference of a parameter that is also required. Two long runs of one craft may differ significantly by
-less."""
+"""Smallest relative difference of a parameter that is also required. Two long runs of one craft may differ
+significantly by less."""
 
 CHANCE = 1e-6
 """Probability of examining runs more closely although they agree."""

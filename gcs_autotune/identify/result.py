@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.axis.form import Structure, as_extended
-from gcs_autotune.identify.whiteness import Remainder, remainder_of
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
@@ -21,7 +22,6 @@ from gcs_autotune.rounding import format_value
 __all__ = [
     "AxisFit",
     "Decision",
-    "Doubt",
     "Fit",
     "IsoEstimate",
     "LimitCycle",
@@ -33,7 +33,6 @@ __all__ = [
     "Trace",
     "is_of_one_axis",
     "plain_data",
-    "whole_model",
 ]
 
 Status = Literal["fitted", "absent", "fixed", "at_bound"]
@@ -53,15 +52,6 @@ class Parameter:
     std: float
     status: Status = "fitted"
     bound: float = math.nan
-
-
-@dataclass(frozen=True, slots=True)
-class Doubt:
-    """A reason not to trust a result, with its probable cause and a remedy."""
-
-    slug: str
-    cause: str
-    cure: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +217,22 @@ class Fit(Generic[ModelT]):
         return tuple(Residuals(t.run, t.signal, t.unit, t.t, t.measured - t.fitted) for t in self.traces)
 
     @property
+    def unexplained(self) -> float:
+        """What the model leaves unexplained [percent]."""
+        return 100.0 - self.fit_percent
+
+    @property
+    def whole_model(self: Fit[Model]) -> Model:
+        """The model, with the effects of its actuator if this is a fit of one axis with some."""
+        if not is_of_one_axis(self) or not self.effects:
+            return self.model
+        plain = as_extended(self.model)
+        inputs = plain.base.form.inputs
+        swing = {str(k): float(v) for k, v in self.extra.get("swing", {}).items() if k in inputs}
+        units = dict.fromkeys(inputs, self.model.input_unit)
+        return ExtendedModel(plain.base, (*plain.effects, *self.effects), swing, units)
+
+    @property
     def remainder(self) -> Mapping[str, Remainder]:
         """Residual of each fitted signal, and how much of it is noise."""
         steps = self.extra.get("quantum") or {}
@@ -319,7 +325,7 @@ class Fit(Generic[ModelT]):
             "fit_percent": self.fit_percent,
             "used": list(self.used),
             "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
-            "model": whole_model(self).to_dict(),
+            "model": self.whole_model.to_dict(),
             **self.extra,
         }
         if is_of_one_axis(self):
@@ -341,16 +347,6 @@ AxisFit: TypeAlias = Fit[SingleDof]
 def is_of_one_axis(fit: object) -> TypeGuard[Fit[SingleDof]]:
     """Return whether this is a fit of one degree of freedom."""
     return isinstance(fit, Fit) and isinstance(fit.model, SingleDof)
-
-
-def whole_model(fit: Fit[Model]) -> Model:
-    """Return the model of *fit*. For one axis it includes the effects of the actuator, if fitted."""
-    if not is_of_one_axis(fit) or not fit.effects:
-        return fit.model
-    plain = as_extended(fit.model)
-    inputs = plain.base.form.inputs
-    swing = {str(k): float(v) for k, v in fit.extra.get("swing", {}).items() if k in inputs}
-    return ExtendedModel(plain.base, (*plain.effects, *fit.effects), swing, dict.fromkeys(inputs, fit.model.input_unit))
 
 
 def _slots_dict(thing: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.local import local_fit
-from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.problems.likelihood import Limits
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 

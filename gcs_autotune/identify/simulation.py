@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from gcs_autotune.effects import ExtendedModel, ExtendedSimulator, passage_of
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.form import as_extended
-from gcs_autotune.identify.result import Fit, Model, whole_model
+from gcs_autotune.identify.result import Fit, Model
 from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Trial
@@ -20,7 +20,7 @@ __all__ = ["extended_of", "simulated"]
 Array = NDArray[np.float64]
 
 STEP = 0.1
-"""Time [s] between stamps if none are supplied."""
+"""Time [s] between the stamps of a simulation, if the caller supplies none."""
 
 
 def extended_of(fit: Fit[Model]) -> ExtendedModel:
@@ -31,7 +31,7 @@ def extended_of(fit: Fit[Model]) -> ExtendedModel:
     UsageError
         This kind of model cannot be simulated.
     """
-    model = whole_model(fit)
+    model = fit.whole_model
     if isinstance(model, SingleDof):
         model = as_extended(model)
     elif isinstance(model, CoupledModel):

@@ -10,13 +10,13 @@ import numpy as np
 from gcs_autotune import chi_square
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify.axis.form import ExplicitForm
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import COLOUR, REVERSED_INPUT, poor_fit
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.free_numbers import label_of
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.result import Doubt, Parameter
-from gcs_autotune.identify.solution import Solution, fit_percents
-from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.solution import Solution, fit_percents
+from gcs_autotune.identify.result import Parameter
+from gcs_autotune.identify.signals.whiteness import autocorrelation
 from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.rounding import format_value
 from gcs_autotune.sname import DOFS
@@ -31,7 +31,7 @@ FAR, OFTEN = 6.0, 0.005
 which a doubt is raised."""
 
 SIGNIFICANCE = 0.01
-"""Probability of keeping an effect that does not exist."""
+"""Probability that the test keeps an effect that does not exist."""
 
 REVERSED = 2.0
 """Standard errors below zero from which an input counts as reversed."""
@@ -192,7 +192,7 @@ def effect_doubts(
         pays = math.inf if without is None else without.cost - fitted.cost
         numbers = max(len(entry.parameters), 1)
         if chi_square.exceeded_by_chance(max(pays, 0.0) / correlation, numbers) > SIGNIFICANCE:
-            known = ((n, v, parameters[label_of(own, n)].std) for n, v in own.values.items())
+            known = ((n, v, parameters[own.label_of(n)].std) for n, v in own.values.items())
             said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
             yield Doubt(
                 "effect-not-needed",

@@ -19,7 +19,10 @@ from gcs_autotune.diagnose.intake import is_one_flight, within_manoeuvre
 from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, words_of
 from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify import NoisyFit, ProcessNoise, data_summary_of, moves, plain_form, prepare_as_recorded
+from gcs_autotune.identify.kalman import NoisyFit, ProcessNoise
+from gcs_autotune.identify.problems import data_summary_of, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
+from gcs_autotune.sensor import moves
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]

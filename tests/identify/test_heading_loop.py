@@ -11,14 +11,9 @@ from linear_plants import relay_run
 
 from gcs_autotune.control import simplify
 from gcs_autotune.errors import MissingChannel, NoGainsMeetSpec
-from gcs_autotune.identify import (
-    experiments_needed,
-    harmonic_response,
-    heading_loop,
-    loop_cycles,
-    loop_process,
-    loop_trial,
-)
+from gcs_autotune.identify.frequency import harmonic_response
+from gcs_autotune.identify.relay import loop_cycles, loop_process, loop_trial
+from gcs_autotune.identify.relay.linear_process import experiments_needed, heading_loop
 from gcs_autotune.models import TransferFunction
 
 DEG = math.pi / 180.0

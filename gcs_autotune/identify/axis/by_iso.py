@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, Structure
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, run_freely
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.relay.iso import quadratic_drag, two_experiment_decision
-from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status
+from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Status
 from gcs_autotune.models import SingleDof
 
 __all__ = ["METHOD", "fit_by_iso"]

@@ -22,20 +22,21 @@ from gcs_autotune.identify.axis.start import DELAYS, Bounds, bounds_of, misfit, 
 from gcs_autotune.identify.axis.structure import Selection, select
 from gcs_autotune.identify.axis.uncertainty import explicit_covariance, numbers_of, std_of
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import Findings, collect, delay_fitted
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.moved import dof_option, moved_besides
 from gcs_autotune.identify.outlier_run import CraftEstimate, OutlierRun, outlier_run_doubts, outlier_runs
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.problems.solution import Solution, solve
+from gcs_autotune.identify.problems.stamp_correction import corrected
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.relay.iso import two_experiment_decision
-from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Parameter, Status
-from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment, within_horizon
-from gcs_autotune.identify.solution import Solution, solve
+from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Parameter, Status
+from gcs_autotune.identify.signals.segment import Segment, within_horizon
+from gcs_autotune.identify.signals.whiteness import whiteness
 from gcs_autotune.identify.solution_doubts import solution_doubts
-from gcs_autotune.identify.stamp_correction import corrected
-from gcs_autotune.identify.whiteness import whiteness
 from gcs_autotune.trial import Trial
 
 __all__ = ["fit_by_output_error", "fit_doubts"]
@@ -43,7 +44,7 @@ __all__ = ["fit_by_output_error", "fit_doubts"]
 Array = NDArray[np.float64]
 
 HALF = 0.5
-"""Relative standard error above which a parameter counts as unknown."""
+"""Relative standard error above which a parameter counts as unknown. A fit without any known parameter is rejected."""
 
 GOOD_START = 0.05
 """Fraction of the motion's variance that an IS-O start may leave unexplained. Above it a scan is tried too."""

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.axis.uncertainty import numbers_of, physical_covariance, std_of
+from gcs_autotune.identify.problems.solution import Solution
 from gcs_autotune.identify.result import Decision
-from gcs_autotune.identify.solution import Solution
 
 __all__ = ["UNDECIDED", "choose", "craft_covariance", "damps", "disadvantage", "possible_second_drag"]
 

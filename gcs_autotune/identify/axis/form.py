@@ -32,7 +32,6 @@ __all__ = [
     "Structure",
     "as_extended",
     "axis_form",
-    "derivative_names",
     "structure_of",
 ]
 
@@ -124,18 +123,9 @@ class ExplicitForm(Form):
         return cls(f"{dof.name}/explicit", dof.name, (dof.name,), Explicit._fields, {}, {})
 
 
-def derivative_names(dof: Dof) -> tuple[str, str, str, str, str]:
-    """Return the names of the derivatives that correspond to (alpha, beta, beta_quadratic, delta, delay)."""
-    force, nu = dof.force, dof.velocity
-    return (f"{force}_{nu}dot", f"{force}_{nu}", f"{force}_{nu}{nu}", f"{force}_0", "delay")
-
-
 def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bool, delay: float | None = 0.0) -> Form:
-    """Return the form of one axis.
-
-    delay : fixed value [s]. 0 omits the delay, None makes it a free parameter.
-    """
-    names = derivative_names(dof)
+    """Return the form of one axis; *delay* None makes it a free parameter, 0 leaves it out."""
+    names = dof.derivative_names()
     free = [n for n, on in zip(names[:4], FREE[structure], strict=True) if on]
     known = {} if not delay else {"delay": float(delay)}
     return Form(
@@ -160,7 +150,7 @@ def as_extended(axis: SingleDof) -> ExtendedModel:
     structure: Structure = "affine" if axis.beta_quadratic else "linear"
     form = axis_form(dof, channel, structure, normalised=axis.input_unit == "1")
     numbers = (axis.alpha, axis.beta, axis.beta_quadratic, axis.delta)
-    names = derivative_names(dof)[:4]
+    names = dof.derivative_names()[:4]
     values = {n: s * v for n, s, v in zip(names, SIGNS, numbers, strict=False)}
     base = CoupledModel(form, {n: values[n] for n in form.parameters})
     delay = (EffectInstance("input-delay", channel, {"delay": axis.delay}),) if axis.delay > 0.0 else ()

@@ -16,9 +16,9 @@ corrections ``x`` of the position's fit. The covariance ``C`` of that fit sets t
     minimise  |error - J x - T (gain, lag, bias)|^2 / sigma^2 + x' C^-1 x
 
 This is one Gauss-Newton step of the joint fit of both channels. Some input changes may have happened one autopilot loop
-earlier or later (:mod:`gcs_autotune.identify.stamp_correction`). Their time shifts are part of ``x``. The standard
-errors are those of the difference between the two channels. The test is that of Hausman1978 for two estimates. It
-covers only typical velocity errors: scale, lag and bias.
+earlier or later (:mod:`gcs_autotune.identify.problems.stamp_correction`). Their time shifts are part of ``x``. The
+standard errors are those of the difference between the two channels. The test is that of Hausman1978 for two estimates.
+It covers only typical velocity errors: scale, lag and bias.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 from gcs_autotune.crosscheck import compared_with_rate
 from gcs_autotune.errors import MissingChannel, UsageError
 from gcs_autotune.identify.axis.form import Explicit
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution
-from gcs_autotune.identify.stamp_correction import switches_of
-from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.identify.problems.solution import Solution
+from gcs_autotune.identify.problems.stamp_correction import switches_of
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import autocorrelation
 from gcs_autotune.models import simulate_explicit
 
 __all__ = ["KINDS", "VelocityConsistency", "agreement", "first_names", "objection", "wanted_names"]

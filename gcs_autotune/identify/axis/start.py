@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import Explicit
-from gcs_autotune.identify.limits import Limits
+from gcs_autotune.identify.problems.limits import Limits
 from gcs_autotune.identify.result import IsoEstimate
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import simulate_explicit
 
 __all__ = ["DELAYS", "Bounds", "bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
@@ -29,13 +29,13 @@ POINTS = 14
 the nearest one."""
 
 SLOWEST = 60.0
-"""Longest time constant tried [s]."""
+"""Longest time constant that the scan tries [s]."""
 
 FASTEST = 50.0
 """Largest drag rate fitted [1/s]. No hull responds within 20 ms."""
 
 DELAYS = (0.0, 0.3)
-"""Delays tried [s]. If only zero were tried, a long delay could hide the time constant."""
+"""Delays that the scan tries [s]. If only zero were tried, a long delay could hide the time constant."""
 
 SAMPLES = 400
 """Maximum number of samples per stretch in the scan, which is enough for a start."""

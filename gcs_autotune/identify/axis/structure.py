@@ -14,13 +14,13 @@ from gcs_autotune.identify.axis.evidence import choose, damps, possible_second_d
 from gcs_autotune.identify.axis.form import FREE, Explicit, ExplicitForm, Structure
 from gcs_autotune.identify.axis.start import Bounds, start_from_scan
 from gcs_autotune.identify.axis.uncertainty import numbers_of
-from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import first_levels, first_states, quanta_of
+from gcs_autotune.identify.problems.delay import SEARCHED_DELAYS, weigh_delay
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import first_levels, first_states, quanta_of
+from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.problems.solution import Solution, solve
 from gcs_autotune.identify.result import Decision, StructureFit
-from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, solve
+from gcs_autotune.identify.signals.segment import Segment
 
 __all__ = ["Selection", "select"]
 

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import PHYSICAL, Explicit, ExplicitForm
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Objective, information_of
-from gcs_autotune.identify.noise import Gaussian, NoiseModel, Rounded
-from gcs_autotune.identify.preparation import prepare
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import first_states
-from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, solve
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Objective, information_of
+from gcs_autotune.identify.problems.noise import Gaussian, NoiseModel, Rounded
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import first_states
+from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.problems.solution import Solution, solve
+from gcs_autotune.identify.signals.preparation import prepare
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 

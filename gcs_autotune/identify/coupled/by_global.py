@@ -19,20 +19,20 @@ from scipy.optimize import Bounds, differential_evolution
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.by_output_error import outcome, with_known_delay
-from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, limits_of, physical
+from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, limits_of
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
 from gcs_autotune.identify.coupled.local import Delayed, LocalFit, local_fit
 from gcs_autotune.identify.coupled.one_axis import for_axis
-from gcs_autotune.identify.initial_guess import InitialGuess, initial_guess_of
-from gcs_autotune.identify.least_squares import descend
-from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.method import Method
-from gcs_autotune.identify.noise import gaussian_noise
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.initial_guess import InitialGuess, initial_guess_of
+from gcs_autotune.identify.problems.least_squares import descend
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.noise import gaussian_noise
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import likeliest
+from gcs_autotune.identify.problems.solution import Solution, solve_form
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.reweighting import likeliest
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, solve_form
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import CoupledModel, Form, Simulator, inertia_of
 from gcs_autotune.slow_imports import scipy_stats
 
@@ -85,15 +85,15 @@ class Searched:
 
 
 def box_of(ground: InitialGuess, limits: Limits) -> Box:
-    """Return a wide box, scaled by the sizes of forces and motions.
+    """Return a wide search box for the free parameters.
 
-    Inertia is positive. The box is cut to *limits*.
+    Its size follows from the forces and motions. Inertia is positive. The box is cut to *limits*.
     """
     form, scales = ground.form, dict(zip(ground.regression.names, ground.regression.scales, strict=True))
     speed = max(float(np.max(np.abs(m.X))) for m in ground.motions)
     wide = {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY, "V_x": speed, "V_y": speed}
     low, high = [], []
-    natural = physical(form)
+    natural = Limits.physical(form)
     for name in form.free:
         half = wide.get(name) or WIDTH * (scales.get(name) or abs(form.start.get(name, 0.0)) or 1.0)
         least, most = -half, half
@@ -229,7 +229,7 @@ BUDGET = 150
 """Default budget of both searches together: simulations of all records per free parameter."""
 
 LEAST = 50
-"""Smallest budget [simulations of all records]."""
+"""Smallest budget that is accepted [simulations of all records]. A smaller one raises UsageError."""
 
 OPTIONS = (
     *LIMIT_OPTIONS,

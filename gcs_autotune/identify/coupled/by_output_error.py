@@ -13,17 +13,18 @@ from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.limits import OPTIONS, horizon_of, limits_of
 from gcs_autotune.identify.coupled.local import Delayed, LocalFit, fit_with_delay, local_fit
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import delay_fitted
 from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, solution_extra
-from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.outlier_run import outlier_run
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import quanta_of
-from gcs_autotune.identify.result import Doubt, Fit
-from gcs_autotune.identify.solution import solve
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import quanta_of
+from gcs_autotune.identify.problems.solution import solve
+from gcs_autotune.identify.problems.stamp_correction import corrected
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.solution_doubts import reversed_input, solution_doubts
-from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["METHOD", "fit_coupled_by_output_error", "outcome", "with_known_delay"]

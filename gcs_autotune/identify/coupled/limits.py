@@ -8,10 +8,10 @@ import numpy as np
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.models import FORCES, RIGID_BODY, STATES, Form, inertia_of
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.models import Form
 
-__all__ = ["LONGEST_DELAY", "OPTIONS", "horizon_of", "limits_of", "physical"]
+__all__ = ["LONGEST_DELAY", "OPTIONS", "horizon_of", "limits_of"]
 
 OPTIONS = (
     ("bounds", "limits per parameter, e.g. {'X_u': (-inf, 0)}"),
@@ -38,7 +38,7 @@ def limits_of(form: Form, case: Case) -> Limits:
     step = min(float(np.median(np.diff(s.t))) for r in case.records for s in r.signals.values())
     limits = Limits({"delay": 0.0, "lag": SHORTEST_LAG * step}, {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY})
     if case.options.get("physical", False):
-        limits = limits.within(physical(form))
+        limits = limits.within(Limits.physical(form))
     low, high = dict(limits.low), dict(limits.high)
     bounds = case.options.get("bounds") or {}
     for name, (least, most) in bounds.items():
@@ -48,25 +48,6 @@ def limits_of(form: Form, case: Case) -> Limits:
             raise UsageError(f"the bounds of {name} are in the wrong order: {least}, {most}")
         low[name], high[name] = max(float(least), low.get(name, -math.inf)), min(float(most), high.get(name, math.inf))
     return Limits(low, high)
-
-
-def physical(form: Form) -> Limits:
-    """Return the limits that keep inertia positive and drag damping."""
-    sides = {n: _physical_side(n) for n in form.free}
-    return Limits({n: 0.0 for n, s in sides.items() if s > 0}, {n: 0.0 for n, s in sides.items() if s < 0})
-
-
-def _physical_side(name: str) -> int:
-    """Return the sign of a parameter that physics requires: -1, 1, or 0 for either sign."""
-    if name in ("m", "I_x", "I_y", "I_z"):
-        return 1
-    if name in RIGID_BODY or "_" not in name or name[0] not in FORCES:
-        return 0
-    inertia = inertia_of(name)
-    if inertia is not None:
-        return -1 if inertia.row == inertia.column else 0
-    own = STATES[FORCES.index(name[0])]
-    return -1 if name[2:] in (own, own * 2, f"|{own}|{own}", own * 3) else 0
 
 
 def horizon_of(case: Case) -> float | None:

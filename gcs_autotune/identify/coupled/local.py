@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Limits, Objective
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.reweighting import Effort
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import THOROUGH, Solution, solve_form
+from gcs_autotune.identify.problems.delay import SEARCHED_DELAYS, weigh_delay
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import Effort
+from gcs_autotune.identify.problems.solution import THOROUGH, Solution, solve_form
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["Delayed", "LocalFit", "fit_with_delay", "local_fit"]
@@ -31,14 +31,14 @@ HOPELESS = 10.0
 """Misfit of a signal, in multiples of its noise, above which a fit counts as failed. Short pieces are then fitted."""
 
 SKETCH = Effort(15, exact=False, astray=HOPELESS)
-"""Effort for each start. Only the best one is fitted until it converges."""
+"""Effort for the fit from each start. Only the best of these fits is continued until it converges."""
 
 MISFIT = Effort(25, exact=False)
 """Effort for the final fit if its residual is far above the noise. More accuracy is useless if the model misses a term.
 """
 
 PATIENT = Effort(25, exact=False)
-"""Effort if only whole runs are allowed. The fit then continues whatever its residual."""
+"""Effort for the fit from each start if only whole runs are allowed. The fit then continues whatever its residual."""
 
 BETTER = 3.0
 """Factor by which the misfit of short pieces must be smaller than that of whole runs."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure, derivative_names
+from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import OF_THE_RUNS, once
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, Table, axis_table, fit_of
@@ -66,7 +66,7 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
     effects = tuple(e for e in fit.model.effects if e.place == axis.force)
     labels = [n for n in fit.parameters if n.startswith(tuple(f"{e.slug}@{e.place}." for e in effects))]
     order = list(fit.parameters)
-    names, signs = [*derivative_names(axis), *labels], np.array([*SIGNS, *(1.0 for _ in labels)])
+    names, signs = [*axis.derivative_names(), *labels], np.array([*SIGNS, *(1.0 for _ in labels)])
     places = [i for i, n in enumerate(names) if n in order]
     at = [order.index(names[i]) for i in places]
     whole = np.zeros((len(names),) * 2)
@@ -97,8 +97,8 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
 
 
 def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:
-    """Return the model in physical parameters and their table, from the fit of a form of one axis."""
-    names = derivative_names(dof)
+    """Return model and parameters of a form of one axis."""
+    names = dof.derivative_names()
     order = list(fit.parameters)
     values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]
     places = [i for i, n in enumerate(names) if n in order]

@@ -9,16 +9,15 @@ from collections.abc import Sequence
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.base_model import fit_base, given_base
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
 from gcs_autotune.identify.fit_builder import Motion, Table, fit_of, solution_extra, table_of
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.free_numbers import label_of
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import quanta_of
+from gcs_autotune.identify.problems.base_model import fit_base, given_base
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import quanta_of
+from gcs_autotune.identify.problems.solution import Solution, solution_of, solve
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.solution import Solution, solution_of, solve
 from gcs_autotune.identify.solution_doubts import effect_doubts, solution_doubts
 from gcs_autotune.models import CoupledModel, unit_of
 
@@ -117,7 +116,7 @@ def _table(data_summary: DataSummary, solution: Solution) -> Table:
     for own in solution.effects:
         entry = EFFECTS[own.slug]
         for name, value in own.values.items():
-            label = label_of(own, name)
+            label = own.label_of(name)
             values[label], units[label] = value, entry.unit_of(name, own.place, data_summary)
             if entry.is_disturbance:
                 learnt.append(label)

@@ -10,15 +10,11 @@ by_frequency  the method ``frequency``
 
 from __future__ import annotations
 
-from gcs_autotune.identify.frequency.nomoto import NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
-from gcs_autotune.identify.frequency.spectrum import harmonic_response, spectral_response
+from gcs_autotune.identify.frequency.spectrum import harmonic_response
 
 __all__ = [
     "COHERENT",
     "FrequencyResponse",
-    "NomotoFit",
-    "fit_nomoto",
     "harmonic_response",
-    "spectral_response",
 ]

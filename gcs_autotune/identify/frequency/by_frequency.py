@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit, fit_nomoto
@@ -23,7 +24,7 @@ from gcs_autotune.identify.frequency.spectrum import (
 )
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import AxisFit, Doubt, Status
+from gcs_autotune.identify.result import AxisFit, Status
 from gcs_autotune.models import Nomoto1, SingleDof
 
 __all__ = ["METHOD", "OPTIONS", "fit_by_frequency", "frequency_doubts"]

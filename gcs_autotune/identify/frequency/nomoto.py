@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.frequency.response import FrequencyResponse
-from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.models import Nomoto1, Nomoto2
 
 __all__ = ["EVIDENCE", "NomotoFit", "fit_nomoto"]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.free_run import run_freely
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import SingleDof
 from gcs_autotune.slow_imports import scipy_stats
 
@@ -137,7 +137,7 @@ class Sampled:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the record [s]."""
         return self.dt * len(self.nu)
 
 

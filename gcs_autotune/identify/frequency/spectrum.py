@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.frequency.nomoto import fit_nomoto
 from gcs_autotune.identify.frequency.response import FrequencyResponse, Sampled, mending, sampled, together, trusted
-from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.relay.limit_cycle import Settled, settled_cycles
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.preparation import prepare
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import Nomoto1, SingleDof
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Trial
@@ -54,11 +54,11 @@ ROUNDS = 3
 """Number of times the model is fitted and subtracted. The third round changes a gain by less than its error."""
 
 STRONG = 1e-4
-"""Smallest input power, relative to the strongest point, of points used to fit the model."""
+"""Smallest input power of the points to which the first-order model is fitted, relative to the strongest point."""
 
 
 BLOCKS = 4
-"""Number of pieces of a record for which the balance of mean forces is calculated."""
+"""Number of pieces of each record in which the mean forces are balanced, to estimate the constant force."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,8 +77,8 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.preparation.prepare`. NotInformative also if the runs are too short for a
-        single point.
+        As :func:`gcs_autotune.identify.signals.preparation.prepare`; NotInformative, too, when the runs are too short
+        for a single point.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     records = [record for trial in runs for record in prepare(trial, dof)]
@@ -214,8 +214,8 @@ def harmonic_response(
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.preparation.prepare`. NotInformative also if no limit cycle has two whole
-        periods with enough samples in each.
+        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative also if no limit cycle has two
+        whole periods with enough samples in each.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [

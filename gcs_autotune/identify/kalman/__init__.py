@@ -1,5 +1,8 @@
 """Kalman filters that fit a model sample by sample, with process noise.
 
+:class:`NoisyProblem` is the problem of one degree of freedom whose model has a :class:`ProcessNoise`: ``fit`` it with
+any effects, ``judge`` a fit on other segments, predict ``ahead``. The methods need no door: ``METHODS`` names them.
+
 ================  ===========================================================================
 start             start values: smooth the motion without a model, then regress the equations on it
 filter_bank       prepare records, run one pass over them, fit the noise levels
@@ -19,3 +22,22 @@ prediction_error  the method ``prediction-error``: maximum likelihood of paramet
 report            the ``Fit`` of every method, with its doubts
 ================  ===========================================================================
 """
+
+from __future__ import annotations
+
+from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
+from gcs_autotune.identify.kalman.noisy_problem import NoisyProblem
+from gcs_autotune.identify.kalman.process_noise import LONGEST_WAVE, ProcessNoise
+from gcs_autotune.identify.kalman.run_to_run import RunLikelihoods, RunOffset
+from gcs_autotune.identify.kalman.thinning import thinned_to
+
+__all__ = [
+    "LONGEST_WAVE",
+    "NoisyFit",
+    "NoisyProblem",
+    "ProcessNoise",
+    "RunLikelihoods",
+    "RunOffset",
+    "Tangent",
+    "thinned_to",
+]

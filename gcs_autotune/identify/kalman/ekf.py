@@ -36,7 +36,7 @@ FILTER_OPTIONS = (
 )
 
 PASSES = 40
-"""Maximum number of passes. Noise levels converge geometrically; 10 to 25 passes suffice."""
+"""Default maximum number of passes over the runs. Noise levels converge geometrically; 10 to 25 passes suffice."""
 
 CLOSE = 0.5
 """Largest move of the parameters, in standard errors, below which the spread of the smoothed first states is used."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs_autotune.clock import spend
 from gcs_autotune.identify.kalman.sweep import FilterHistory, backward, forward, new_history
 from gcs_autotune.identify.kalman.waves import rough
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, program_of, scratch, states_of
 
 __all__ = ["FilterBank", "FilterRecord", "FilterResult", "Levels", "Prior", "Smoothed"]

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import spend
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
-from gcs_autotune.identify.free_numbers import ModelProblem
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, FilterResult, Levels, Prior
 from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, linear_terms
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
 from gcs_autotune.identify.kalman.run_to_run import integrate_out
 from gcs_autotune.identify.kalman.thinning import smoothed_drive
-from gcs_autotune.identify.limits import Limits
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.free_numbers import ModelProblem
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, states_of
 from gcs_autotune.sname import DOFS
 

@@ -9,19 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.free_numbers import ModelFit
 from gcs_autotune.identify.kalman.noisy_objective import log_density
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.problems.free_numbers import ModelFit
 
 __all__ = ["NoisyFit", "Tangent"]
 
 Array = NDArray[np.float64]
 
 HALF_WIDTH = 1.96
-"""Half-width of a 95 % interval in standard errors."""
+"""Half-width of a 95 % confidence interval of a Gaussian, in standard errors."""
 
 WIDEST = 10.0
-"""Half-width of the 95 % interval of a logarithm, above which the quantity counts as unknown."""
+"""Largest half-width of the 95 % interval of a parameter's logarithm. A parameter with a wider one counts as unknown.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

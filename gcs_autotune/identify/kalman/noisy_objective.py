@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.free_numbers import FreeNumbers
 from gcs_autotune.identify.kalman.noise_filter import NoiseFilter
-from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.kalman.process_noise import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING, ProcessNoise
+from gcs_autotune.identify.problems.free_numbers import FreeNumbers
 
-__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "NoisyObjective", "log_density"]
+__all__ = ["NoisyObjective", "log_density"]
 
 Array = NDArray[np.float64]
 
@@ -34,20 +34,10 @@ rounding, one fit ended 1.3 nats early and its errors were half the true ones.
 """
 
 LONGEST_MOVE = 2.0
-"""Largest change of a logarithm in one step."""
+"""Largest change of the logarithm of a noise parameter in one step of the search."""
 
 LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
 """Limits of the time constant of a smoother, in sampling intervals of the record."""
-
-LONGEST_WAVE = 20.0
-"""Longest period [s] of waves. Slower motion is part of the drifting force."""
-
-LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
-"""Limits of the damping ratio of waves.
-
-Below the lower limit the motion is vibration of a machine. Above the upper limit it is not a narrow band. Fossen2011
-fits 0.1 to 0.26 to usual sea states.
-"""
 
 SHORTEST_MEMORY = 2.0
 """Shortest time constant of the drifting force, in sampling intervals. A faster force cannot be distinguished from
@@ -68,17 +58,17 @@ class Point:
 
     @property
     def cost(self) -> float:
-        """Minus twice the log-likelihood."""
+        """Minus twice the log-likelihood of the innovations."""
         return -2.0 * self.total
 
     @property
     def gradient(self) -> Array:
-        """Half the gradient (q,) of the cost."""
+        """Half the gradient (q,) of the cost by the unknowns."""
         return self._slopes[0]
 
     @property
     def curvature(self) -> Array:
-        """Expected information (q, q)."""
+        """Expected information (q, q) on the unknowns."""
         return self._slopes[1]
 
     @cached_property
@@ -147,7 +137,7 @@ class NoisyObjective(FreeNumbers):
         return *self.unpack_shared(x), replace(self.noise, **levels)
 
     def clipped(self, x: Array) -> Array:
-        """Return *x* (q,) clipped to its bounds."""
+        """Return *x* (q,), clipped to the bounds of the unknowns."""
         inside: Array = np.clip(x, self.low, self.high)
         return inside
 

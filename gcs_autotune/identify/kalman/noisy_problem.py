@@ -19,10 +19,10 @@ from gcs_autotune.identify.kalman.noise_filter import DRIFTING_FORCE, NoiseFilte
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import NoisyObjective, Point
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
-from gcs_autotune.identify.kalman.run_to_run import RunLikelihood
+from gcs_autotune.identify.kalman.run_to_run import RunLikelihood, RunLikelihoods
 from gcs_autotune.identify.kalman.waves import waves_ahead
-from gcs_autotune.identify.least_squares import Local, Rules, descend, step_of
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.least_squares import Local, Rules, descend, step_of
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.kept_results import recalled
 from gcs_autotune.models import Simulator
 
@@ -38,13 +38,13 @@ the run decide. It is narrow enough to linearise a nonlinear equation.
 """
 
 ROUNDS = 30
-"""Maximum number of scoring rounds."""
+"""Maximum number of scoring rounds of a fit, which are the steps that lower its cost."""
 
 MOST_TRIALS = 10_000
 """Maximum number of trials of a fit. In practice the number of scoring rounds or the damping ends it first."""
 
 ENOUGH = 2e-2
-"""Expected gain of the log-likelihood below which a search ends."""
+"""Expected gain of the log-likelihood below which a fit ends."""
 
 
 class NoisyProblem(NoiseFilter):
@@ -54,8 +54,8 @@ class NoisyProblem(NoiseFilter):
         """Return the same problem on other segments."""
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
 
-    def says(self, fit: NoisyFit) -> tuple[RunLikelihood, ...] | None:
-        """Return the likelihood of each run's own constant force and thrust at *fit*, or None if the filter fails."""
+    def says(self, fit: NoisyFit) -> RunLikelihoods | None:
+        """Return the likelihood of each run's own constant force and thrust at *fit*; None if the filter fails."""
         full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
         noise = replace(fit.noise, day_force=float(wide[0]), day_thrust=float(wide[1]))
@@ -70,7 +70,7 @@ class NoisyProblem(NoiseFilter):
             told: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
             mean = (history.mean[-1, first : first + 2] - [0.0, gain]) / scale
             found[track.record.run] = RunLikelihood(track.record.run, told - np.diag(wide**-2.0), told @ mean)
-        return tuple(found.values())
+        return RunLikelihoods(tuple(found.values()))
 
     def fit(
         self,

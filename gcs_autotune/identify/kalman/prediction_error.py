@@ -24,8 +24,8 @@ from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, L
 from gcs_autotune.identify.kalman.report import Found, report
 from gcs_autotune.identify.kalman.smoother import iterate
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, first_states, task_of
-from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 

@@ -10,13 +10,22 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.waves import rough
 
-__all__ = ["ProcessNoise"]
+__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "ProcessNoise"]
 
 Array = NDArray[np.float64]
 
 NO_FORCE = 1e-9
 """Size [m/s^2, rad/s^2] up to which a drifting force counts as zero. The size is then fixed, and the time constant has
 no effect."""
+
+LONGEST_WAVE = 20.0
+"""Longest period [s] of waves. Slower motion is part of the drifting force."""
+
+LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
+"""Limits of the damping ratio of waves.
+
+A narrower band is the hum of a machine; a wider one is not a band. Fossen2011 fits 0.1 to 0.26 to usual sea states.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +73,11 @@ class ProcessNoise:
     def wavy(self) -> bool:
         """Whether the model includes waves."""
         return bool(rough(self.waves))
+
+    @property
+    def is_band(self) -> bool:
+        """Whether the damping ratio of the waves is within its limits: at a limit they are no band."""
+        return 1.01 * LEAST_DAMPING < self.wave_damping < 0.99 * MOST_DAMPING
 
     @property
     def still(self) -> ProcessNoise:

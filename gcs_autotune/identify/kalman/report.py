@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import COLOUR
 from gcs_autotune.identify.fit_builder import Motion, fit_of, table_of
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels
 from gcs_autotune.identify.kalman.task import Task
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
@@ -25,7 +26,7 @@ __all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
 Array = NDArray[np.float64]
 
 MOST_POINTS = 200
-"""Maximum number of points of a history kept for plots."""
+"""Maximum number of points of a parameter's history that are stored for plots."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

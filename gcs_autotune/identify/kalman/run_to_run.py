@@ -14,14 +14,13 @@ bias, which an effect has to explain.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["RunLikelihood", "RunOffset", "common_gain", "integrate_out", "spread_between"]
+__all__ = ["RunLikelihood", "RunLikelihoods", "RunOffset", "integrate_out"]
 
 Array = NDArray[np.float64]
 
@@ -91,50 +90,48 @@ def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None
         e[k], S[k] = error, variance
 
 
-def _parts(says: Sequence[RunLikelihood], force: float, thrust: float) -> tuple[float, Array, Array]:
-    """Return ``c``, ``q`` and ``Q`` of the log-likelihood ``c + q x - x Q x / 2`` of a common part ``x``.
+@dataclass(frozen=True, slots=True)
+class RunLikelihoods:
+    """The likelihoods of all runs together."""
 
-    Runs deviate from it with standard deviations *force* and *thrust*.
-    """
-    P = np.diag([force**2, thrust**2])
-    constant, q, Q = 0.0, np.zeros(2), np.zeros((2, 2))
-    for one in says:
-        GP = np.eye(2) + one.G @ P
-        B = P @ np.linalg.inv(GP)
-        constant += 0.5 * float(one.h @ B @ one.h) - 0.5 * float(np.linalg.slogdet(GP)[1])
-        q += one.h - one.G @ B @ one.h
-        Q += one.G - one.G @ B @ one.G
-    return constant, q, Q
+    runs: tuple[RunLikelihood, ...]
 
+    def offsets(self, force: float, thrust: float) -> tuple[RunOffset, ...]:
+        """Return each run's own constant force and thrust, for a prior with zero means and these deviations."""
+        return tuple(one.day(force, thrust) for one in self.runs)
 
-def common_gain(says: Sequence[RunLikelihood], force: float, thrust: float) -> float:
-    """Return the log-likelihood of deviations between runs about the best common part.
+    def gain(self, force: float, thrust: float) -> float:
+        """Return the log-likelihood gained by deviations of these sizes, about the best common part, over none."""
+        constant, q, Q = self._parts(force, thrust)
+        return constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q)
 
-    It is relative to no constant force and no change of thrust. *force* and *thrust* are the standard deviations.
-    """
-    constant, q, Q = _parts(says, force, thrust)
-    return constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q)
+    def spread(self, least: float, widest: float, *, force: bool, thrust: bool) -> tuple[float, float]:
+        """Return the standard deviations of force and thrust between runs, about their common part.
 
+        The estimate is by restricted likelihood (Patterson1971), that is, after the common part is taken out. With few
+        runs the plain likelihood makes the spread too small. least, widest : limits of the force [per inertia]. force,
+        thrust : whether the force differs by more than the least, and whether the thrust differs at all.
+        """
+        best, found = -math.inf, (least, 0.0)
+        wide = force and widest > least
+        forces = [least, *np.geomspace(max(least, 0.01 * widest), widest, 25)[1:]] if wide else [least]
+        thrusts = [0.0, *(MOST_THRUST * np.geomspace(0.1, 1.0, 12))] if thrust else [0.0]
+        for b in forces:
+            for s in thrusts:
+                constant, q, Q = self._parts(float(b), float(s))
+                told = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
+                if told > best:
+                    best, found = told, (float(b), float(s))
+        return found
 
-def spread_between(
-    says: Sequence[RunLikelihood], least: float, widest: float, *, force: bool, thrust: bool
-) -> tuple[float, float]:
-    """Return the standard deviations of force and thrust between runs, about their common part.
-
-    The estimate is by restricted likelihood (Patterson1971), that is, after the common part is removed. With few runs
-    the plain likelihood underestimates the spread.
-
-    least, widest : limits of the standard deviation of the force [per inertia].
-    force, thrust : whether each may differ between runs. If not, the standard deviation is *least* for the force and
-        zero for the thrust.
-    """
-    best, found = -math.inf, (least, 0.0)
-    forces = [least, *np.geomspace(max(least, 0.01 * widest), widest, 25)[1:]] if force and widest > least else [least]
-    thrusts = [0.0, *(MOST_THRUST * np.geomspace(0.1, 1.0, 12))] if thrust else [0.0]
-    for b in forces:
-        for s in thrusts:
-            constant, q, Q = _parts(says, float(b), float(s))
-            told = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
-            if told > best:
-                best, found = told, (float(b), float(s))
-    return found
+    def _parts(self, force: float, thrust: float) -> tuple[float, Array, Array]:
+        """Return the log-likelihood of deviations of these sizes about a common x, ``c + q x - x Q x / 2``: c, q, Q."""
+        P = np.diag([force**2, thrust**2])
+        constant, q, Q = 0.0, np.zeros(2), np.zeros((2, 2))
+        for one in self.runs:
+            GP = np.eye(2) + one.G @ P
+            B = P @ np.linalg.inv(GP)
+            constant += 0.5 * float(one.h @ B @ one.h) - 0.5 * float(np.linalg.slogdet(GP)[1])
+            q += one.h - one.G @ B @ one.h
+            Q += one.G - one.G @ B @ one.G
+        return constant, q, Q

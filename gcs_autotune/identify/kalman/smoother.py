@@ -33,14 +33,16 @@ Array = NDArray[np.float64]
 SMOOTHER_OPTIONS = (*OPTIONS, ("rounds", "most rounds (60)"))
 
 ROUNDS = 60
-"""Maximum number of rounds. Parameters need five to ten; noise levels that go to zero need up to forty."""
+"""Maximum number of rounds of the smoother. Parameters need five to ten; noise levels that go to zero need up to forty.
+"""
 
 WIDE = 10.0
-"""Prior spread in natural scales. It is wide, because linearisation about a trajectory needs no prior information."""
+"""Width of the parameters' prior, in units of their scales. It is wide, because linearisation about a trajectory needs
+no prior information."""
 
 
 RETREATS = 6
-"""Number of times a diverged round is repeated with half the step."""
+"""Maximum number of times that a diverged round is repeated with half the step."""
 
 SETTLED = 0.02
 """Limit that ends the rounds. It applies to the last move in standard errors and to the gain of log-likelihood by new

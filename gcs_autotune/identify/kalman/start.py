@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.free_run import first_state
-from gcs_autotune.identify.initial_guess import SPECIAL_START, RecordedMotion, regression_of
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior, tuned
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.problems.initial_guess import SPECIAL_START, RecordedMotion, regression_of
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import (
     RIGID_BODY,
     SPECIAL,

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.free_numbers import WEAK
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior, Smoothed, tuned
 from gcs_autotune.identify.kalman.start import Start, begin
+from gcs_autotune.identify.problems.free_numbers import WEAK
 from gcs_autotune.models import Form
 
 __all__ = ["OPTIONS", "REPEAT", "Task", "first_states", "task_of"]

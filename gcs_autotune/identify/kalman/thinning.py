@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import Drive
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.slow_imports import scipy_signal
 
 __all__ = ["smoothed_drive", "thinned_to"]

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
-from gcs_autotune.identify.result import AxisFit, Doubt, Status
+from gcs_autotune.identify.result import AxisFit, Status
 from gcs_autotune.models import SingleDof
 
 __all__ = ["axis_answer"]

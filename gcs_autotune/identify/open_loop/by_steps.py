@@ -22,12 +22,13 @@ from scipy.optimize import least_squares
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.step_table import lag, row_of, time_to, unevenness_doubts
 from gcs_autotune.identify.open_loop.steps import ENOUGH, StepReading, read_steps
-from gcs_autotune.identify.result import AxisFit, Doubt
+from gcs_autotune.identify.result import AxisFit
 
 __all__ = ["METHOD", "StepModel", "fit_by_steps", "fit_readings"]
 
@@ -241,10 +242,10 @@ def _sensitivity(r: StepReading, theta: Array) -> float:
 
 
 MOVES = 3.0
-"""Number of standard errors above which a velocity counts as different from zero."""
+"""Number of standard errors by which a velocity must differ from zero to count as motion."""
 
 CLOSE = 2.0
-"""Difference of the criterion below which two structures count as undecided."""
+"""Difference of the Bayesian criterion below which the choice between two structures counts as undecided."""
 
 
 def fit_by_steps(case: Case) -> AxisFit:

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, Structure
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.zigzag_integrals import IntegralRows, half_periods, rows_of, solve_rows
-from gcs_autotune.identify.result import AxisFit, Doubt
+from gcs_autotune.identify.result import AxisFit
 
 __all__ = ["METHOD", "Nomoto", "fit_by_zigzag", "nomoto_of", "solve_zigzag"]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.identify.signals.whiteness import autocorrelation
 
 __all__ = ["Hold", "LocalFit", "Reading", "find_holds", "local_fit", "mean_reading", "rate_of"]
 
@@ -140,7 +140,7 @@ class Hold:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the hold [s]."""
         return self.end - self.start
 
 

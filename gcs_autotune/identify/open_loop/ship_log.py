@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify.cleaning import clean, quantum, unwrap
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.cleaning import clean, unwrap
+from gcs_autotune.sensor import quantum
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["Execute", "ShipLog", "find_executes", "ship_log", "steered"]

@@ -21,8 +21,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.open_loop.steps import StepReading
-from gcs_autotune.identify.result import Doubt
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = [
@@ -121,7 +121,7 @@ def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[
 
 
 SIGNIFICANCE = 0.05
-"""Probability of a false alarm of each test."""
+"""Probability of a false alarm in each test for parameters that differ between the steps."""
 
 FEWEST = 4
 """Smallest number of steps per sign of the input for which the tests are run."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.open_loop.readings import Hold, LocalFit, Reading, find_holds, local_fit
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 
 __all__ = ["SETTLED", "StepReading", "read_steps"]
 
@@ -30,7 +30,7 @@ ENOUGH = 3.0
 """
 
 LEAST = 6
-"""Smallest number of samples in a fit."""
+"""Smallest number of samples to which a line or a polynomial is fitted."""
 
 KNEE = 1.0 - math.exp(-1.0)
 """Fraction of the change of velocity at which its time is read, (4.33). The change is 63.2 % complete after one time
@@ -64,12 +64,12 @@ class StepReading:
 
     @property
     def has_lag(self) -> bool:
-        """Whether the velocity error is known."""
+        """Whether the lag was read, which requires a measured position."""
         return math.isfinite(self.lag.value)
 
     @property
     def has_knee(self) -> bool:
-        """Whether the time constant is known."""
+        """Whether the time to the knee was read, which requires a measured velocity."""
         return math.isfinite(self.knee.value)
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.open_loop.readings import local_fit, rate_of
 from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.trial import Channel
 
 __all__ = ["HalfPeriodValues", "Instant", "IntegralRows", "find_instants", "half_periods", "rows_of", "solve_rows"]
@@ -34,14 +34,14 @@ __all__ = ["HalfPeriodValues", "Instant", "IntegralRows", "find_instants", "half
 Array = NDArray[np.float64]
 
 WINDOW = 0.4
-"""Width of the local fits as a fraction of the half period."""
+"""Width of the windows for local polynomials, as a fraction of the half period."""
 
 DEGREE = 3
 """Degree of the local polynomials. A parabola would mistake curvature of the heading for a lower rate. With seven
 samples K would be 4 % off."""
 
 LEAST = 8
-"""Fewest samples of a local fit."""
+"""Smallest number of samples to which a local polynomial is fitted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

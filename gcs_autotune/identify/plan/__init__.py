@@ -7,7 +7,7 @@ its order. ``combine`` weights the estimates of shared parameters by their infor
 from __future__ import annotations
 
 from gcs_autotune.identify.plan.combine import Agreement
-from gcs_autotune.identify.plan.plan import PLANS, Plan, PlanStep, load_plan, plan_from
-from gcs_autotune.identify.plan.run import PlanResult, StepResult, run_plan
+from gcs_autotune.identify.plan.plan import load_plan
+from gcs_autotune.identify.plan.run import PlanResult, run_plan
 
-__all__ = ["PLANS", "Agreement", "Plan", "PlanResult", "PlanStep", "StepResult", "load_plan", "plan_from", "run_plan"]
+__all__ = ["Agreement", "PlanResult", "load_plan", "run_plan"]

@@ -24,13 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.least_squares import Local, descend, inverse_of
-from gcs_autotune.identify.likelihood import Limits, Objective
-from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.whiteness import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.noise import NoiseModel, gaussian_noise
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.models import Form
 
 __all__ = ["Agreement", "Joint", "Part", "StepEstimate", "agreements", "combined", "fit_jointly"]

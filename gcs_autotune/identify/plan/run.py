@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.api import fit
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import Validation, validate
 from gcs_autotune.identify.plan.combine import Agreement, Joint, Part, StepEstimate, agreements, combined, fit_jointly
 from gcs_autotune.identify.plan.plan import Final, Plan, PlanStep
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.result import Doubt, Fit, Model, Parameter
+from gcs_autotune.identify.result import Fit, Model, Parameter
+from gcs_autotune.identify.signals.preparation import prepare_form
 from gcs_autotune.models import CoupledModel, Form, unit_of
 from gcs_autotune.rounding import format_value
 from gcs_autotune.trial import Trial

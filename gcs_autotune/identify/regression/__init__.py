@@ -1,5 +1,7 @@
 """Least-squares methods for any form whose equations of motion are linear in the parameters.
 
+:func:`motion_of` and :func:`drives_of` give other linear methods the same motion and inputs.
+
 ================  ==============================================================================================
 smoothing         value, rate and acceleration of one signal: Savitzky-Golay or a regularised spline
 motion            velocities and accelerations of a record on an even grid; ``drive``: its averaged inputs
@@ -16,9 +18,12 @@ outcome           the result as a ``Fit``
 
 from __future__ import annotations
 
-from gcs_autotune.identify.regression.physical import Check, check_physics
+from gcs_autotune.identify.regression.drive import drives_of
+from gcs_autotune.identify.regression.motion import NU, GriddedMotion, motion_of
 
 __all__ = [
-    "Check",
-    "check_physics",
+    "NU",
+    "GriddedMotion",
+    "drives_of",
+    "motion_of",
 ]

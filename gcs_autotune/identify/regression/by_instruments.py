@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
@@ -30,10 +31,10 @@ from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import Recipe, recipe_of
 from gcs_autotune.identify.regression.solver import Estimate, information
 from gcs_autotune.identify.regression.spread import NoiseDraw, excess_doubt, raised
-from gcs_autotune.identify.result import Doubt, Fit
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
-from gcs_autotune.identify.whiteness import scores_covariance
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import scores_covariance
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["METHOD", "OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
@@ -173,7 +174,7 @@ def _inverse(A: Array) -> Array:
 
 
 fit_axis_by_instruments = for_axis(lambda case: refusing_runaways(fit_by_instruments(case)))
-"""Instrumental variables for one degree of freedom."""
+"""Fit one degree of freedom by instrumental variables."""
 
 
 METHOD = Method(

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.free_run import RUNS_AWAY
-from gcs_autotune.identify.least_squares import Local
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.problems.least_squares import Local
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts, inflation_factors
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
 from gcs_autotune.identify.regression.outcome import regression_fit
@@ -32,7 +33,7 @@ from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.identify.regression.solver import Barrier, Equations, Estimate, solve
 from gcs_autotune.identify.regression.spread import excess_doubt
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.models import CoupledModel, Form, inertia_matrix, program_of
 
@@ -108,7 +109,7 @@ def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
 
 
 fit_axis_by_least_squares = for_axis(lambda case: refusing_runaways(fit_by_least_squares(case)))
-"""Least squares for one degree of freedom, with ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine`` drag."""
+"""Fit one degree of freedom by least squares, with ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine`` drag."""
 
 
 Array = NDArray[np.float64]

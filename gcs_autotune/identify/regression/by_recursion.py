@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
-from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
@@ -32,7 +33,7 @@ from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.identify.regression.rows import Rows
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
 from gcs_autotune.identify.regression.spread import excess_doubt
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.models import CoupledModel
 
@@ -44,7 +45,7 @@ OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of forgetting [s] (def
 """Options of ``fit`` that this method reads, with a line of help each."""
 
 LEARNT = 4
-"""Number of rows per parameter used for the first estimate. Rows of all degrees of freedom count."""
+"""Number of rows per parameter from which the first estimate is made. Rows of all degrees of freedom count."""
 
 KEPT = 500
 """Maximum number of points of the history stored in ``extra``."""
@@ -185,7 +186,7 @@ def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
 
 
 fit_axis_by_recursion = for_axis(lambda case: refusing_runaways(fit_by_recursion(case)))
-"""Recursive least squares for one degree of freedom."""
+"""Fit one degree of freedom by recursive least squares."""
 
 
 METHOD = Method(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.regression.solver import Estimate
-from gcs_autotune.identify.result import Doubt
 
 __all__ = ["collinearity_doubts", "inflation_factors"]
 
@@ -18,7 +18,8 @@ TOO_MUCH = 100.0
 others."""
 
 SHARE = 0.3
-"""Smallest component in the worst direction for which a parameter is listed."""
+"""Smallest component of a parameter in the least observable direction for which the parameter is listed in the doubt.
+"""
 
 
 def inflation_factors(information: Array) -> Array:

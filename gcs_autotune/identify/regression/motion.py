@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS, Smooth
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, program_of
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.registry import lookup
@@ -24,7 +24,7 @@ NU = ("u", "v", "w", "p", "q", "r")
 ETA = ("x", "y", "z", "phi", "theta", "psi")
 
 LEAST_POINTS = 12
-"""Smallest number of grid points of a stretch for a regression."""
+"""Smallest number of grid points that a stretch of a record needs for a regression."""
 
 MOST_POINTS = 20_000
 """Maximum number of grid points of a stretch. A longer stretch gets a coarser grid."""

@@ -14,27 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, NotInformative
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.free_run import run_freely
 from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.regression.recipe import Recipe
 from gcs_autotune.identify.regression.solver import Estimate, solve
 from gcs_autotune.identify.regression.spread import with_noise
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 
 __all__ = ["as_simulated", "noise_bias", "noise_bias_doubt", "with_bias"]
 
 Array = NDArray[np.float64]
 
 DRAWS = 4
-"""Number of noise records drawn. The bias is a mean over them, so a few are enough."""
+"""Number of simulated records with noise. The bias is a mean over them, so a few are enough."""
 
 WORTH_SAYING = 0.1
 """Bias, in standard errors, below which no doubt is raised."""
 
 NAMED = 3
-"""Maximum number of parameters listed in the doubt."""
+"""Maximum number of parameters listed in the doubt about noise bias."""
 
 
 def as_simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> list[Segment]:

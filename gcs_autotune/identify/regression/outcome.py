@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import POOR
 from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, model_of
 from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.regression.solver import Estimate
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["regression_fit"]

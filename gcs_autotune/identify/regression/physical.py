@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.regression.motion import GriddedMotion
-from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models import CoupledModel, Form, program_of
 from gcs_autotune.models.coupled import kernel
 
@@ -28,7 +28,8 @@ ROUNDING = 1e-9
 """Relative size of an asymmetry or a negative eigenvalue below which it is a rounding error."""
 
 POWERLESS = 0.1
-"""Fraction of the power of the coupling terms that may remain. Above it C counts as not skew-symmetric."""
+"""Largest fraction of the coupling forces' power that may remain in the sum. Above it, C counts as not skew-symmetric.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.regression.motion import GriddedMotion, motion_of
 from gcs_autotune.identify.regression.rows import EQUATIONS, Rows, rows_of
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
 from gcs_autotune.identify.regression.spread import NoiseDraw, draw_noise, raised
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS

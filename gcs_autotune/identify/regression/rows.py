@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import GriddedMotion
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, force_columns, inertia_columns
 
 __all__ = ["EQUATIONS", "Rows", "rows_of"]
@@ -25,10 +25,10 @@ __all__ = ["EQUATIONS", "Rows", "rows_of"]
 Array = NDArray[np.float64]
 
 EQUATIONS = ("integral", "derivative")
-"""Values of the option ``equation``."""
+"""Values that the option ``equation`` accepts; the first is the default."""
 
 OVERLAP = 6
-"""Number of windows that cover each instant. More windows add no information."""
+"""Number of integration windows that cover each instant. More windows add no information."""
 
 EDGE = 2
 """Number of grid points left out at each end, where a smoothed derivative is least accurate."""

@@ -22,7 +22,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.optimize import minimize_scalar
 
-from gcs_autotune.identify.segment import Signal
+from gcs_autotune.identify.signals.segment import Signal
 from gcs_autotune.smoothing import best_width, local_polynomials
 
 __all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spline"]
@@ -30,7 +30,7 @@ __all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spl
 Array = NDArray[np.float64]
 
 WIDTHS = (5, 7, 9, 13, 19, 27, 39)
-"""Numbers of samples that a local polynomial may cover."""
+"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal."""
 
 CUBIC = 3
 """Degree of the local polynomials. It is the lowest for which the second derivative can have a slope."""
@@ -217,4 +217,4 @@ def _banded_times(band: Array, X: Array) -> Array:
 
 
 SMOOTHERS: Mapping[str, Smoother] = {"smoothing": penalised_spline, "savitzky-golay": local_polynomial}
-"""Smoothers by their name in the option ``derivative``."""
+"""Smoothers by name, as used in the option ``derivative``."""

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.problems.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.regression.rows import Rows
-from gcs_autotune.identify.whiteness import scores_covariance
+from gcs_autotune.identify.signals.whiteness import scores_covariance
 from gcs_autotune.models import SPECIAL, Form, inertia_matrix, inertia_of, program_of
 
 __all__ = ["Barrier", "Equations", "Estimate", "solve"]
@@ -25,13 +25,14 @@ __all__ = ["Barrier", "Equations", "Estimate", "solve"]
 Array = NDArray[np.float64]
 
 ROUNDS = 8
-"""Maximum number of rounds of weighting. Two to four suffice."""
+"""Maximum number of rounds in which the equations are weighted by their residuals. Two to four suffice."""
 
 SETTLED = 1e-3
-"""Relative change of the weights below which they have settled."""
+"""Relative change of the weights below which the rounds end."""
 
 LEVERAGE = 1e-9
-"""Ridge, relative to the information on each parameter. It affects only parameters that are not excited."""
+"""Ridge added to the information on each parameter, as a fraction of it. It affects only parameters that are not
+excited."""
 
 Barrier = Callable[[Array], "Local | None"]
 """Cost added to the sum of squares, as a function of all parameters (p,); None where it is infinite."""

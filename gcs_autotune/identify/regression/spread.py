@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.regression.motion import GriddedMotion, motion_of
 from gcs_autotune.identify.regression.solver import Estimate
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["NoiseDraw", "draw_noise", "excess_doubt", "raised", "with_noise"]

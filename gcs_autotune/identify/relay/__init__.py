@@ -4,3 +4,16 @@
 freedom from one cycle, and decides its drag from two. ``linear_process`` identifies any linear process, and the closed
 heading loop, from several cycles.
 """
+
+from __future__ import annotations
+
+from gcs_autotune.identify.relay.limit_cycle import SCATTER, LimitCycleMonitor
+from gcs_autotune.identify.relay.linear_process import loop_cycles, loop_process, loop_trial
+
+__all__ = [
+    "SCATTER",
+    "LimitCycleMonitor",
+    "loop_cycles",
+    "loop_process",
+    "loop_trial",
+]

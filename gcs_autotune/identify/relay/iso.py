@@ -6,9 +6,9 @@ The relay is described by its describing function. Its input is ``x = x_0 + X_m 
 
 Both drag structures come from the same reading. Three corrections are applied: bias (5.13), known delay (6.31), and
 actual switching value (6.5). The result is approximate, because only the first harmonic is balanced. Output error
-(:mod:`gcs_autotune.identify.solution`) starts from it. Two limit cycles decide between the structures, (7.1)-(7.2). The
-structure whose drag coefficient differs less between them describes the craft better. The difference of ``alpha`` is
-the same for both structures and serves as a margin.
+(:mod:`gcs_autotune.identify.problems.solution`) starts from it. Two limit cycles decide between the structures,
+(7.1)-(7.2). The structure whose drag coefficient differs less between them describes the craft better. The difference
+of ``alpha`` is the same for both structures and serves as a margin.
 """
 
 from __future__ import annotations

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.along_axis import distance_in
-from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.relay.iso import is_valid
 from gcs_autotune.identify.result import LimitCycle
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.along_axis import distance_in
+from gcs_autotune.identify.signals.preparation import prepare
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Trial
 
@@ -59,7 +59,7 @@ class HalfPeriod:
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the half period [s]."""
         return self.end - self.start
 
 
@@ -148,7 +148,7 @@ class LimitCycleMonitor:
 
     @property
     def state(self) -> MonitorState:
-        """State after the last update."""
+        """State of the monitor after the last update."""
         return self._state
 
     def update(self, t: float, x: float, relay_high: bool) -> MonitorState:
@@ -228,7 +228,7 @@ def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     Raises
     ------
     MissingChannel, NotInformative, BadFile
-        As for :func:`gcs_autotune.identify.preparation.prepare`.
+        As for :func:`gcs_autotune.identify.signals.preparation.prepare`.
     """
     return tuple(found.cycle for record in prepare(trial, dof) for found in settled_cycles(trial, record))
 

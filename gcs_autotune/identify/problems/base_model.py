@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from gcs_autotune.clock import OutOfTime, limited_to
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify.cleaning import moves
-from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.preparation import INPUTS
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import first_levels
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import first_levels
+from gcs_autotune.identify.signals.preparation import INPUTS
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment
 from gcs_autotune.models import FORMS, CoupledModel, Form, inertia_of
+from gcs_autotune.sensor import moves
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 
@@ -42,7 +41,7 @@ Array = NDArray[np.float64]
 STEERED_BY_ANGLE = "delta"
 
 RUDDER = "rad"
-"""Unit of an input that is a rudder angle."""
+"""Unit of an input by which a rudder angle is recognised."""
 
 THRUSTERS = ("force_left", "force_right")
 """Input channels of a boat with two fixed thrusters, as in the form ``twin-thruster``."""
@@ -277,8 +276,8 @@ def _commanded_alike(pair: tuple[str, str], segments: Sequence[Segment]) -> bool
 
 
 def base_limits(form: Form) -> Limits:
-    """Return the limits of the base parameters: positive inertia, positive drag, and either sign for a rudder."""
-    limits = physical(form)
+    """Return the limits of the base's parameters: positive inertia, drag that damps, either sign for a rudder."""
+    limits = Limits.physical(form)
     rows = {force for force, _ in form.inputs.get(STEERED_BY_ANGLE, ())}
     low = {n: v for n, v in limits.low.items() if n[0] not in rows}
     high = {n: v for n, v in limits.high.items() if n[0] not in rows}

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import BadFile, DataError, MissingChannel
-from gcs_autotune.identify.cleaning import JUMP_SAMPLES, jumps_back
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.cleaning import JUMP_SAMPLES, jumps_back
 from gcs_autotune.sname import DOFS, OVERFULL
 from gcs_autotune.trial import Channel, Trial
 
@@ -153,7 +153,7 @@ GROSS = 5.0
 """Factor between two columns above which a wrong unit is certain. A smaller factor may have another cause (current,
 slip) and only raises a doubt."""
 WINDOW = 1.0
-"""Comparison window [s]: twice the interval over which the rate of a heading is calculated."""
+"""Time [s] over which columns are compared. It is twice the interval over which the rate of a heading is calculated."""
 STRETCHES, ALONG_TRACK = 20, 0.25
 """Settings of the test that detects ``u`` and ``v`` along north and east instead of body axes.
 
@@ -164,7 +164,7 @@ the track.
 TURNED = 0.3
 """Smallest turn [rad] required for this test. On a straight course, both kinds of speed look alike."""
 TURN = 3.5
-"""Turn rate [rad/s] above which a heading is probably in degrees."""
+"""Turn rate [rad/s] of a heading above which its values are probably in degrees."""
 
 
 def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:

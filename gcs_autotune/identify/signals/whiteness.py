@@ -28,7 +28,7 @@ LAGS = 10
 """Number of lags in the whiteness test. At 10 Hz they cover one second, where unmodelled lags show first."""
 
 SIGNIFICANCE = 0.01
-"""Probability of classifying white residuals as coloured."""
+"""Probability that white residuals are classified as coloured."""
 
 
 NOISE_SHARE = 0.9

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import Passage, passage_of
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel
 

@@ -21,15 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance, in_order
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Limits, Objective, information_of
-from gcs_autotune.identify.noise import NoiseModel, Rounded, gaussian_noise
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective, information_of
+from gcs_autotune.identify.problems.noise import NoiseModel, Rounded, gaussian_noise
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import Effort, alternate, errors_of, likeliest
 from gcs_autotune.identify.result import Trace
-from gcs_autotune.identify.reweighting import Effort, alternate, errors_of, likeliest
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.whiteness import all_white, correlation_time, explained, scores_covariance
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import all_white, correlation_time, explained, scores_covariance
 from gcs_autotune.models import Form
 from gcs_autotune.sname import SIGNALS
 

@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import Local, Minimum, Rules, descend
-from gcs_autotune.identify.likelihood import Residual
-from gcs_autotune.identify.noise import NoiseModel
+from gcs_autotune.identify.problems.least_squares import Local, Minimum, Rules, descend
+from gcs_autotune.identify.problems.likelihood import Residual
+from gcs_autotune.identify.problems.noise import NoiseModel
 
 __all__ = ["NOISE_ROUNDS", "Effort", "alternate", "errors_of", "likeliest", "rounding_error"]
 
@@ -26,7 +26,7 @@ NOISE_ROUNDS = 4
 """Number of rounds of noise estimation if two kinds of signal are weighted against each other."""
 
 SETTLED = 0.01
-"""Relative change of the noise levels below which the rounds end."""
+"""Relative change of the noise levels below which the rounds of estimation end."""
 
 MAD = 1.4826
 """Ratio of standard deviation to median magnitude for a Gaussian. The median magnitude hardly depends on outliers."""

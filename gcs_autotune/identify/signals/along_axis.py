@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.cleaning import clean, unwrap
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.cleaning import clean, unwrap
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Channel, Trial
 

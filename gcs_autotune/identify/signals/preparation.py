@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
-from gcs_autotune.identify.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
-from gcs_autotune.identify.cleaning import clean, continuous, holes_of, noted, outside, quantum, unwrap, within_range
-from gcs_autotune.identify.intake import left_out
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
+from gcs_autotune.identify.signals.cleaning import clean, continuous, holes_of, noted, outside, unwrap, within_range
+from gcs_autotune.identify.signals.intake import left_out
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment, Signal
 from gcs_autotune.models import FORMS, Form
 from gcs_autotune.registry import lookup
+from gcs_autotune.sensor import quantum
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
 

@@ -37,7 +37,6 @@ __all__ = [
     "fit_with_actuator",
     "pays",
     "thrust_curve_told",
-    "unexplained",
 ]
 
 Array = NDArray[np.float64]
@@ -84,7 +83,7 @@ def fit_thrust_curve(
     a band. The second kind is tried only *with_band*, because position loops designed for it performed worse (BlueROV2
     heading: ITAE 0.74 instead of 0.40).
     """
-    if unexplained(plain) < _WORTH_A_LOOK:
+    if plain.unexplained < _WORTH_A_LOOK:
         return None
     curve = fit_with_actuator(runs, plain, QUADRATIC)
     if (
@@ -222,7 +221,7 @@ def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit[Model], more: 
     best, more = simple, list(more)
     while more:
         tried = [(slug, fit_with_actuator(runs, plain, *_in_order((slug, *slugs)))) for slug in more]
-        paying = [(unexplained(fit), slug, fit) for slug, fit in tried if fit is not None and pays(fit, best, slug)]
+        paying = [(fit.unexplained, slug, fit) for slug, fit in tried if fit is not None and pays(fit, best, slug)]
         if not paying:
             break
         _, slug, best = min(paying, key=lambda entry: entry[0])
@@ -256,17 +255,12 @@ def pays(found: Fit[Model], without: Fit[Model], slug: str) -> bool:
     without : model of the same runs without this effect.
     """
     own = effect_number(found, slug)
-    return unexplained(found) < _UNEXPLAINED * unexplained(without) and own.value > _STDS * own.std
+    return found.unexplained < _UNEXPLAINED * without.unexplained and own.value > _STDS * own.std
 
 
 def effect_number(found: Fit[Model], slug: str) -> Parameter:
     """Return the only parameter of the effect *slug*."""
     return next(p for name, p in found.parameters.items() if name.startswith(slug))
-
-
-def unexplained(found: Fit[Model]) -> float:
-    """Return the fraction of the motion that the model does not explain [percent]."""
-    return 100.0 - found.fit_percent
 
 
 def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:

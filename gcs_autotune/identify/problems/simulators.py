@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, STEP, DataSummary, EffectInstance, ExtendedSimulator, horizon
 from gcs_autotune.identify.axis.form import ExplicitForm
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import (
     COS_PSI,
     ETA,

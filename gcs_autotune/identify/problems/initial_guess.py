@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.free_numbers import StampedProblem
-from gcs_autotune.identify.least_squares import Rules, descend
-from gcs_autotune.identify.likelihood import Limits, Objective, first_input
-from gcs_autotune.identify.noise import gaussian_noise
-from gcs_autotune.identify.quick_fit import first_levels
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.problems.free_numbers import StampedProblem
+from gcs_autotune.identify.problems.least_squares import Rules, descend
+from gcs_autotune.identify.problems.likelihood import Limits, Objective, first_input
+from gcs_autotune.identify.problems.noise import gaussian_noise
+from gcs_autotune.identify.problems.quick_fit import first_levels
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import (
     COEFFICIENTS,
     LEVER_ARM,
@@ -53,7 +52,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 WIDTHS = (5, 11, 25, 61)
-"""Numbers of samples that a local polynomial may cover."""
+"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal."""
 
 MOST = 400
 """Maximum number of stamps per record at which the equations are evaluated."""
@@ -68,7 +67,7 @@ An equation without inputs keeps its weight, because zero parameters would satis
 """
 
 LEAST = 1e-3
-"""Smallest residual used to weight an equation, relative to the largest known force."""
+"""Smallest residual that is used to weight an equation, relative to the largest known force."""
 
 PIECES = 15
 """Maximum number of pieces of a record in the search for a start. Each piece starts at the measured state, so that none
@@ -81,14 +80,14 @@ TRIALS, ROUGH = 25, 1e-4
 """Number of trials on the pieces, and relative decrease of the cost that ends them. A start need not be exact."""
 
 FEW = 2
-"""Number of trials after which forms are compared on the pieces."""
+"""Number of trials on the pieces after which the misfits of different forms are compared."""
 
 LIGHTEST = 0.02
 """Smallest inertia of a start, relative to the inertia at which the measured acceleration would need all known forces.
 """
 
 SHARE = 0.1
-"""Initial noise level, relative to a signal's standard deviation."""
+"""Initial noise level of a signal, as a fraction of its standard deviation."""
 
 
 class SpecialStart(NamedTuple):
@@ -335,7 +334,7 @@ class InitialGuess:
             inertia = inertia_of(name) if name.endswith("dot") else None
             if inertia is not None and inertia.row == inertia.column and not _has_rigid_body(self.form):
                 high[name] = -LIGHTEST * (scale or 1.0)
-        return limits.within(Limits({}, high)).within(physical(self.form))
+        return limits.within(Limits({}, high)).within(Limits.physical(self.form))
 
     def pieces(self) -> tuple[tuple[Segment, ...], tuple[Array, ...]]:
         """Return the records cut into short pieces, and the smoothed initial state of each piece."""

@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import DataError, NotInformative, UsageError
-from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, axis_form, derivative_names, structure_of
+from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, axis_form, structure_of
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.likelihood import Limits, Objective
-from gcs_autotune.identify.preparation import prepare, prepare_form, signals_of
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.initial_guess import RecordedMotion, initial_guess_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.solution import solve_form
 from gcs_autotune.identify.result import AxisFit, Fit, Model, is_of_one_axis
-from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
-from gcs_autotune.identify.solution import solve_form
+from gcs_autotune.identify.signals.preparation import prepare, prepare_form, signals_of
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment
 from gcs_autotune.models import CoupledModel, Form, Simulator
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
@@ -90,6 +90,18 @@ class FittedModel:
             raise NotInformative(f"the model '{self.form.name}' diverges on run '{own.run}'")
         return stamps, found[0]
 
+    def recorded_motion(self, record: int) -> RecordedMotion:
+        """Return the simulated motion of one record with its accelerations and the inputs that act; errors as
+        :meth:`motion`."""
+        own = self.records[record]
+        t, X = self.motion(record)
+        t, at = np.unique(t, return_index=True)
+        k = len(self.form.dofs)
+        nu_dot = np.gradient(X[at, k : 2 * k], t, axis=0) if len(t) > 1 else np.zeros((len(t), k))
+        row = np.searchsorted(own.t_in, t - model_delay(self.form, self.theta), side="right") - 1
+        inputs = np.ascontiguousarray(own.inputs[np.maximum(row, 0)])
+        return RecordedMotion(t, np.ascontiguousarray(X[at]), nu_dot, inputs, np.ones(k, dtype=bool))
+
 
 def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedModel:
     """Return the model of *fit* on *trials*, with its initial states fitted to them.
@@ -136,7 +148,7 @@ def model_delay(form: Form, theta: Array) -> float:
 def _of_axis(fit: AxisFit, runs: Sequence[Trial]) -> tuple[Form, Array, tuple[str, ...], tuple[str, ...], Array]:
     model = fit.model
     dof = DOFS[model.dof]
-    labels, derivatives = tuple(fit.parameters), derivative_names(dof)
+    labels, derivatives = tuple(fit.parameters), dof.derivative_names()
     fitted = [fit.parameters[n].status == "fitted" for n in labels]
     delay = None if fitted[4] else model.delay
     input_name = prepare(runs[0], dof)[0].input_names[0]

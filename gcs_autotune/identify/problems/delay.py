@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.problems.solution import Solution
 
 __all__ = ["SEARCHED_DELAYS", "DelayVerdict", "weigh_delay"]
 

@@ -26,9 +26,9 @@ from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.api import fit_axis
 from gcs_autotune.identify.axis.form import Structure, structure_of
-from gcs_autotune.identify.free_numbers import label_of
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import free_run
-from gcs_autotune.identify.result import AxisFit, Doubt, Parameter
+from gcs_autotune.identify.result import AxisFit, Parameter
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -55,7 +55,8 @@ LEAST, MOST = -0.3, 1.3
 """Range of ``q`` in the profile. It exceeds the physical range 0 to 1 a little, because an ESC's dead zone bends the
 curve too."""
 ROUNDS = 6
-"""Maximum number of parabolas. Each is fitted to the best point so far and its neighbours on both sides."""
+"""Maximum number of parabolas fitted in the search for the best ``q``. Each passes through the best point so far and
+its neighbours."""
 NEAR, FAR = 0.5, 2.0
 """Distances, in standard errors, between which a neighbour is used for a parabola.
 
@@ -245,7 +246,7 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
     curve = EffectInstance("quadratic-actuator", fit.model.axis.force, {"share": min(square, 1.0)}, {"u_ref": 1.0})
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     known = {n: replace(p, std=float(s)) for (n, p), s in zip(fit.parameters.items(), stds, strict=False)}
-    label = label_of(curve, "share")
+    label = curve.label_of("share")
     known[label] = Parameter(label, curve["share"], "1", std)
     doubts = tuple(d for d in fit.doubts if d.slug not in BY_DESIGN)
     if not std <= UNKNOWN:
@@ -267,7 +268,7 @@ SHARE = 0.03
 """Largest ratio of current to speed that is ignored. It changes no parameter by more than the usual error of the fit.
 """
 SURE = 3.0
-"""Number of standard errors that the current must exceed."""
+"""Number of standard errors that a current must exceed to be corrected."""
 AROUND = 1.5
 """Time [s] before a steady mark over which speed and heading are averaged."""
 BLOCK, LEAST_BLOCKS = 2.0, 4

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
-from gcs_autotune.identify.free_numbers import ModelFit
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Residual
+from gcs_autotune.identify.problems.free_numbers import ModelFit
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Residual
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["Fitted"]
@@ -66,7 +66,7 @@ class Fitted(ModelFit):
 
     @property
     def parameters(self) -> int:
-        """Number of fitted values without initial states."""
+        """Number of fitted parameters, without initial states."""
         return len(self.free) + len(self.free_effects)
 
     @property

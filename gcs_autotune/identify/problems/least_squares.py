@@ -29,10 +29,10 @@ class Local(NamedTuple):
 
 
 ITERATIONS = 60
-"""Maximum number of trials. From a usable start, five to ten suffice."""
+"""Default maximum number of trials of a descent. From a usable start, five to ten suffice."""
 
 TOLERANCE = 1e-9
-"""Relative decrease of the cost below which the search ends. It is far below statistical significance."""
+"""Relative decrease of the cost below which a descent ends. It is far below statistical significance."""
 
 
 class Place(Protocol):
@@ -105,7 +105,7 @@ class Rules:
 
 
 TO_THE_END = Rules()
-"""Rules for a search until full convergence."""
+"""Rules for a descent until full convergence."""
 
 PlaceT = TypeVar("PlaceT", bound=Place)
 

@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual
-from gcs_autotune.identify.free_numbers import FreeNumbers, StampedProblem
-from gcs_autotune.identify.least_squares import Local
-from gcs_autotune.identify.limits import Limits
-from gcs_autotune.identify.noise import NoiseModel
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import SegmentSimulator, free_states, simulator_of, typical_of
+from gcs_autotune.identify.problems.free_numbers import FreeNumbers, StampedProblem
+from gcs_autotune.identify.problems.least_squares import Local
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.identify.problems.noise import NoiseModel
+from gcs_autotune.identify.problems.simulators import SegmentSimulator, free_states, simulator_of, typical_of
+from gcs_autotune.identify.signals.segment import Segment
 
 __all__ = [
     "Limits",
@@ -142,7 +142,7 @@ class Objective(FreeNumbers):
         return [sizes[i][name] for i, name in self.free_effects]
 
     def pack(self) -> Array:
-        """Return the vector (q,) of the current values."""
+        """Return the vector (q,) of the current values of all free parameters and states."""
         states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
         return np.concatenate([self.pack_shared(), *states, [self.shift] if self.dated else []])
 

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.preparation import WITHIN_LOOP
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import simulator_of
-from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.simulators import simulator_of
+from gcs_autotune.identify.problems.solution import Solution
+from gcs_autotune.identify.signals.preparation import WITHIN_LOOP
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["Switches", "corrected", "switches_of"]
@@ -61,7 +61,7 @@ class Switches:
 
     @property
     def finite(self) -> bool:
-        """Whether no simulation diverged."""
+        """Whether all simulations for the derivatives succeeded."""
         return all(bool(np.isfinite(table).all()) for table in self.by.values())
 
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
-from gcs_autotune.identify.limits import Limits
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.models import Form
 
-__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem", "label_of"]
+__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -62,7 +62,7 @@ class ModelProblem:
 
     @property
     def known(self) -> tuple[object, ...]:
-        """All data that define the problem."""
+        """All data that define the problem, from which :attr:`fingerprint` is calculated."""
         return self.form, self.segments, self.summary, self.limits, self.free, self.held
 
     @cached_property
@@ -133,7 +133,7 @@ class StampedProblem(ModelProblem):
 
     @property
     def known(self) -> tuple[object, ...]:
-        """All data that define the problem."""
+        """All data that define the problem, including the prior of the stamps."""
         return *super().known, self.stamps
 
     @property
@@ -206,8 +206,8 @@ class ModelFit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names (f,) of the fitted parameters: those of the base, then the labels of those of the effects."""
-        return (*self.free, *(label_of(self.effects[i], n) for i, n in self.free_effects))
+        """Names (f,) of the fitted numbers: base parameters, then those of the effects as a fit calls them."""
+        return (*self.free, *(self.effects[i].label_of(n) for i, n in self.free_effects))
 
     def own(self, effect: EffectInstance) -> EffectInstance:
         """Return the effect with the slug and place of *effect* and the values of this fit."""
@@ -226,8 +226,3 @@ class ModelFit:
         variances = np.diag(covariance)[len(self.free) :]
         found = zip(self.free_effects, variances, strict=False)
         return {name: float(np.sqrt(max(v, 0.0))) for (k, name), v in found if k == i}
-
-
-def label_of(own: EffectInstance, name: str) -> str:
-    """Return the label of an effect's parameter in a fit, as in ``dead-zone@N.width``."""
-    return f"{own.slug}@{own.place}.{name}"

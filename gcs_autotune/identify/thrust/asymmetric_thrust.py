@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs_autotune.identify.result import AxisFit, Doubt
-from gcs_autotune.identify.thrust_curve import effect_number, fit_with_actuator, unexplained
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.result import AxisFit
+from gcs_autotune.identify.thrust.thrust_curve import effect_number, fit_with_actuator
 from gcs_autotune.trial import Trial
 
 __all__ = ["with_doubt_of_thrust"]
@@ -42,7 +43,7 @@ def with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -
     if other is None:
         return fit
     ratio, size = effect_number(other, _LOPSIDED), len(shares)
-    evidence = -2.0 * size * math.log(max(unexplained(other), 1e-9) / unexplained(fit)) - math.log(size)
+    evidence = -2.0 * size * math.log(max(other.unexplained, 1e-9) / fit.unexplained) - math.log(size)
     if evidence < _EVIDENCE or not abs(1.0 - ratio.value) > _STDS * ratio.std:
         return fit
     one, way = _WAYS[force]

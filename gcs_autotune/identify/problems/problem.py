@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, in_order
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.free_numbers import StampedProblem
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.least_squares import Rules, descend
-from gcs_autotune.identify.likelihood import Objective, sums_of
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.free_numbers import StampedProblem
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.least_squares import Rules, descend
+from gcs_autotune.identify.problems.likelihood import Objective, sums_of
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.kept_results import recalled
 
 __all__ = ["Problem"]

@@ -8,14 +8,14 @@ appears while the input acts.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.sensor import quantum
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = [
@@ -25,11 +25,8 @@ __all__ = [
     "continuous",
     "holes_of",
     "jumps_back",
-    "moves",
-    "noise_of",
     "noted",
     "outside",
-    "quantum",
     "unwrap",
     "within_range",
 ]
@@ -44,13 +41,13 @@ LATE = 0.05
 """Largest fraction of late samples that may be left out. With more, the clock is not reliable."""
 
 FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
-"""Size of a full turn, by unit of the angle."""
+"""Size of a full turn in each unit of an angle. Jumps of this size are removed from headings."""
 
 OVERTAKEN = 5.0
 """Largest lateness of a late sample that is kept, in median time steps."""
 
 DWELL = 3
-"""Fewest identical extreme samples in a row that count as clipping."""
+"""Smallest number of identical extreme samples in a row that counts as clipping."""
 
 SPEED = 0.3
 """Smallest change next to identical extreme samples that counts as fast, relative to the signal's usual change per
@@ -176,38 +173,6 @@ def _turn_expected(t: Array, angle: Array, rate: Channel | None, i: int) -> floa
         return 0.0
     recent = np.unwrap(angle[first : i + 1])
     return float((recent[-1] - recent[0]) / (t[i] - t[first]) * (t[i + 1] - t[i]))
-
-
-def noise_of(values: Array) -> float:
-    """Return the standard deviation of the noise of *values* (n,).
-
-    It is calculated from second differences, which suppress slow motion.
-    """
-    second = np.diff(values, n=2)
-    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
-
-
-MOVES = 2.0
-"""Ratio of a velocity's standard deviation to that of its noise, above which the craft counts as moving."""
-
-
-def moves(values: Array) -> bool:
-    """Return whether a measured velocity (n,) varies by more than its own noise."""
-    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
-    return float(np.std(values)) > MOVES * noise
-
-
-def quantum(values: Array) -> float:
-    """Return the step of a coarsely quantised signal, or 0 if its values have no common grid."""
-    levels = np.unique(values)
-    span = float(levels[-1] - levels[0]) if len(levels) else 0.0
-    if len(levels) < 3 or len(levels) > len(values) / 2 or span <= 0.0:
-        return 0.0
-    gaps = np.diff(levels)
-    gaps = gaps[gaps > 1e-6 * span]
-    step = float(gaps.min())
-    multiples = gaps / step
-    return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0
 
 
 def clipped(channel: Channel) -> NDArray[np.bool_]:

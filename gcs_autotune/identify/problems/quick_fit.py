@@ -8,14 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 
 __all__ = ["first_levels", "first_states", "quanta_of", "roughness"]
 
 Array = NDArray[np.float64]
 
 SAME_GRID = 0.02
-"""Largest deviation of one segment's grid of values from another's, in steps."""
+"""Largest deviation between the grids of sensor values in two segments, in sensor steps, for both to count as one grid.
+"""
 
 
 def first_levels(segments: Sequence[Segment]) -> dict[str, float]:
