@@ -35,14 +35,16 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMAND"]
 
-HELD = ("heading", "depth")
-"""Axes with a loop of our own."""
+HELD = {"heading": "heading", "depth": "depth", "line": "heading"}
+"""What can be held -> the axis that is identified for it; ``workflow.hold.TASKS`` has the tasks."""
+LAWS = ("indirect", "direct", "integral", "adaptive")
+"""Names of the line laws, listed here because importing their table takes a second."""
 OTHERWISE = 8
 """Exit code: flown, but the step did not follow its model function."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=HELD, help="what to hold")
+    parser.add_argument("axis", metavar="{heading,depth,line}", choices=HELD, help="what to hold")
     add_connection(parser, otherwise="sitl:charlie for heading, sitl:videoray for depth")
     add_output(parser)
     add_fetch_log(parser)
@@ -54,6 +56,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(flown, "step")
     add_number(flown, "step-duration", "S")
     add_number(flown, "for", "S")
+    add_number(flown, "line-offset", "M")
+    add_number(flown, "line-length", "M")
+    add_number(flown, "approach", "DEG")
+    flown.add_argument("--guidance", choices=LAWS, default=LAWS[0], help="law that follows a line (default indirect)")
     add_experiment(parser)
     design = parser.add_argument_group("controller")
     design.add_argument(
@@ -69,6 +75,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    args.what, args.axis = args.axis, HELD[args.axis]
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
     check_model_file(args.model)
@@ -110,8 +117,17 @@ def _hold(args: argparse.Namespace, connection: Connection) -> int:
         fetch_log=args.fetch_log,
         envelope=envelope_from(args),
     )
+    settings = HoldSettings(
+        args.what,
+        tune,
+        seconds=getattr(args, "for"),
+        offset=args.line_offset,
+        length=args.line_length,
+        guidance=args.guidance,
+        approach=math.radians(args.approach),
+    )
     with attending(args) as (operator, observer):
-        held = hold(HoldSettings(tune, getattr(args, "for")), operator, observer, now.isoformat(timespec="seconds"))
+        held = hold(settings, operator, observer, now.isoformat(timespec="seconds"))
     if not args.remote:  # else standard output is the program's
         put_out(hold_document(held), f"Report: {tune.directory / 'report.html'}", as_json=args.json)
     operator.ring()

@@ -27,7 +27,7 @@ from gcs_autotune.report.flight.document import (
     flight_document,
     preview_document,
 )
-from gcs_autotune.report.flight.held import HeldLoop, hold_document
+from gcs_autotune.report.flight.held import HeldLine, HeldLoop, figures_on, hold_document
 from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_document
 from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
 from gcs_autotune.report.study.document import fit_document, method_list, study_document
@@ -55,6 +55,7 @@ __all__ = [
     "Document",
     "FlightModel",
     "FlightStory",
+    "HeldLine",
     "HeldLoop",
     "LoopCheck",
     "LoopNumbers",
@@ -70,6 +71,7 @@ __all__ = [
     "correlation_plot",
     "diagnosis_document",
     "effects_document",
+    "figures_on",
     "fit_document",
     "flight_document",
     "format_factor",

@@ -1,4 +1,4 @@
-"""``hold``: our own controller holds heading or depth, from the surface computer: identify, design, fly, report.
+"""``hold``: a controller of our own on the surface computer: identify, design, fly, report.
 
 The order is that of Miskovic2010, algorithm 8.4: one or two relays, the model, the gains by a model function, the loop.
 """
@@ -6,19 +6,31 @@ The order is that of Miskovic2010, algorithm 8.4: one or two relays, the model, 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from gcs_autotune.control import OwnDesign, SetPointLoop, Uncertainty, design_own, uncertainty_of
+from gcs_autotune.control import (
+    LINE_LAWS,
+    DirectLine,
+    LineQuestion,
+    OwnDesign,
+    SetPointLoop,
+    Uncertainty,
+    design_own,
+    uncertainty_of,
+)
 from gcs_autotune.design.actuator import Actuator
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import UsageError, WrongVehicle
 from gcs_autotune.identify import save_model
 from gcs_autotune.link import Journal
-from gcs_autotune.manoeuvres import KeepSetPoint, Manoeuvre, Step, StepSettings, UnderOwnLoop
+from gcs_autotune.manoeuvres import FollowLine, KeepSetPoint, Manoeuvre, Step, StepSettings, UnderOwnLoop
 from gcs_autotune.observer import Observer
-from gcs_autotune.report import HeldLoop, hold_document, to_html
+from gcs_autotune.registry import lookup
+from gcs_autotune.report import HeldLine, HeldLoop, figures_on, hold_document, to_html
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiment import learn
@@ -49,14 +61,27 @@ SUPPLIED = Uncertainty(0.1, 0.2)
 
 @dataclass(frozen=True, slots=True)
 class HoldSettings:
-    """One run of ``hold``: the settings of its experiments and step, and how long it then holds [s]."""
+    """One run of ``hold``.
 
+    Attributes
+    ----------
+    what : a name in :data:`TASKS`. tune : settings of the experiments and of the step.
+    seconds : how long it holds after a step [s].
+    offset, length : of a line: metres to starboard of the craft, and metres along it.
+    guidance : the law that follows a line, a name in ``LINE_LAWS``. approach : largest angle to it [rad].
+    """
+
+    what: str
     tune: TuneSettings
     seconds: float = 0.0
+    offset: float = 8.0
+    length: float = 60.0
+    guidance: str = "indirect"
+    approach: float = math.radians(45.0)
 
 
-def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: str = "") -> HeldLoop:
-    """Identify, design a controller of our own, fly a step and hold with it.
+def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: str = "") -> HeldLoop | HeldLine:
+    """Identify, design a controller of our own, and fly what it is for.
 
     No parameter is written. The vehicle is left as before on every ending. The run directory gets ``trials/``,
     ``model.json`` and ``report.html``.
@@ -64,31 +89,33 @@ def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: s
     Raises
     ------
     UsageError
-        The axis has no loop of this kind.
+        There is no controller for this.
+    WrongVehicle
+        The craft cannot do this.
     NoGainsMeetSpec
         No loop keeps its limits on this craft.
     OperatorStopped, GuardTripped, NotAchieved, LinkError, NotInformative
         What ended it early; the records are on disk.
     """
     tune = settings.tune
+    task = lookup(TASKS, settings.what, "thing to hold")(settings)
     record, log = RunDirectory(tune.directory), TuneLog(tune, when, observer)
-    flown: list[HeldLoop] = []
+    flown: list[HeldLoop | HeldLine] = []
     visit = visiting(tune, operator, log, record, tune.axis)
-    with record.summarised(f"hold {tune.axis}", when):
-        run_mission(visit, partial(_declare, settings, flown), log)
+    with record.summarised(f"hold {settings.what}", when):
+        run_mission(visit, partial(_declare, task, flown), log)
     (held,) = flown
-    page = to_html(hold_document(held, f"Hold: {tune.axis}", when))
+    page = to_html(hold_document(held, f"Hold: {settings.what}", when))
     (record.path / "report.html").write_text(page, encoding="utf-8")
     return held
 
 
-def _declare(settings: HoldSettings, flown: list[HeldLoop], visit: Visit[TuneLog]) -> Mission:
+def _declare(task: Task, flown: list[HeldLoop | HeldLine], visit: Visit[TuneLog]) -> Mission:
     """Return what this run will do on the vehicle of *visit*; it puts its result into *flown*."""
-    tune = settings.tune
+    tune = task.settings.tune
     context, craft = learn(tune, visit), visit.craft
     kind = context.axis.kind
-    if kind.controls_velocity:
-        raise UsageError(f"hold has no loop of {tune.axis} of its own. Use heading or depth")
+    task.check(context)
     given = None if tune.given is None else supplied_for(tune.given, context.axis, tune.full_scale)
     now, firmware = craft.observe(), craft.firmware
     dive = dive_for(context.axis.dof, firmware, now)
@@ -96,22 +123,20 @@ def _declare(settings: HoldSettings, flown: list[HeldLoop], visit: Visit[TuneLog
     legs = list(legs_of_experiment(context.axis.dof, pace, dives=dive is not None))
     if given is not None:
         legs = [leg for leg in legs if not leg.kind]
-    legs.append(Leg("step with our own loop", SETTLE + 2.0 * kind.step_duration, pace.turn))
-    legs += [Leg("holding", settings.seconds)] * (settings.seconds > 0.0)
+    legs += [replace(leg, before=pace.turn) if not k else leg for k, leg in enumerate(task.legs(context))]
     itinerary = Itinerary(legs, pace.turn)
     whole = excursion_of(context, now, (itinerary,))
 
     def fly(_: Journal) -> None:
-        flown.append(_fly(settings, context.begin(), given))
+        started = context.begin()
+        flown.append(task.fly(started, _prepared(started, given)))
 
-    step = tune.step if tune.step is not None else kind.step
-    shown = f"{math.degrees(step):.0f} deg" if kind.angular else f"{step:g} m"
     relays = "" if given is not None else f"relay oscillations about the present {kind.excitation.title}, then "
     down = "" if dive is None else f"dive to {float(dive.settings['depth']):g} m, then "
     return Mission(
         itinerary=itinerary,
         modes=(*([firmware.hold_mode] if dive is not None else []), firmware.manual_mode),
-        movements=f"{kind.excitation.check}{down}{relays}a {shown} step in {tune.axis} with our own controller",
+        movements=f"{kind.excitation.check}{down}{relays}{task.movements(context)} with our own controller",
         needs=(
             room(context.axis.dof, context.speed, tune, now, whole),
             how_long(itinerary),
@@ -121,29 +146,144 @@ def _declare(settings: HoldSettings, flown: list[HeldLoop], visit: Visit[TuneLog
     )
 
 
-def _fly(settings: HoldSettings, context: TuneContext, given: SuppliedModel | None) -> HeldLoop:
-    tune, kind = settings.tune, context.axis.kind
-    known, uncertainty, link = _model(context, given)
-    step = tune.step if tune.step is not None else kind.step
-    design = context.run_in_background(
-        design_own,
-        replace(known.model, delay=known.model.delay + link),
-        uncertainty,
-        step=step,
-        limits=_range_of(known.actuator),
-        kind=tune.model,
-        omega_0=tune.omega_0,
-    )
-    context.log.say(_told(design))
-    duration = tune.step_duration or max(SETTLED_TIMES / design.wanted.omega_0, 0.5 * kind.step_duration)
-    proof = StepSettings(kind.stepped, step, duration, speed=context.speed, settle=2.0 * SETTLE, hold=SETTLE)
-    context.turn_around("own-step", SWING_AHEAD)
-    trial = context.fly(_own(Step(proof, "own-step"), design, known.actuator, context), "step with our own loop")
-    if settings.seconds > 0.0:
-        keep = KeepSetPoint(kind.stepped, settings.seconds, context.speed, "own-hold")
-        context.fly(_own(keep, design, known.actuator, context), "holding")
-    metrics = measure(trial, noise_in(trial, kind.stepped), resolution(trial))
-    return HeldLoop(tune.axis, design, trial, metrics)
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """What a controller is designed from: the craft, its uncertainty, and the delay of the link there and back [s]."""
+
+    known: Known
+    uncertainty: Uncertainty
+    link: float
+
+    def design(self, context: TuneContext, step: float) -> OwnDesign:
+        """Return the loop whose *step* [rad or m] does not saturate the actuator, computed while the link is served."""
+        tune = context.settings
+        design = context.run_in_background(
+            design_own,
+            replace(self.known.model, delay=self.known.model.delay + self.link),
+            self.uncertainty,
+            step=step,
+            limits=_range_of(self.known.actuator),
+            kind=tune.model,
+            omega_0=tune.omega_0,
+        )
+        context.log.say(_told(design))
+        return design
+
+
+class Task(ABC):
+    """One thing that a controller of our own does."""
+
+    def __init__(self, settings: HoldSettings) -> None:
+        self.settings = settings
+
+    @abstractmethod
+    def check(self, context: TuneContext) -> None:
+        """Raise where the craft cannot do it; nothing has moved."""
+
+    @abstractmethod
+    def movements(self, context: TuneContext) -> str:
+        """Return in words what moves."""
+
+    @abstractmethod
+    def legs(self, context: TuneContext) -> list[Leg]:
+        """Return its stages with their times."""
+
+    @abstractmethod
+    def fly(self, context: TuneContext, prepared: Prepared) -> HeldLoop | HeldLine:
+        """Design the controller and fly."""
+
+    def step(self, context: TuneContext) -> float:
+        """Return the step [rad or m] that must not saturate the actuator."""
+        kind, step = context.axis.kind, self.settings.tune.step
+        return kind.step if step is None else step
+
+
+class HoldSetPoint(Task):
+    """Step in heading or depth and back, then hold."""
+
+    def check(self, context: TuneContext) -> None:
+        """Raise for a velocity, which has no loop of ours."""
+        if context.axis.kind.controls_velocity:
+            raise UsageError(f"hold has no loop of {context.axis.name} of its own. Use {' or '.join(TASKS)}")
+
+    def movements(self, context: TuneContext) -> str:
+        """Return the step in words."""
+        step, kind = self.step(context), context.axis.kind
+        shown = f"{math.degrees(step):.0f} deg" if kind.angular else f"{step:g} m"
+        return f"a {shown} step in {context.axis.name}"
+
+    def legs(self, context: TuneContext) -> list[Leg]:
+        """Return the step, and the holding after it."""
+        step = Leg("step with our own loop", SETTLE + 2.0 * context.axis.kind.step_duration)
+        return [step] + [Leg("holding", self.settings.seconds)] * (self.settings.seconds > 0.0)
+
+    def fly(self, context: TuneContext, prepared: Prepared) -> HeldLoop:
+        """Fly the step and hold."""
+        tune, kind, step = self.settings.tune, context.axis.kind, self.step(context)
+        design = prepared.design(context, step)
+        duration = tune.step_duration or max(SETTLED_TIMES / design.wanted.omega_0, 0.5 * kind.step_duration)
+        proof = StepSettings(kind.stepped, step, duration, speed=context.speed, settle=2.0 * SETTLE, hold=SETTLE)
+        context.turn_around("own-step", SWING_AHEAD)
+        actuator = prepared.known.actuator
+        trial = context.fly(_own(Step(proof, "own-step"), design, actuator, context), "step with our own loop")
+        if self.settings.seconds > 0.0:
+            keep = KeepSetPoint(kind.stepped, self.settings.seconds, context.speed, "own-hold")
+            context.fly(_own(keep, design, actuator, context), "holding")
+        metrics = measure(trial, noise_in(trial, kind.stepped), resolution(trial))
+        return HeldLoop(context.axis.name, design, trial, metrics)
+
+
+class HoldLine(Task):
+    """Approach a line parallel to the course and follow it."""
+
+    def check(self, context: TuneContext) -> None:
+        """Raise for a craft that does not go ahead, or a line that is out of bounds."""
+        lookup(LINE_LAWS, self.settings.guidance, "line law")
+        if not context.craft.firmware.needs_way:
+            raise WrongVehicle("a line is followed under way; this vehicle is steered at rest. Use heading or depth")
+
+    def movements(self, context: TuneContext) -> str:
+        """Return the line in words."""
+        s = self.settings
+        side = "starboard" if s.offset >= 0.0 else "port"
+        return f"{s.length:g} m along a line that is {abs(s.offset):g} m to {side} ({s.guidance} control)"
+
+    def legs(self, context: TuneContext) -> list[Leg]:
+        """Return the line."""
+        return [Leg("following the line", (self.settings.length + abs(self.settings.offset)) / context.speed)]
+
+    def fly(self, context: TuneContext, prepared: Prepared) -> HeldLine:
+        """Follow the line."""
+        s = self.settings
+        design = prepared.design(context, self.step(context))
+        question = LineQuestion(
+            design.model,
+            design.law.closed_loop(design.model),
+            design.wanted.kind,
+            design.wanted.omega_0,
+            context.speed,
+            s.approach,
+        )
+        law = LINE_LAWS[s.guidance](question)
+        if isinstance(law, DirectLine):
+            law = replace(law, rate=law.rate.with_limits(*design.law.limits))
+        context.turn_around("own-line", math.inf)
+        line = FollowLine(law, s.offset, s.length, context.speed, context.throttle, "own-line")
+        manoeuvre = line if line.in_manual else _own(line, design, prepared.known.actuator, context)
+        trial = context.fly(manoeuvre, "following the line")
+        return HeldLine(s.guidance, design, trial, figures_on(trial))
+
+
+TASKS: Mapping[str, Callable[[HoldSettings], Task]] = {
+    "heading": HoldSetPoint,
+    "depth": HoldSetPoint,
+    "line": HoldLine,
+}
+"""What can be held -> its task; one class and one line add another."""
+
+
+def _prepared(context: TuneContext, given: SuppliedModel | None) -> Prepared:
+    return Prepared(*_model(context, given))
 
 
 def _model(context: TuneContext, given: SuppliedModel | None) -> tuple[Known, Uncertainty, float]:

@@ -1,4 +1,4 @@
-"""`hold`: identify, design a controller of our own, fly a step with it in manual mode, and leave all as before."""
+"""`hold`: identify, design a controller of our own, fly with it in manual mode, and leave all as before."""
 
 from __future__ import annotations
 
@@ -8,15 +8,19 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.errors import NoGainsMeetSpec, UsageError
-from gcs_autotune.report import HeldLoop, hold_document, to_html
+from gcs_autotune.errors import NoGainsMeetSpec, UsageError, WrongVehicle
+from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.report import HeldLine, HeldLoop, hold_document, to_html
 from gcs_autotune.workflow import HoldSettings, Unattended, hold
 
 from .sitl_harness import WHEN, Ear, SitlHarness
 
 
 def held(harness: SitlHarness, axis: str, *, seconds: float = 0.0, **changes: Any) -> HeldLoop:
-    return hold(HoldSettings(harness.settings(axis, **changes), seconds), Unattended(), Ear(harness.said), WHEN)
+    settings = HoldSettings(axis, harness.settings(axis, **changes), seconds)
+    found = hold(settings, Unattended(), Ear(harness.said), WHEN)
+    assert isinstance(found, HeldLoop)
+    return found
 
 
 @pytest.mark.slow
@@ -66,9 +70,44 @@ def test_a_loop_that_is_too_fast_is_refused_with_the_fastest_and_leaves_the_vehi
     assert not harness.vehicle.autopilot.armed
 
 
-def test_a_speed_has_no_loop_of_our_own(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="Use heading or depth"):
+def test_what_cannot_be_held_is_refused_with_what_can(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="heading, depth, line"):
         held(SitlHarness(tmp_path, "blueboat"), "speed")
+
+
+def line(harness: SitlHarness, **changes: Any) -> HeldLine:
+    tune = harness.settings("heading", envelope=Envelope(distance=300.0))
+    found = hold(HoldSettings("line", tune, **changes), Unattended(), Ear(harness.said), WHEN)
+    assert isinstance(found, HeldLine)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("guidance", ["indirect", "direct", "integral", "adaptive"])
+def test_a_boat_approaches_a_line_and_stays_on_it_by_every_law(guidance: str, tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "blueboat")
+    found = line(harness, guidance=guidance, offset=-6.0)
+    assert found.follows
+    assert found.figures.rms < 0.3
+    assert found.figures.overshoot < 1.5
+    assert math.degrees(found.figures.approach) < 75.0
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert "The craft follows the line" in (harness.directory / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_a_rudder_boat_far_from_the_line_keeps_its_approach_angle(tmp_path: Path) -> None:
+    found = line(SitlHarness(tmp_path, "charlie"), guidance="direct", offset=20.0, approach=math.radians(30.0))
+    assert found.follows
+    assert math.degrees(found.figures.approach) < 33.0
+
+
+def test_an_rov_is_not_sent_along_a_line(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "videoray")
+    with pytest.raises(WrongVehicle, match="steered at rest"):
+        line(harness)
+    assert not harness.vehicle.autopilot.armed
 
 
 @pytest.mark.slow

@@ -5,14 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.axes import axis_kind
-from gcs_autotune.control import OwnDesign, wanted_step
+from gcs_autotune.control import Line, OwnDesign, wanted_step
 from gcs_autotune.design import StepMetrics
 from gcs_autotune.report.toolkit.canvas import AFTER, INK, WANTED, legend, new_axes
 from gcs_autotune.report.toolkit.document import Document, Figure, Section, Table, Verdict
@@ -24,7 +25,12 @@ from gcs_autotune.trial import Trial
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-__all__ = ["HeldLoop", "hold_document"]
+__all__ = ["HeldLine", "HeldLoop", "LineFigures", "figures_on", "hold_document"]
+
+Array = NDArray[np.float64]
+
+ON_LINE = 1.0
+"""Largest rms distance of a craft that follows a line [m]. Chosen: a lane between two berths."""
 
 FOLLOWS = 0.05
 """Largest overshoot beyond the model function's, and largest steady error, of a loop that follows it [of the step]."""
@@ -87,8 +93,127 @@ class HeldLoop:
         }
 
 
-def hold_document(held: HeldLoop, heading: str = "", when: str = "") -> Document:
-    """Return the report: does the loop follow its model function, the gains, the margins, the step."""
+@dataclass(frozen=True, slots=True)
+class LineFigures:
+    """How a line was followed.
+
+    ``rms``: distance to the line in the second half [m]; ``mean``: its mean there; ``overshoot``: furthest beyond the
+    line [m]; ``approach``: largest angle to it [rad]; ``activity``: standard deviation of the output in the second
+    half [normalised].
+    """
+
+    rms: float
+    mean: float
+    overshoot: float
+    approach: float
+    activity: float
+
+
+def figures_on(trial: Trial) -> LineFigures:
+    """Return the figures of a followed line."""
+    line = Line(*(float(trial.meta[f"line_{name}"]) for name in ("x", "y", "gamma")))
+    offset = float(trial.meta["offset"])
+    t, d, along, angle = distances(trial, line)
+    late = along > 0.5 * float(trial.meta["length"])
+    output = trial["N"].between(float(t[late][0]), trial.end).values if late.any() else np.zeros(1)
+    beyond = d * math.copysign(1.0, offset)  # begins negative: the line is to the side of the offset
+    return LineFigures(
+        rms=float(np.sqrt(np.mean(d[late] ** 2))) if late.any() else math.nan,
+        mean=float(np.mean(d[late])) if late.any() else math.nan,
+        overshoot=max(float(beyond.max()), 0.0),
+        approach=float(np.abs(angle).max()),
+        activity=float(np.std(output)),
+    )
+
+
+def distances(trial: Trial, line: Line) -> tuple[Array, Array, Array, Array]:
+    """Return (t, d, along, angle) (n,) of a followed *line*: [s], [m], [m], [rad]."""
+    t = trial["x"].t
+    x, y, psi = (np.interp(t, trial[name].t, trial[name].values) for name in ("x", "y", "psi"))
+    states = [line.state(*place, 0.0, (0.0, 0.0)) for place in zip(x, y, psi, strict=True)]
+    d, along, angle = (np.array([getattr(state, name) for state in states]) for name in ("d", "along", "heading"))
+    return t, d, along, angle
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldLine:
+    """A line followed by a controller of our own: the heading loop's design, the law, the record and its figures."""
+
+    guidance: str
+    design: OwnDesign
+    trial: Trial
+    figures: LineFigures
+
+    @property
+    def follows(self) -> bool:
+        """Whether it stays on the line, within :data:`ON_LINE`."""
+        return self.figures.rms <= ON_LINE
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        return {
+            "schema": 1,
+            "guidance": self.guidance,
+            "follows": self.follows,
+            "heading_loop": {"kind": self.design.wanted.kind, "omega_0": self.design.wanted.omega_0},
+            "line": {name: value for name, value in asdict(self.figures).items() if math.isfinite(value)},
+        }
+
+
+def hold_document(held: HeldLoop | HeldLine, heading: str = "", when: str = "") -> Document:
+    """Return the report: does the craft follow, the gains, the margins, the flight."""
+    return _line_document(held, heading, when) if isinstance(held, HeldLine) else _loop_document(held, heading, when)
+
+
+def _line_document(held: HeldLine, heading: str, when: str) -> Document:
+    found = held.figures
+    text = (
+        f"The craft follows the line within {found.rms:.2f} m rms."
+        if held.follows
+        else f"The craft does not stay on the line: {found.rms:.2f} m rms."
+    )
+    rows = (
+        ("distance, second half, rms", f"{found.rms:.2f}", "m"),
+        ("distance, second half, mean", f"{found.mean:+.2f}", "m"),
+        ("overshoot beyond the line", f"{found.overshoot:.2f}", "m"),
+        ("largest angle to the line", f"{math.degrees(found.approach):.0f}", "deg"),
+        ("output, second half, standard deviation", f"{100.0 * found.activity:.1f}", "% of full"),
+    )
+    return Document(
+        title=heading,
+        when=format_moment(when),
+        verdict=Verdict(text, "good" if held.follows else "bad", (f"{held.guidance.capitalize()} control.",)),
+        sections=(
+            Section("line", "Line", (Table(("figure", "flown", "unit"), "lrl", rows), *_track(held))),
+            Section("controller", "Heading loop", (_gains(held.design),)),
+            Section("margins", "Margins of the heading loop", (_margins(held.design),)),
+        ),
+        facts=held.to_dict(),
+    )
+
+
+def _track(held: HeldLine) -> Iterator[Figure]:
+    caption = "Distance to the line, and output."
+    yield Figure("own-line", caption, partial(_draw_line, held))
+
+
+def _draw_line(held: HeldLine) -> Drawing:
+    trial = held.trial
+    line = Line(*(float(trial.meta[f"line_{name}"]) for name in ("x", "y", "gamma")))
+    t, d, _, _ = distances(trial, line)
+    figure, (upper, lower) = new_axes((2.4, 1.4))
+    upper.axhline(0.0, color=WANTED, lw=1.0, label="line")
+    upper.plot(t - trial.start, d, color=AFTER, lw=1.2, label="flown")
+    upper.set_ylabel("to starboard [m]")
+    legend(upper, 2)
+    out = thin(finite(trial["N"].t - trial.start, 100.0 * trial["N"].values))
+    lower.plot(out.t, out.y, color=INK, lw=0.9)
+    lower.set_ylabel("output [%]")
+    lower.set_xlabel("time [s]")
+    return figure
+
+
+def _loop_document(held: HeldLoop, heading: str, when: str) -> Document:
     metrics = held.metrics
     text = (
         f"Our own controller holds the {held.axis}: its step follows the model function."
@@ -105,16 +230,16 @@ def hold_document(held: HeldLoop, heading: str = "", when: str = "") -> Document
         when=format_moment(when),
         verdict=Verdict(text, "good" if held.follows else "bad", sentences),
         sections=(
-            Section("controller", "Controller", (_gains(held),)),
-            Section("margins", "Margins", (_margins(held),)),
+            Section("controller", "Controller", (_gains(held.design),)),
+            Section("margins", "Margins", (_margins(held.design),)),
             Section("step", "Step", (_figures(held), *_step(held))),
         ),
         facts=held.to_dict(),
     )
 
 
-def _gains(held: HeldLoop) -> Table:
-    law, wanted = held.design.law, held.design.wanted
+def _gains(design: OwnDesign) -> Table:
+    law, wanted = design.law, design.wanted
     rows = [
         ("structure", law.structure.name, ""),
         ("K_P", format_number(law.K_P, 4), "input per rad or m"),
@@ -127,8 +252,8 @@ def _gains(held: HeldLoop) -> Table:
     return Table(("quantity", "value", "unit"), "lrl", tuple(row for row in rows if row[1]))
 
 
-def _margins(held: HeldLoop) -> Table:
-    found, (left, right) = held.design.margins, held.design.bound
+def _margins(design: OwnDesign) -> Table:
+    found, (left, right) = design.margins, design.bound
     rows = (
         (
             "gain margin",
