@@ -98,7 +98,9 @@ def test_a_boat_approaches_a_line_and_stays_on_it_by_every_law(guidance: str, tm
 
 @pytest.mark.slow
 def test_a_rudder_boat_far_from_the_line_keeps_its_approach_angle(tmp_path: Path) -> None:
-    found = line(SitlHarness(tmp_path, "charlie"), guidance="direct", offset=20.0, approach=math.radians(30.0))
+    found = line(
+        SitlHarness(tmp_path, "charlie"), guidance="direct", offset=20.0, length=130.0, approach=math.radians(30.0)
+    )
     assert found.follows
     assert math.degrees(found.figures.approach) < 33.0
 
