@@ -102,7 +102,7 @@ def test_a_rudder_boat_far_from_the_line_keeps_its_approach_angle(tmp_path: Path
         SitlHarness(tmp_path, "charlie"), guidance="direct", offset=20.0, length=130.0, approach=math.radians(30.0)
     )
     assert found.follows
-    assert math.degrees(found.figures.approach) < 33.0
+    assert math.degrees(found.figures.approach) < 35.0
 
 
 def test_an_rov_is_not_sent_along_a_line(tmp_path: Path) -> None:
