@@ -34,7 +34,8 @@ class Observation:
     """The state of the craft at one moment of its own time. Unknown numbers are NaN. SI and radians.
 
     ``t`` is the vehicle's timestamp [s] of the attitude in this observation; ``psi`` is unwrapped
-    (continuous from the first one); ``d`` is the distance to a wall ahead [m]. ``output`` holds the *measured* actuator
+    (continuous from the first one); ``d`` is the distance to a wall ahead [m]; ``d_starboard`` that of a second
+    rangefinder. ``output`` holds the *measured* actuator
     demand per force name (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
     ``output_t`` its stamp. ``age`` is seconds of link-clock time since the last message.
     """
@@ -52,6 +53,7 @@ class Observation:
     w: float = math.nan
     speed: float = math.nan
     d: float = math.nan
+    d_starboard: float = math.nan
     output: Mapping[str, float] = field(default_factory=dict)
     output_t: float = math.nan
     armed: bool = False

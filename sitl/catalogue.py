@@ -47,6 +47,7 @@ VEHICLES: Mapping[str, str] = {
     "charlie-sway": "charlie_sway.toml",
     "cybership2": "cybership2.toml",
     "videoray-wall": "videoray_wall.toml",
+    "videoray-lasers": "videoray_lasers.toml",
 }
 """Name -> data file in ``vehicles/``."""
 
@@ -121,7 +122,7 @@ class VehicleData:
             return None
         at = _values(self.tables["rangefinder"])
         heading = _values(self.tables["start"])["heading"]
-        return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed)
+        return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed, at.get("apart", 0.0))
 
     def _coupling(self) -> Coupling:
         derivatives = _values(self.tables["coupling"])

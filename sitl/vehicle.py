@@ -105,7 +105,8 @@ class Vehicle:
             self.battery.drain(pwm, slowly * dt)
         self._sensors.sample(self.plant, self._reading, new=new)
         if self.rangefinder is not None:
-            self._reading.d = self.rangefinder.measure(t, self.state)
+            distances = self.rangefinder.measure(t, self.state)
+            self._reading.d, self._reading.d_starboard = distances[0], distances[-1]
         self.craft.alter(t, self._reading)
 
     def control(self) -> None:

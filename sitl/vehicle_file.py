@@ -97,6 +97,7 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "wall": Range(("m",), 0.0, 1e5),
         "noise": _noise("m"),
         "period": Range(("s",), 0.0, 60.0, above=True),
+        "apart": Range(("m",), 0.0, 10.0),
     },
 }
 """Heading -> name -> what the number may be. Ranges are chosen: wide enough for any craft, too narrow for a slip."""

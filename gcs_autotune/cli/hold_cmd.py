@@ -35,8 +35,10 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMAND"]
 
-HELD = {"heading": "heading", "depth": "depth", "line": "heading"}
+HELD = {"heading": "heading", "depth": "depth", "line": "heading", "distance": "heading"}
 """What can be held -> the axis that is identified for it; ``workflow.hold.TASKS`` has the tasks."""
+EXAMPLES = {"distance": "sitl:videoray-lasers"}
+"""What is held -> the simulated vehicle used by default, where it is not that of the axis."""
 LAWS = ("indirect", "direct", "integral", "adaptive")
 """Names of the line laws, listed here because importing their table takes a second."""
 OTHERWISE = 8
@@ -44,8 +46,11 @@ OTHERWISE = 8
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", metavar="{heading,depth,line}", choices=HELD, help="what to hold")
-    add_connection(parser, otherwise="sitl:charlie for heading, sitl:videoray for depth")
+    parser.add_argument("axis", metavar="{heading,depth,line,distance}", choices=HELD, help="what to hold")
+    add_connection(
+        parser,
+        otherwise="sitl:charlie for heading and line, sitl:videoray for depth, sitl:videoray-lasers for distance",
+    )
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
@@ -59,6 +64,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(flown, "line-offset", "M")
     add_number(flown, "line-length", "M")
     add_number(flown, "approach", "DEG")
+    add_number(flown, "apart", "M")
+    add_number(flown, "distance-step", "M")
     flown.add_argument("--guidance", choices=LAWS, default=LAWS[0], help="law that follows a line (default indirect)")
     add_experiment(parser)
     design = parser.add_argument_group("controller")
@@ -80,7 +87,8 @@ def _run(args: argparse.Namespace) -> int:
     check_output(args)
     check_model_file(args.model)
     args.connect = args.connect or args.configured_link or None
-    with connected(args, args.connect or AXES[args.axis].example) as connection:
+    example = EXAMPLES.get(args.what, AXES[args.axis].example)
+    with connected(args, args.connect or example) as connection:
         return _hold(args, connection)
 
 
@@ -125,6 +133,8 @@ def _hold(args: argparse.Namespace, connection: Connection) -> int:
         length=args.line_length,
         guidance=args.guidance,
         approach=math.radians(args.approach),
+        apart=args.apart,
+        distance_step=args.distance_step,
     )
     with attending(args) as (operator, observer):
         held = hold(settings, operator, observer, now.isoformat(timespec="seconds"))

@@ -67,6 +67,14 @@ class DistanceController:
         """Return how long the wall has not been measured [s]; infinite before the first measurement."""
         return math.inf if math.isnan(self._seen) else t - self._seen
 
+    def hold_thrust(self) -> None:
+        """Apply no thrust at this tick; the distance controller begins again, without a jump, at the next update.
+
+        The craft must face the wall first, because the distance depends on the angle.
+        """
+        self._distance = self.law.distance.started(0.0)
+        self._X = 0.0
+
     def update(self, reference: float, reading: WallReading, t: float) -> tuple[float, float]:
         """Return (X, N) that bring the craft to *reference* [m] from the wall, facing it.
 

@@ -45,6 +45,16 @@ class WallReading:
     d: float = math.nan
     phi: float = math.nan
 
+    @classmethod
+    def of_two(cls, psi: float, port: float, starboard: float, apart: float) -> WallReading:
+        """Return the reading of two rangefinders ahead, *apart* [m]; NaN where one of them sees nothing.
+
+        Miskovic2010, eq. (3.7)-(3.8). (3.7) prints the complement of the angle, 90 deg at right angles to the wall; the
+        controller and (2.43) use 0 for that. The distance is along the normal of the wall, as in (8.35).
+        """
+        phi = math.atan2(starboard - port, apart)
+        return cls(psi, 0.5 * (port + starboard) * math.cos(phi), phi)
+
     @property
     def sees_wall(self) -> bool:
         """Whether distance and angle are measured."""

@@ -19,6 +19,7 @@ from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
 from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
+from gcs_autotune.manoeuvres.keep_distance import KeepDistance
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
@@ -59,6 +60,7 @@ __all__ = [
     "Envelope",
     "FollowLine",
     "Guard",
+    "KeepDistance",
     "KeepSetPoint",
     "Manoeuvre",
     "ManoeuvreKind",

@@ -27,7 +27,15 @@ from gcs_autotune.report.flight.document import (
     flight_document,
     preview_document,
 )
-from gcs_autotune.report.flight.held import HeldLine, HeldLoop, figures_on, hold_document
+from gcs_autotune.report.flight.held import (
+    Held,
+    HeldDistance,
+    HeldLine,
+    HeldLoop,
+    distance_figures,
+    figures_on,
+    hold_document,
+)
 from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_document
 from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
 from gcs_autotune.report.study.document import fit_document, method_list, study_document
@@ -55,6 +63,8 @@ __all__ = [
     "Document",
     "FlightModel",
     "FlightStory",
+    "Held",
+    "HeldDistance",
     "HeldLine",
     "HeldLoop",
     "LoopCheck",
@@ -70,6 +80,7 @@ __all__ = [
     "beside_telemetry",
     "correlation_plot",
     "diagnosis_document",
+    "distance_figures",
     "effects_document",
     "figures_on",
     "fit_document",

@@ -20,17 +20,36 @@ from gcs_autotune.control import (
     OwnDesign,
     SetPointLoop,
     Uncertainty,
+    design_distance,
     design_own,
     uncertainty_of,
 )
 from gcs_autotune.design.actuator import Actuator
-from gcs_autotune.errors import UsageError, WrongVehicle
-from gcs_autotune.identify import save_model
+from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.identify import fit_axis, save_model
 from gcs_autotune.link import Journal
-from gcs_autotune.manoeuvres import FollowLine, KeepSetPoint, Manoeuvre, Step, StepSettings, UnderOwnLoop
+from gcs_autotune.manoeuvres import (
+    MANOEUVRES,
+    FollowLine,
+    KeepDistance,
+    KeepSetPoint,
+    Manoeuvre,
+    Step,
+    StepSettings,
+    UnderOwnLoop,
+)
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
-from gcs_autotune.report import HeldLine, HeldLoop, figures_on, hold_document, to_html
+from gcs_autotune.report import (
+    Held,
+    HeldDistance,
+    HeldLine,
+    HeldLoop,
+    distance_figures,
+    figures_on,
+    hold_document,
+    to_html,
+)
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiment import learn
@@ -39,6 +58,7 @@ from gcs_autotune.workflow.identification import identify
 from gcs_autotune.workflow.itinerary import Itinerary, Leg, legs_of_experiment, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
+from gcs_autotune.workflow.preflight import check_signals
 from gcs_autotune.workflow.proof import Known, known_of, reduction_with_curve
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
@@ -69,6 +89,7 @@ class HoldSettings:
     seconds : how long it holds after a step [s].
     offset, length : of a line: metres to starboard of the craft, and metres along it.
     guidance : the law that follows a line, a name in ``LINE_LAWS``. approach : largest angle to it [rad].
+    apart : distance between the two rangefinders ahead [m]. distance_step : step away from a wall [m].
     """
 
     what: str
@@ -78,9 +99,11 @@ class HoldSettings:
     length: float = 60.0
     guidance: str = "indirect"
     approach: float = math.radians(45.0)
+    apart: float = 0.2
+    distance_step: float = 0.3
 
 
-def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: str = "") -> HeldLoop | HeldLine:
+def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: str = "") -> Held:
     """Identify, design a controller of our own, and fly what it is for.
 
     No parameter is written. The vehicle is left as before on every ending. The run directory gets ``trials/``,
@@ -100,7 +123,7 @@ def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: s
     tune = settings.tune
     task = lookup(TASKS, settings.what, "thing to hold")(settings)
     record, log = RunDirectory(tune.directory), TuneLog(tune, when, observer)
-    flown: list[HeldLoop | HeldLine] = []
+    flown: list[Held] = []
     visit = visiting(tune, operator, log, record, tune.axis)
     with record.summarised(f"hold {settings.what}", when):
         run_mission(visit, partial(_declare, task, flown), log)
@@ -110,7 +133,7 @@ def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: s
     return held
 
 
-def _declare(task: Task, flown: list[HeldLoop | HeldLine], visit: Visit[TuneLog]) -> Mission:
+def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
     """Return what this run will do on the vehicle of *visit*; it puts its result into *flown*."""
     tune = task.settings.tune
     context, craft = learn(tune, visit), visit.craft
@@ -189,7 +212,7 @@ class Task(ABC):
         """Return its stages with their times."""
 
     @abstractmethod
-    def fly(self, context: TuneContext, prepared: Prepared) -> HeldLoop | HeldLine:
+    def fly(self, context: TuneContext, prepared: Prepared) -> Held:
         """Design the controller and fly."""
 
     def step(self, context: TuneContext) -> float:
@@ -274,10 +297,77 @@ class HoldLine(Task):
         return HeldLine(s.guidance, design, trial, figures_on(trial))
 
 
+class HoldDistance(Task):
+    """Face a wall and keep a distance to it: Miskovic2010, algorithm 8.5."""
+
+    def check(self, context: TuneContext) -> None:
+        """Raise for a craft that has no two rangefinders ahead, or does not thrust both ways."""
+        craft = context.craft
+        if craft.firmware.needs_way:
+            raise WrongVehicle("a distance is kept at rest; a boat does not. Use heading or line")
+        check_signals(MANOEUVRES["wall-relay"], craft)
+        if not math.isfinite(craft.observe().d_starboard):
+            raise PreconditionFailed(
+                "hold distance needs two rangefinders ahead, but the vehicle reports one (DISTANCE_SENSOR). The second "
+                "one needs an id of its own and orientation 0"
+            )
+
+    def movements(self, context: TuneContext) -> str:
+        """Return the relay and the step in words."""
+        return (
+            "a relay ahead and astern on the distance to the wall, then "
+            f"a step of {self.settings.distance_step:g} m away from it and back"
+        )
+
+    def legs(self, context: TuneContext) -> list[Leg]:
+        """Return the relay and the step."""
+        return [Leg("relay on the distance", DISTANCE_RELAY), Leg("keeping the distance", 3.0 * DISTANCE_LEG)]
+
+    def fly(self, context: TuneContext, prepared: Prepared) -> HeldDistance:
+        """Identify surge by the distance, and keep it."""
+        s = self.settings
+        yaw = prepared.design(context, self.step(context))
+        options = {"wall-hysteresis": DISTANCE_HYSTERESIS, "least-distance": 0.3, "keep-still": 1.0}
+        make = MANOEUVRES["wall-relay"].make
+        assert make is not None
+        relay = context.fly(make(options), "relay on the distance")
+        fit = context.run_in_background(fit_axis, [relay], dof="surge")
+        model = replace(fit.model, delay=fit.model.delay + prepared.link)
+        surge = context.run_in_background(
+            design_own,
+            model,
+            uncertainty_of(fit.model, fit.craft_covariance),
+            step=s.distance_step,
+            limits=(-RANGE, RANGE),
+            kind=s.tune.model,
+        )
+        context.log.say(_told(surge))
+        law = design_distance(surge.model, yaw.model, surge.wanted, yaw.wanted)
+        law = law.with_limits(X=surge.law.limits, N=yaw.law.limits)
+        outputs = (_plain, prepared.known.actuator.output_for)
+        duration = max(SETTLED_TIMES / surge.wanted.omega_0, DISTANCE_LEG)
+        keep = KeepDistance(law, s.apart, s.distance_step, duration, DISTANCE_LEG, outputs, "own-distance")
+        trial = context.fly(keep, "keeping the distance")
+        return HeldDistance(surge, yaw, trial, distance_figures(trial))
+
+
+DISTANCE_RELAY = 130.0
+"""Expected time of the relay on the distance [s]: a VideoRay of 16 s period (Miskovic2010, section 7.6)."""
+DISTANCE_LEG = 30.0
+"""Shortest time at one distance [s]. Chosen."""
+DISTANCE_HYSTERESIS = 0.1
+"""Hysteresis of the relay on the distance [m]: Miskovic2010, section 7.6."""
+
+
+def _plain(force: float) -> float:
+    return force
+
+
 TASKS: Mapping[str, Callable[[HoldSettings], Task]] = {
     "heading": HoldSetPoint,
     "depth": HoldSetPoint,
     "line": HoldLine,
+    "distance": HoldDistance,
 }
 """What can be held -> its task; one class and one line add another."""
 

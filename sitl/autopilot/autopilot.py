@@ -45,7 +45,7 @@ class StateEstimate:
         self.x = self.y = self.z = 0.0
         self._sway = self.vz = 0.0
         self.climb = self.climb_acceleration = 0.0
-        self.distance = math.nan
+        self.distance = self.distance_starboard = math.nan
 
     def update(self, reading: SensorReading, dt: float) -> None:
         """Process one sample of the sensors."""
@@ -56,7 +56,7 @@ class StateEstimate:
         self.speed = reading.u
         self.x, self.y, self.z = reading.x, reading.y, reading.z
         self._sway, self.vz = reading.v, reading.w
-        self.distance = reading.d
+        self.distance, self.distance_starboard = reading.d, reading.d_starboard
         self.climb = -reading.w
         self.climb_acceleration = self._accelerometer.apply(-reading.az, values["INS_ACCEL_FILTER"], dt)
 

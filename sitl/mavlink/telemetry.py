@@ -149,12 +149,17 @@ _LASER, _AHEAD = 0, 0
 
 
 def _distance(vehicle: Vehicle) -> Iterable[Message]:
-    distance = vehicle.autopilot.estimate.distance
+    """Return a message per rangefinder, that of port first."""
     if vehicle.rangefinder is None:
         return ()
+    estimate = vehicle.autopilot.estimate
+    both = (estimate.distance, estimate.distance_starboard) if vehicle.rangefinder.apart > 0.0 else (estimate.distance,)
+    return [_told_distance(vehicle.ms, number, distance) for number, distance in enumerate(both)]
+
+
+def _told_distance(ms: int, number: int, distance: float) -> Message:
     cm = max(0, min(_FURTHEST_CM + 1, round(100.0 * distance))) if math.isfinite(distance) else _FURTHEST_CM + 1
-    told = mavlink.MAVLink_distance_sensor_message(vehicle.ms, _NEAREST_CM, _FURTHEST_CM, cm, _LASER, 0, _AHEAD, 0)
-    return (told,)
+    return mavlink.MAVLink_distance_sensor_message(ms, _NEAREST_CM, _FURTHEST_CM, cm, _LASER, number, _AHEAD, 0)
 
 
 def _estimator(vehicle: Vehicle) -> Message:

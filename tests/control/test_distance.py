@@ -80,6 +80,14 @@ def test_the_filter_estimates_the_distance_between_two_measurements() -> None:
     assert np.abs(between).max() > 0.004
 
 
+def test_distance_and_angle_follow_from_two_beams() -> None:
+    facing = WallReading.of_two(0.3, 0.5, 0.5, 0.2)
+    assert (facing.d, facing.phi) == (0.5, 0.0)
+    turned = WallReading.of_two(0.3, 0.4, 0.6, 0.2)
+    assert turned.phi == pytest.approx(math.pi / 4.0)
+    assert turned.d == pytest.approx(0.5 * math.cos(math.pi / 4.0))
+
+
 def test_nothing_is_commanded_before_the_wall_is_seen() -> None:
     controller = LAW.started(X=0.4, N=0.01)
     assert controller.update(2.0, WallReading(0.3), 0.0) == (0.4, 0.01)

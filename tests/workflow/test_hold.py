@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from gcs_autotune.errors import NoGainsMeetSpec, UsageError, WrongVehicle
+from gcs_autotune.errors import NoGainsMeetSpec, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.manoeuvres import Envelope
-from gcs_autotune.report import HeldLine, HeldLoop, hold_document, to_html
+from gcs_autotune.report import HeldDistance, HeldLine, HeldLoop, hold_document, to_html
 from gcs_autotune.workflow import HoldSettings, Unattended, hold
 
 from .sitl_harness import WHEN, Ear, SitlHarness
@@ -119,3 +119,26 @@ def test_the_report_states_gains_margins_and_what_limits_the_loop(tmp_path: Path
     for words in ("K_P", "phase margin", "What keeps the loop from being faster"):
         assert words in page
     assert not any(isinstance(value, float) and math.isnan(value) for value in found.to_dict().values())
+
+
+@pytest.mark.slow
+def test_an_rov_before_a_wall_is_tuned_end_to_end_and_keeps_its_distance(tmp_path: Path) -> None:
+    """Algorithm 8.5 on the VideoRay with two laser distances."""
+    harness = SitlHarness(tmp_path, "videoray-lasers")
+    settings = HoldSettings("distance", harness.settings("heading"))
+    found = hold(settings, Unattended(), Ear(harness.said), WHEN)
+    assert isinstance(found, HeldDistance)
+    assert found.follows
+    assert abs(found.figures.mean) < 0.01
+    assert found.figures.overshoot < 0.03
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert dict(harness.vehicle.parameters.values) == harness.parameters
+
+
+@pytest.mark.parametrize(("vehicle", "why"), [("videoray-wall", "reports one"), ("videoray", "no distance")])
+def test_without_two_rangefinders_no_distance_is_kept(vehicle: str, why: str, tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, vehicle)
+    with pytest.raises(PreconditionFailed, match=why):
+        hold(HoldSettings("distance", harness.settings("heading")), Unattended(), Ear(harness.said), WHEN)
+    assert not harness.vehicle.autopilot.armed

@@ -25,10 +25,22 @@ from gcs_autotune.trial import Trial
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
-__all__ = ["HeldLine", "HeldLoop", "LineFigures", "figures_on", "hold_document"]
+__all__ = [
+    "DistanceFigures",
+    "Held",
+    "HeldDistance",
+    "HeldLine",
+    "HeldLoop",
+    "LineFigures",
+    "distance_figures",
+    "figures_on",
+    "hold_document",
+]
 
 Array = NDArray[np.float64]
 
+AT_DISTANCE = 0.1
+"""Largest rms error of a craft that keeps a distance [m]. Chosen: an inspection camera stays in focus."""
 ON_LINE = 1.0
 """Largest rms distance of a craft that follows a line [m]. Chosen: a lane between two berths."""
 
@@ -160,9 +172,108 @@ class HeldLine:
         }
 
 
-def hold_document(held: HeldLoop | HeldLine, heading: str = "", when: str = "") -> Document:
+@dataclass(frozen=True, slots=True)
+class DistanceFigures:
+    """How a distance was kept, in the last half of each leg: ``mean`` and ``rms`` error [m]; ``overshoot`` [m]."""
+
+    mean: float
+    rms: float
+    overshoot: float
+
+
+def distance_figures(trial: Trial) -> DistanceFigures:
+    """Return the figures of a kept distance."""
+    targets = [(m.t, float(m.detail["value"])) for m in trial.marks if m.kind == "target"]
+    ends = [t for t, _ in targets[1:]] + [trial.end]
+    errors, beyond, before = [], [0.0], targets[0][1]
+    for (start, wanted), end in zip(targets, ends, strict=True):
+        whole = trial["d"].between(start, end).values - wanted
+        errors.append(trial["d"].between(0.5 * (start + end), end).values - wanted)
+        if wanted != before and len(whole):
+            beyond.append(float(np.nanmax(whole * math.copysign(1.0, wanted - before))))
+        before = wanted
+    late = np.concatenate(errors)
+    return DistanceFigures(float(np.nanmean(late)), float(np.sqrt(np.nanmean(late**2))), max(beyond))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldDistance:
+    """A distance kept by controllers of our own: their designs ahead and in yaw, the record and its figures."""
+
+    design: OwnDesign
+    yaw: OwnDesign
+    trial: Trial
+    figures: DistanceFigures
+
+    @property
+    def follows(self) -> bool:
+        """Whether it keeps the distance, within :data:`AT_DISTANCE`."""
+        return self.figures.rms <= AT_DISTANCE
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        return {
+            "schema": 1,
+            "follows": self.follows,
+            "omega_0": {"distance": self.design.wanted.omega_0, "angle": self.yaw.wanted.omega_0},
+            "distance": asdict(self.figures),
+        }
+
+
+Held = HeldLoop | HeldLine | HeldDistance
+
+
+def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
     """Return the report: does the craft follow, the gains, the margins, the flight."""
+    if isinstance(held, HeldDistance):
+        return _distance_document(held, heading, when)
     return _line_document(held, heading, when) if isinstance(held, HeldLine) else _loop_document(held, heading, when)
+
+
+def _distance_document(held: HeldDistance, heading: str, when: str) -> Document:
+    found = held.figures
+    text = (
+        f"The craft keeps its distance to the wall within {100.0 * found.rms:.1f} cm rms."
+        if held.follows
+        else f"The craft does not keep its distance to the wall: {100.0 * found.rms:.1f} cm rms."
+    )
+    rows = (
+        ("steady error, mean", f"{100.0 * found.mean:+.1f}", "cm"),
+        ("steady error, rms", f"{100.0 * found.rms:.1f}", "cm"),
+        ("overshoot", f"{100.0 * found.overshoot:.1f}", "cm"),
+    )
+    return Document(
+        title=heading,
+        when=format_moment(when),
+        verdict=Verdict(text, "good" if held.follows else "bad"),
+        sections=(
+            Section("distance", "Distance", (Table(("figure", "flown", "unit"), "lrl", rows), *_kept(held))),
+            Section("controller", "Distance loop", (_gains(held.design), _margins(held.design))),
+            Section("angle", "Angle loop", (_gains(held.yaw), _margins(held.yaw))),
+        ),
+        facts=held.to_dict(),
+    )
+
+
+def _kept(held: HeldDistance) -> Iterator[Figure]:
+    yield Figure("own-distance", "Distance to the wall, and output.", partial(_draw_distance, held))
+
+
+def _draw_distance(held: HeldDistance) -> Drawing:
+    trial = held.trial
+    targets = [(m.t, float(m.detail["value"])) for m in trial.marks if m.kind == "target"]
+    figure, (upper, lower) = new_axes((2.4, 1.4))
+    seen = thin(finite(trial["d"].t - trial.start, trial["d"].values))
+    upper.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
+    t = np.array([t for t, _ in targets] + [trial.end]) - trial.start
+    upper.step(t, [d for _, d in targets] + [targets[-1][1]], where="post", color=WANTED, lw=1.0, label="commanded")
+    upper.set_ylabel("distance [m]")
+    legend(upper, 2)
+    out = thin(finite(trial["X"].t - trial.start, 100.0 * trial["X"].values))
+    lower.plot(out.t, out.y, color=INK, lw=0.9)
+    lower.set_ylabel("output [%]")
+    lower.set_xlabel("time [s]")
+    return figure
 
 
 def _line_document(held: HeldLine, heading: str, when: str) -> Document:
