@@ -20,6 +20,7 @@ from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, 
 from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.keep_distance import KeepDistance
+from gcs_autotune.manoeuvres.keep_position import KeepPosition
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
@@ -61,6 +62,7 @@ __all__ = [
     "FollowLine",
     "Guard",
     "KeepDistance",
+    "KeepPosition",
     "KeepSetPoint",
     "Manoeuvre",
     "ManoeuvreKind",

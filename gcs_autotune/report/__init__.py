@@ -32,9 +32,11 @@ from gcs_autotune.report.flight.held import (
     HeldDistance,
     HeldLine,
     HeldLoop,
+    HeldPosition,
     distance_figures,
     figures_on,
     hold_document,
+    position_figures,
 )
 from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_document
 from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
@@ -67,6 +69,7 @@ __all__ = [
     "HeldDistance",
     "HeldLine",
     "HeldLoop",
+    "HeldPosition",
     "LoopCheck",
     "LoopNumbers",
     "MethodOutcome",
@@ -96,6 +99,7 @@ __all__ = [
     "plan_document",
     "plan_plot",
     "plot",
+    "position_figures",
     "preview_document",
     "print_document",
     "profile_plot",
