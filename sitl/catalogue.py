@@ -1,12 +1,13 @@
 """The available vehicles, and the loader of their data files.
 
-A data file is TOML; every number in it is a table ``{ value, unit, source }``. Adding a vehicle is one file in
-``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file. ``like = "NAME"``
-takes from a vehicle of the table what the file does not say. With ``[sway]`` (inertia, drag, on vectored frames
-``authority``) it slips sideways; ``[coupling]`` then holds SNAME derivatives between surge, sway and yaw, and
-``coriolis``: whether Coriolis' forces follow from the inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment,
-``authority`` of a frame whose lifting thrusters sit fore and aft) it pitches and swings back. With ``[rangefinder]`` it
-faces a wall.
+A data file is TOML. Every number in it is a table ``{ value, unit, source }``. To add a vehicle, add a file in
+``vehicles/`` and a line in :data:`VEHICLES`. A vehicle of your own is selected by the path of its file. ``like =
+"NAME"`` copies missing values from a vehicle of the table.
+
+With ``[sway]`` (inertia, drag, on vectored frames ``authority``) the vehicle can move sideways. ``[coupling]`` then
+contains SNAME derivatives between surge, sway and yaw, and ``coriolis``: whether Coriolis forces follow from the
+inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment, ``authority`` of a frame with vertical thrusters fore and
+aft) it oscillates in pitch. With ``[rangefinder]`` it faces a wall.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ _FIRMWARE = ("rover", "sub")
 
 
 class UnknownVehicle(KeyError):
-    """There is no vehicle of that name; the message lists the nearest ones."""
+    """Raised if there is no vehicle of that name; the message lists the nearest ones."""
 
     def __init__(self, name: str) -> None:
         near = difflib.get_close_matches(name, VEHICLES, n=3, cutoff=0.5)
@@ -69,14 +70,14 @@ class UnknownVehicle(KeyError):
 
 
 class BadVehicle(ValueError):
-    """A file that does not describe a vehicle; the message states what is wrong."""
+    """Raised for a file that does not describe a vehicle; the message states what is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleData:
-    """One vehicle's data file, numbers without their sources (SI, radians).
+    """One vehicle's data file, with the numbers without their sources (SI, radians).
 
-    ``parameters`` holds what its owner has set in the autopilot; ``ready_time`` [s] is when the autopilot's
+    ``parameters`` contains the autopilot parameters set by its owner; ``ready_time`` [s] is when the autopilot's
     estimates become good enough to arm.
     """
 
@@ -96,7 +97,7 @@ class VehicleData:
         return str(self.tables["actuators"]) in (_RUDDER, _TWIN)
 
     def make_plant(self) -> PlanarHull:
-        """Return a new hull at its starting place, at rest."""
+        """Return a new hull at its initial position, at rest."""
         start = _values(self.tables["start"])
         water = Water(bottom=start["bottom"], floats=self.is_boat)
         by_propeller = self.tables["actuators"] == _RUDDER
@@ -117,7 +118,7 @@ class VehicleData:
         return hull
 
     def make_rangefinder(self, seed: int) -> Rangefinder | None:
-        """Return the rangefinder facing a wall ahead, or None."""
+        """Return the rangefinder that faces a wall ahead, or None."""
         if "rangefinder" not in self.tables:
             return None
         at = _values(self.tables["rangefinder"])
@@ -162,12 +163,12 @@ def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
 
 
 def load_vehicle(name: str) -> VehicleData:
-    """Return the data of the vehicle called *name*, or of the file that *name* is the path of (``.toml``).
+    """Return the data of the vehicle called *name*, or of the file (``.toml``) whose path is *name*.
 
     Raises
     ------
     UnknownVehicle
-        There is none; the message gives the nearest spellings.
+        There is no such vehicle; the message states the nearest names.
     BadVehicle
         The file cannot be read, or lacks something.
     """
@@ -191,7 +192,7 @@ def load_vehicle(name: str) -> VehicleData:
 
 
 def _tables(path: Path) -> dict[str, Any]:
-    """Return the tables of a file, completed from the vehicle it is ``like``."""
+    """Return the tables of a file, completed from the vehicle that it is ``like``."""
     own = read(path, "toml")
     name = own.get("like")
     if isinstance(name, str) and name not in VEHICLES:

@@ -49,11 +49,11 @@ SHORT, LONG = 8, 40
 """Maximum lags, in samples, of the two portmanteau tests (Ljung1978)."""
 
 LATE, RESPONSE, MOST_MEMORY = "measurement-delay", 2.5, 3
-"""Constants for late sensors.
+"""Constants for sensors that report late.
 
-LATE: effects that make a sensor late. RESPONSE: duration of the response of a low-pass (Butterworth, second order), in
-units of its delay. MOST_MEMORY: maximum number of lags left out of tests for it. The remaining lags are tested with the
-variance of Bartlett1946.
+LATE: slug of the effect. RESPONSE: duration of the response of a low-pass filter (Butterworth, second order), in units
+of its delay. MOST_MEMORY: maximum number of lags that the tests omit because of the filter. The remaining lags are
+tested with the variance of Bartlett1946.
 """
 
 WHITE = 0.005
@@ -81,7 +81,8 @@ def whiteness_of(tests: list[Test]) -> float:
 
 
 def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
-    """Return all tests of the residuals of a fit."""
+    """Return all tests of the residuals of a fit: correlation, drift, spectral lines, tails, generic forces,
+    ringing."""
     ringing = [Test(words, "", p) for words, p in resonance_checks(problem, fitted)]
     return [*_portmanteaus(fitted, problem.data_summary.lags), *_scores(problem, fitted), *ringing]
 
@@ -207,8 +208,8 @@ def generic_terms(form: Form) -> dict[str, str]:
         }
         if "yaw" in form.dofs:
             own |= {
-                f"{f}_sinpsi": "a force that depends on the heading",
-                f"{f}_cospsi": "a force that depends on the heading",
+                f"{f}_sinpsi": "a force proportional to the sine of the heading",
+                f"{f}_cospsi": "a force proportional to the cosine of the heading",
             }
         if dof in ("yaw", "heave"):
             own[f"{f}_{d.position}"] = f"a force proportional to {d.position}"
@@ -254,7 +255,7 @@ def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
 
 
 def _directions(group: Array, Q: Array) -> Array:
-    """Return an orthonormal basis (n, k) of the part of *group* (n, j) that the columns of *Q* do not span."""
+    """Return an orthonormal basis (n, k) of the part of *group* (n, j) outside the span of the columns of *Q*."""
     free = group - Q @ (Q.T @ group)
     before, after = np.linalg.norm(group, axis=0), np.linalg.norm(free, axis=0)
     free = free[:, (after > 1e-3 * before) & (after > 0.0)]
@@ -311,8 +312,8 @@ def _cubic_thrust(own: EffectInstance, form: Form) -> Sequence[str]:
 
 
 LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] = {
-    "quadratic-drag": (_cubic_drag, "cubic drag fits better than quadratic drag"),
-    "quadratic-actuator": (_cubic_thrust, "thrust cubic in the command fits better than thrust quadratic in it"),
+    "quadratic-drag": (_cubic_drag, "a cubic drag law fits better than a quadratic one"),
+    "quadratic-actuator": (_cubic_thrust, "a cubic thrust curve fits better than a quadratic one"),
 }
 """Slug of a cause -> derivatives of the generic law to compare it with, and the meaning of a better fit of that law."""
 

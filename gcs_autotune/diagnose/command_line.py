@@ -51,7 +51,7 @@ NEAR: largest distance, relative to the usual interval between changes. SIZES: l
 FEWEST, FREE = 3, 4
 """Minimum number of paired changes to fit an offset (FEWEST), and to fit a scale as well (FREE).
 
-Each is one more than the number of parameters of the line, plus one for the check.
+More changes are required than the line has parameters, so that the fit can be checked.
 """
 
 NEIGHBOURS = 5
@@ -149,7 +149,7 @@ class Line:
 
 
 class Guess(NamedTuple):
-    """A first guess of the clock: scale, a time of the run, and the simulation's time at that moment [s].
+    """A first guess of the clock: scale, a time on the run's clock, and the same time on the simulation's clock [s].
 
     ``is_usual``: the alignment is one of the usual ones (equal stamps, equal beginnings). ``is_stamped``: it is the
     alignment of the stamps themselves.

@@ -69,7 +69,10 @@ SURELY_OTHER = 2.0
 """Log-likelihood per sample and exchanged channel by which a different channel order must be likelier."""
 
 CHANCE, CHANCE_USUAL = 1e-3, 1e-2
-"""Largest probability that unrelated changes lie as close to a line, for any alignment and for a usual one."""
+"""Largest accepted probability that unrelated changes lie this close to a line.
+
+CHANCE: for an alignment found by search. CHANCE_USUAL: for a usual alignment, such as equal stamps.
+"""
 
 AT_ONCE = 3.0
 """Scatter of a line, relative to that of the row interval, up to which it is accepted without trying others."""

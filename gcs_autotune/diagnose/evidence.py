@@ -32,10 +32,10 @@ __all__ = [
 ]
 
 FAINT, ENOUGH = 3.0, 10.0
-"""Log-likelihood gain per number that makes a hint (FAINT), and that supports a cause (ENOUGH).
+"""Log-likelihood gain of an effect with one parameter that makes a hint (FAINT), and that supports a cause (ENOUGH).
 
-The cause must also improve the prediction of held-out data. The gains correspond to odds of twenty to one, and of
-twenty thousand to one.
+The gain of an effect with several parameters is converted, see :func:`worth`. A cause must also improve the prediction
+of held-out data. The gains correspond to odds of twenty to one, and of twenty thousand to one.
 """
 
 RARE = 0.05

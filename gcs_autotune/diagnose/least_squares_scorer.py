@@ -84,7 +84,7 @@ class LeastSquares:
 
     @property
     def runners(self) -> int:
-        """Number of candidates that are fitted until they converge."""
+        """Number of candidates that are fitted to convergence."""
         return RUNNERS
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[Attempt]:
@@ -125,7 +125,7 @@ class LeastSquares:
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def rebased(self, ends: Sequence[Attempt]) -> LeastSquares:
-        """Return this scorer unchanged: a better base is looked for only after a candidate is accepted."""
+        """Return this scorer unchanged: a better base is searched for only after a candidate is accepted."""
         return self
 
     def scores(self, ends: Sequence[Attempt]) -> list[CandidateScore[Fitted]]:
@@ -171,7 +171,7 @@ class LeastSquares:
     def winner(self, scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
         """Return the best candidate that may be accepted; return None if there is none.
 
-        An effect at a moment is passed over if a recorded command explains the runs as well.
+        An effect that happens at one time is passed over if a recorded command explains the runs as well.
         """
         left = [] if self.quick else list(scores)
         while (winner := winner_of(left)) is not None and self.follows_a_command(winner.effect, winner.fit):

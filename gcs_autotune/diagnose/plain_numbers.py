@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 
 PLAIN: Mapping[str, str] = {
     "gain": "steady speed per unit of command",
-    "time constant": "time to 63 % of the steady speed after a step",
-    "delay": "from command to force",
+    "time constant": "time to reach 63 % of the steady speed after a step",
+    "delay": "time from command to force",
     "trim": "command that holds the craft still",
 }
 """Number of the plain model -> its meaning."""

@@ -52,8 +52,8 @@ def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
         ways: list[Bend] = [*(_ago(lag * sample) for lag in LAGS), lambda t, command: command * _direction(command)]
         columns = bent_by(problem, fitted, channel, ways)
         if columns is not None:
-            yield f"the history of {channel}", columns[:, :-1]
-            yield f"the direction from which {channel} changed", columns[:, -1:]
+            yield f"earlier values of {channel}", columns[:, :-1]
+            yield f"the direction of the last change of {channel}", columns[:, -1:]
 
 
 def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend]) -> Array | None:
@@ -152,7 +152,7 @@ def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, fl
                 more = 2 * len(problem.segments) * len(pairs) * math.log(max(fitted.samples, 2))
                 whole = max(_whole_gain(problem, plain, channel, e["frequency"]) for e in waves)
                 ahead = max(ahead, whole - wanted - more)
-            yield f"every change of {channel}, followed by ringing", math.exp(-0.5 * max(ahead, 0.0))
+            yield f"ringing after every change of {channel}", math.exp(-0.5 * max(ahead, 0.0))
 
 
 def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> float:

@@ -107,7 +107,7 @@ def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]
         Doubt(
             "day-to-day",
             f"the runs differ in {dof} by more than their commands explain ({'; '.join(told)})",
-            "note battery, load and wind of each run: run-to-run differences are not attributed to the craft",
+            "note battery, load and wind of each run. Differences between runs are not attributed to the craft",
         )
     ]
 
@@ -115,7 +115,7 @@ def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]
 def _own(dof: str, unit: str, day: RunOffset) -> list[str]:
     found = []
     if abs(day.thrust) > SURE * day.thrust_std > 0.0:
-        found.append(f"thrust {100.0 * abs(day.thrust):.0f} % {'more' if day.thrust > 0.0 else 'less'}")
+        found.append(f"{100.0 * abs(day.thrust):.0f} % {'more' if day.thrust > 0.0 else 'less'} thrust")
     if abs(day.force) > SURE * day.force_std > 0.0:
         found.append(f"{abs(day.force):.2g} {unit} {SIDES[dof][day.force < 0.0]}")
     return found

@@ -66,7 +66,7 @@ def surrogate_of(
     """
     if len(simulations) != len(runs):
         raise UsageError(
-            f"{len(runs)} run(s) but {len(simulations)} simulation(s): supply one per run, in the same order"
+            f"{len(runs)} run(s) but {len(simulations)} simulation(s). Supply one simulation per run, in the same order"
         )
     records = compared(simulations, runs)
     flown = records.simulations
@@ -90,7 +90,8 @@ def surrogate_of(
             doubts.append(
                 Doubt(
                     "simulation-not-understood",
-                    f"the model fitted to the simulation misses its {name} by {100 * share:.0f} % of the motion",
+                    f"the model fitted to the simulation does not reproduce {100 * share:.0f} % of the simulated "
+                    f"{name}",
                     "supply its equations as a model file (--model) instead of its output",
                 )
             )
@@ -106,14 +107,18 @@ def _directly(simulations: Sequence[Trial], placed: Sequence[Trial], runs: Seque
     told, right = _misses(simulations, runs), _misses(placed, runs)
     if not right:
         return []
-    said = f"unchanged it misses {told}" if told else "unchanged it covers other times"
+    said = (
+        f"the unmodified simulation differs from the run in {told}"
+        if told
+        else "the unmodified simulation does not overlap the run in time"
+    )
     if told != right:
-        said += f", with clock, signs and units corrected {right}"
+        said += f". With clock, signs and units corrected it differs in {right}"
     return [
         Doubt(
             "simulation-off",
-            f"the errors shown are of a model fitted to the simulation; {said} (rms, worst run)",
-            "supply its equations as a model file (--model), or start its runs at the state of the craft",
+            f"the errors shown are those of a model fitted to the simulation. Worst run (rms): {said}",
+            "supply the simulation's equations as a model file (--model), or start its runs at the state of the craft",
         )
     ]
 

@@ -153,7 +153,7 @@ def _level(error: Array, step: float) -> float:
 TOLERANCE = 0.02
 """Largest deviation of a reading from the grid, in steps; it allows for rounded numbers in files."""
 FINEST_GRID = 1e-5
-"""Finest grid, relative to the range of the values, that is looked for."""
+"""Finest grid that is searched for, relative to the range of the values."""
 
 
 def grid_step(values: Array) -> float:

@@ -1,4 +1,4 @@
-"""A reason not to trust a result."""
+"""Define a doubt: a reason not to trust a result."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["Doubt"]
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A reason not to trust a result, with its possible cause and the remedy."""
+    """A reason not to trust a result, with its probable cause and a remedy."""
 
     slug: str
     cause: str

@@ -72,7 +72,7 @@ def poor_fit(shares: Mapping[str, float]) -> Doubt | None:
     return Doubt(
         "poor-fit",
         f"the model explains these signals only in part: {', '.join(poor)}",
-        "inspect the plot of the fit; check for wind, current, other axes, a missing term, a drifting clock or a "
+        "inspect the plot of the fit. Check for wind, current, other axes, a missing term, a drifting clock or a "
         "wrong input",
     )
 
@@ -86,9 +86,9 @@ def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
         return None
     return Doubt(
         "delay-fitted",
-        f"a delay of {solution.value('delay'):.2g} s between input and motion was fitted. It lowers BIC (misfit "
-        f"with a penalty per parameter) by {evidence:.0f}",
-        "supply --delay if it is known; if the actuator is slow, fit a form with 'lag' free instead",
+        f"a delay of {solution.value('delay'):.2g} s between input and motion was fitted. It lowers BIC (misfit with "
+        f"a penalty per parameter) by {evidence:.0f}",
+        "supply --delay if the delay is known. If the actuator is slow, fit a form with 'lag' free instead",
     )
 
 
@@ -124,7 +124,7 @@ def collect(findings: Findings) -> tuple[Doubt, ...]:
 REVERSED_INPUT = Doubt(
     "reversed-input",
     "a positive input turns or pushes against the SNAME convention, so the fitted parameters are negative",
-    "this is normal for a rudder angle; otherwise check wiring and sign of the channel",
+    "no action for a rudder angle, where this is normal. Otherwise check wiring and sign of the channel",
 )
 """Doubt for a model with negative inertia, which indicates an input of reversed sign."""
 
@@ -135,7 +135,7 @@ def _few_periods(f: Findings) -> Doubt | None:
     most = max(c.periods for c in f.relays)
     return Doubt(
         "few-periods",
-        f"only {most} full period(s) of self-oscillation; {PERIODS} are required",
+        f"only {most} full period(s) of self-oscillation were recorded, but {PERIODS} are required",
         "let the relay run longer",
     )
 
@@ -147,7 +147,7 @@ def _unsettled(f: Findings) -> Doubt | None:
     cause = "only one period" if np.isinf(worst) else f"maxima and minima scatter by {100 * worst:.0f} %"
     return Doubt(
         "unsettled",
-        f"the oscillation never settled ({cause}; the limit is {100 * SCATTER:.0f} %)",
+        f"the oscillation never settled ({cause}, but the limit is {100 * SCATTER:.0f} %)",
         "wait for calmer water, use a larger C (output) or x_a (switching value), or let the relay run longer",
     )
 
@@ -158,14 +158,14 @@ def _condition(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "not-self-oscillation",
-        f"{len(broken)} of {len(f.relays)} relay settings violate x_a* + |x_0| < X_m (Miskovic2010, eq. 7.12). "
-        "IS-O is not valid for them; the simulated fit is",
-        "use a larger C or a smaller x_a; trim away the constant force",
+        f"{len(broken)} of {len(f.relays)} relay settings violate x_a* + |x_0| < X_m (Miskovic2010, eq. 7.12). IS-O "
+        "is not valid for them, but the simulated fit is",
+        "use a larger C (output) or a smaller x_a (switching value). Trim the craft to remove the constant force",
     )
 
 
 PUSHES_BOTH_WAYS: Mapping[str, str] = {
-    "yaw": "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
+    "yaw": "fly a manoeuvre that pushes both ways, such as a relay or a zig-zag",
     "surge": "fly well-separated steps ahead (throttle-steps), or pulses ahead and astern (doublets)",
 }
 """Degree of freedom -> manoeuvre to fly if the input had only one sign. Those not listed need a relay or doublets."""
@@ -176,8 +176,8 @@ def _one_sided(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "one-sided-input",
-        "the input never changes sign: constant force and drag are poorly separated",
-        PUSHES_BOTH_WAYS.get(f.model.dof, "fly a manoeuvre that pushes both ways: a relay, doublets"),
+        "the input never changes sign, so constant force and drag are poorly separated",
+        PUSHES_BOTH_WAYS.get(f.model.dof, "fly a manoeuvre that pushes both ways, such as a relay or doublets"),
     )
 
 
@@ -190,7 +190,7 @@ def _saturated(f: Findings) -> Doubt | None:
     return Doubt(
         "saturated-input",
         f"the input is at full output for {100 * share:.0f} % of the time",
-        "use smaller inputs; the record does not show commands beyond the actuator's limit",
+        "use smaller inputs, because the record does not show commands beyond the actuator's limit",
     )
 
 
@@ -211,7 +211,7 @@ def _irregular(f: Findings) -> Doubt | None:
     return Doubt(
         "irregular-sampling",
         f"{100 * max(shares):.0f} % of the time steps differ from the median by more than half of it",
-        "request a lower, steadier message rate; the fit uses each timestamp unchanged",
+        "request a lower, steadier message rate. The fit uses each time stamp unchanged",
     )
 
 
@@ -232,7 +232,7 @@ def _dropped(f: Findings) -> Doubt | None:
     return Doubt(
         "dropped-rows",
         f"{f.case.dropped_rows} damaged row(s) at a file's end were left out",
-        "stop the recording before copying the file",
+        "stop the recording before you copy the file",
     )
 
 
@@ -242,8 +242,8 @@ def _quantised(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "quantised",
-        f"{f.case.records[0].main.name} is recorded in steps of {step:.3g} "
-        f"{f.case.records[0].dof.position_unit}, coarser than its noise",
+        f"{f.case.records[0].main.name} is recorded in steps of {step:.3g} {f.case.records[0].dof.position_unit}, "
+        "which is coarser than its noise",
         "use a finer sensor or message, or larger oscillations",
     )
 
@@ -258,8 +258,8 @@ def _weak(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "weakly-excited",
-        f"{', '.join(weak)}: standard error above {100 * WEAK:.0f} %",
-        f"record longer, with larger or more different inputs{' (a second relay with another C)' if f.relays else ''}",
+        f"these parameters have a standard error above {100 * WEAK:.0f} %: {', '.join(weak)}",
+        f"record longer, with larger or more varied inputs{' (a second relay with another C)' if f.relays else ''}",
     )
 
 
@@ -279,8 +279,8 @@ def _negative_drag(f: Findings) -> Doubt | None:
         return None
     return Doubt(
         "negative-drag",
-        f"{', '.join(bad)} is destabilising: the model diverges without input",
-        "check that input and output belong together and are synchronous; check for current or a course-unstable hull",
+        f"{', '.join(bad)} is destabilising, so the model diverges without input",
+        "check that input and output belong together and are synchronous. Check for current or a course-unstable hull",
     )
 
 

@@ -131,14 +131,14 @@ def outlier_run_doubts(found: Sequence[OutlierRun]) -> list[Doubt]:
     return [
         Doubt(
             "run-apart",
-            f"runs '{a.pair[0]}' and '{a.pair[1]}' differ by {a.sigmas:.0f} standard errors: they indicate two "
-            "different crafts"
+            f"runs '{a.pair[0]}' and '{a.pair[1]}' differ by {a.sigmas:.0f} standard errors, as if they came from "
+            "two different crafts"
             if a.pair
             else (
-                f"run '{a.run}' differs from the others by {a.sigmas:.0f} standard errors: it indicates a "
+                f"run '{a.run}' differs from the others by {a.sigmas:.0f} standard errors, as if it came from a "
                 "different craft"
             ),
-            "check vehicle, load, speed and battery of the outlier; identify it separately",
+            "check vehicle, load, speed and battery of the outlier. Identify it separately",
         )
         for a in found
     ]
@@ -169,7 +169,7 @@ def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) 
         "run-apart",
         f"run '{run}' does not fit the others. The model of the other runs misses it by {misfit:.1f} times their "
         f"noise. Without it the noise falls by a factor of {relief:.1f}",
-        f"omit '{run}' and identify it separately; check its vehicle, load and input scale",
+        f"omit '{run}' and identify it separately. Check its vehicle, load and input scale",
     )
 
 
@@ -185,8 +185,8 @@ def _two_apart(solution: Solution, records: Sequence[Segment], runs: Sequence[st
         return None
     return Doubt(
         "runs-disagree",
-        f"runs '{runs[0]}' and '{runs[1]}' need different models: each fits alone {relief:.1f} times better",
-        "check whether load, speed or battery changed between the runs; identify them separately, or fly a third run",
+        f"runs '{runs[0]}' and '{runs[1]}' need different models. A separate fit of each is {relief:.1f} times better",
+        "check whether load, speed or battery changed between the runs. Identify them separately, or fly a third run",
     )
 
 

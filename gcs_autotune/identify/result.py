@@ -218,12 +218,12 @@ class Fit(Generic[ModelT]):
 
     @property
     def unexplained(self) -> float:
-        """What the model leaves unexplained [percent]."""
+        """Fraction of the motion that the model does not explain [percent]."""
         return 100.0 - self.fit_percent
 
     @property
     def whole_model(self: Fit[Model]) -> Model:
-        """The model, with the effects of its actuator if this is a fit of one axis with some."""
+        """Model of the fit. For one axis it includes the effects of the actuator, if fitted."""
         if not is_of_one_axis(self) or not self.effects:
             return self.model
         plain = as_extended(self.model)

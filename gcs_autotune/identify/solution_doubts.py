@@ -62,7 +62,7 @@ def _not_converged(solution: Solution) -> Doubt | None:
     return Doubt(
         "not-converged",
         "the fit did not converge",
-        "record longer; supply the structure, start values or the delay; or fit fewer parameters",
+        "record longer. Otherwise supply the structure, start values or the delay, or fit fewer parameters",
     )
 
 
@@ -76,11 +76,11 @@ def _at_bound(solution: Solution) -> Doubt | None:
     held = [n for n in solution.at_bound if n not in none]
     causes, cures = [], []
     if none:
-        causes.append(f"{', '.join(none)} stopped at zero, the limit of damping: these runs show no such damping")
-        cures.append("no action if other damping was identified; otherwise fly slower and faster runs")
+        causes.append(f"{', '.join(none)} stopped at zero, the limit of damping. These runs show no such damping")
+        cures.append("no action if other damping was identified. Otherwise fly slower and faster runs")
     if held:
         causes.append(
-            f"{', '.join(held)} stopped at a bound and was fixed there. The runs fit a value beyond it better"
+            f"{', '.join(held)} stopped at a bound and was fixed there. A value beyond the bound fits the runs better"
         )
         cures.append("widen the bound, or omit the parameter")
     return Doubt("at-bound", "; ".join(causes), "; ".join(cures))
@@ -91,7 +91,7 @@ def _not_excited(solution: Solution) -> Doubt | None:
         return None
     return Doubt(
         "not-excited",
-        f"nothing in these runs depends on {', '.join(solution.blind)}: their values are meaningless",
+        f"nothing in these runs depends on {', '.join(solution.blind)}, so the values are meaningless",
         "fly a manoeuvre that moves these degrees of freedom, measure the parameters, or omit them from the form",
     )
 
@@ -109,8 +109,8 @@ def _together(solution: Solution) -> Doubt | None:
     text = "; ".join(f"{a} and {b} ({value:.4f})" for value, a, b in worst)
     return Doubt(
         "correlated",
-        f"these are known only in combination (correlation of the estimates): {text}",
-        "fix one of each pair to a known value, or fly a manoeuvre with other speeds and turns",
+        f"only combinations of these parameters are known (with the correlation of their estimates): {text}",
+        "fix one of each pair at a known value, or fly a manoeuvre with other speeds and turns",
     )
 
 
@@ -125,8 +125,8 @@ def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, fl
     channels = [c for c, pairs in form.inputs.items() if any(str(g).lstrip("-") in names for _, g in pairs)]
     return Doubt(
         "reversed-input",
-        f"{', '.join(names)} are negative: {', '.join(channels)} act opposite to their names",
-        "check labels, wiring, signs and left/right of the inputs; the model is valid for the log as recorded",
+        f"{', '.join(names)} are negative, so {', '.join(channels)} act opposite to their names",
+        "check labels, wiring, signs and left/right of the inputs. The model is valid for the log as recorded",
     )
 
 
@@ -152,7 +152,7 @@ def _coloured(solution: Solution) -> Doubt | None:
         "residuals-not-white",
         f"the residuals are correlated ({colour:.2f}), so a term is missing from the model. The standard errors "
         "were increased",
-        "inspect the residuals; check for wind, waves, current, a slow actuator, another axis or a missing term",
+        "inspect the residuals. Check for wind, waves, current, a slow actuator, another axis or a missing term",
     )
 
 
@@ -196,6 +196,6 @@ def effect_doubts(
             said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
             yield Doubt(
                 "effect-not-needed",
-                f"these runs do not support {own.slug} at {own.place} ({said}): the model fits as well without it",
-                f"omit it; to test for it, fly  {entry.separated_by}",
+                f"the model fits these runs as well without {own.slug} at {own.place} ({said})",
+                f"omit it. To test for it, fly: {entry.separated_by}",
             )

@@ -1,4 +1,4 @@
-"""Bodies in water: the protocol that the rest of the simulator talks to, and the bodies that implement it."""
+"""Bodies in water: the protocol used by the rest of the simulator, and the bodies that implement it."""
 
 from sitl.plants.planar import AxisDynamics, Coupling, PlanarHull, PlanarTerm, coupling_of
 from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed

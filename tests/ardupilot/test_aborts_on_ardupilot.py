@@ -28,7 +28,7 @@ STAGES = (
     "designing",
     "predicted",
     "writing",
-    "written and read back",
+    "new gains written and verified by reading back",
     "step with new gains",
 )
 """How each stage begins to announce itself; an ROV does not turn about."""

@@ -240,7 +240,7 @@ def test_rates_another_station_changed_are_asked_for_again_and_said(boat: Script
     assert boat.intervals[number] == pytest.approx(0.1)
     said = [note for note in craft.session.notes if "requested again" in note]
     assert len(said) == 1
-    assert said[0].startswith("low rates for a while, requested again: ATTITUDE at")
+    assert said[0].startswith("message rates were low and were requested again: ATTITUDE at")
     assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in said[0]
 
 

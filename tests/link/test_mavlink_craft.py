@@ -261,7 +261,7 @@ def test_after_a_fault_the_vehicle_can_still_be_brought_to_rest(flying: MavlinkC
 def test_a_mode_change_by_others_trips_with_the_vehicles_words(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     boat.mode = 4
     boat.say("Radio Failsafe")
-    with pytest.raises(GuardTripped, match=r"from MANUAL to HOLD, not by us .*Radio Failsafe") as caught:
+    with pytest.raises(GuardTripped, match=r"from MANUAL to HOLD, not by this tool .*Radio Failsafe") as caught:
         for _ in range(30):
             flying.observe()
     assert caught.value.guard == "mode"

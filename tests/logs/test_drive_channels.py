@@ -69,9 +69,9 @@ PILOT = {"rc.1": [1700.0, 1300.0], "rc.3": [1500.0, 1900.0]}
 @pytest.mark.parametrize(
     ("values", "source", "words"),
     [
-        ({**STICKS, **PILOT}, "the pilot's sticks", "it has no servo outputs"),
-        (PILOT, "RC input", "it has no servo outputs"),
-        ({**STICKS, "servo.1": [1500.0, 1500.0]}, "the pilot's sticks", "it has no servo outputs"),
+        ({**STICKS, **PILOT}, "the pilot's sticks", "the log contains no servo outputs"),
+        (PILOT, "RC input", "the log contains no servo outputs"),
+        ({**STICKS, "servo.1": [1500.0, 1500.0]}, "the pilot's sticks", "the log contains no servo outputs"),
         ({"servo.3": [1500.0, 1500.0]}, "", "no input could be read: it has no servo outputs"),
         ({}, "", "no input could be read"),
     ],
@@ -105,7 +105,7 @@ def test_outputs_that_came_at_unlike_times_are_not_put_together() -> None:
 def test_outputs_whose_wiring_is_not_told_are_no_forces_and_that_is_said() -> None:
     _, source, (note,) = drive_channels(logged({**SERVOS, **{n: v * 3 for n, v in STICKS.items()}}, {}))
     assert source == "the pilot's sticks"
-    assert "the log has no parameters, so the functions of its outputs are unknown" in note[1]
+    assert "the log contains no parameters, so the functions of its outputs are unknown" in note[1]
     assert "--parameters FILE" in note[2]
 
 

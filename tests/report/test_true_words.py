@@ -56,7 +56,7 @@ def test_a_remainder_that_is_correlated_is_unexplained_and_its_noise_is_the_sens
     assert left.noise == pytest.approx(0.004, rel=0.05)
     assert left.unexplained == pytest.approx(0.05 / np.sqrt(2.0), rel=0.05)
     said = remainder_sentence(left, "rad")
-    assert said == "The residual is 2° rms: 0.23° white, like noise; 2° correlated and unexplained."
+    assert said == "The residual is 2° rms: 0.23° white (noise), 2° correlated and unexplained."
     assert "measurement noise" not in said
 
 
@@ -206,10 +206,10 @@ def test_the_inertia_by_the_force_at_full_output_has_the_error_of_the_dead_zone_
         covariance=covariance,
     )
     said = " ".join(model_sentences(fitted))
-    told = said.partition("Relative to that force the inertia is ")[2].split()
+    told = said.partition("Relative to this force the inertia is ")[2].split()
     relative = np.array([0.01, own / (1.0 - width)])
     error = inertia / (1.0 - width) * np.sqrt(np.sum(relative**2) + 2.0 * common * np.prod(relative))
-    assert "Full output gives 0.7 of the table's unit of force" in said
+    assert "Full output gives 0.7 in the table's unit of force" in said
     assert float(told[0]) == pytest.approx(inertia / (1.0 - width), rel=0.02)
     assert float(told[2]) == pytest.approx(error, rel=0.1)
 

@@ -87,5 +87,5 @@ def test_a_fence_that_the_vehicle_does_not_tell_is_mentioned(tmp_path: Path) -> 
     harness = SitlHarness(tmp_path, meddling=silent, **FENCED)
     fly(harness, square(400.0), "steps")
     said = " ".join(harness.said)
-    assert "has a fence (FENCE_ENABLE is on) but does not report it" in said
+    assert "FENCE_ENABLE is on, but the vehicle does not report its fence" in said
     assert "stays in the pond: 400 m to its edge" in said

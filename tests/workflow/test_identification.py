@@ -69,10 +69,11 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
             return SimpleNamespace(name=name, **options)
 
     def fitted(context: Any, plain: Any, trials: Any, step: Any, **_: Any) -> Identified:
-        return Identified(SimpleNamespace(fit_percent=100.0 - context.left), trials)  # type: ignore[arg-type]
+        return Identified(SimpleNamespace(unexplained=context.left), trials)  # type: ignore[arg-type]
 
     monkeypatch.setattr(identification, "Relays", Relays)
-    monkeypatch.setattr(identification, "_plain", lambda context, trials: SimpleNamespace(doubts=(), fit_percent=97.0))
+    plain = SimpleNamespace(doubts=(), fit_percent=97.0, unexplained=3.0)
+    monkeypatch.setattr(identification, "_plain", lambda context, trials: plain)
     monkeypatch.setattr(identification, "_with_curve", fitted)
     context.fly = fly
     context.settings = SimpleNamespace(relay_output=None, structure=None, most_relays=2)

@@ -189,7 +189,7 @@ def test_the_room_is_that_of_the_craft():
     small = settings(envelope=Envelope(distance=150.0))
     assert room("yaw", 1.2, small, here, whole).startswith("need up to 150 m from the start. Between stages")
     near = room("surge", 1.5, settings("speed"), here, Excursion(100.0, 90.0, usual=Excursion(80.0, 37.0)))
-    assert near == "need up to 110 m from the start (usually about 45 m). A smaller --max-distance needs less"
+    assert near == "need up to 110 m from the start (usually about 45 m). A smaller --max-distance reduces this"
     assert room("yaw", 0.0, settings(), here, whole) == "need about 2 m of free water around the vehicle"
     assert (
         room("heave", 0.0, settings("depth"), here, whole)

@@ -104,7 +104,7 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
     model = ExtendedModel(
         None, tuple(EffectInstance(slug.replace("_", "-"), "X", {"width": v}) for slug, v in numbers.items())
     )
-    return SimpleNamespace(fit_percent=explained, parameters=parameters, model=model)
+    return SimpleNamespace(fit_percent=explained, unexplained=100.0 - explained, parameters=parameters, model=model)
 
 
 @pytest.mark.parametrize(("sizes", "step", "found"), [(3, None, True), (2, None, False), (3, "a step", False)])
@@ -174,7 +174,10 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
     )
     step = dying_swing(0.0, DEAD_BAND)
     assert again_with_step(context, Identified(plain, runs), step).curved is None
-    assert asked == ["identifying, with the step", (fit_thrust_curve, (runs, plain, step), {"with_band": True})]
+    assert asked == [
+        "identifying from the experiments and the step",
+        (fit_thrust_curve, (runs, plain, step), {"with_band": True}),
+    ]
     assert inspect.signature(fit_thrust_curve).parameters["with_band"].default is False
 
 

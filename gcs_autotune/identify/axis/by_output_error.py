@@ -86,9 +86,9 @@ class _NotExplained(NotInformative):
 def _only_in_pieces(seconds: float) -> Doubt:
     return Doubt(
         "only-in-pieces",
-        f"the input does not explain the motion over whole runs, but does over pieces of {seconds:.2g} s. A slowly "
-        "varying force or a changing bias also moves the craft",
-        "repeat in calmer water, or with larger and faster commands; use `diagnose` to find the cause",
+        f"the input explains the motion over pieces of {seconds:.2g} s, but not over whole runs. A slowly varying "
+        "force or a changing bias also moves the craft",
+        "repeat in calmer water, or with larger and faster commands. Use `diagnose` to find the cause",
     )
 
 
@@ -166,7 +166,7 @@ def _check_that_input_explains(records: Sequence[Segment], chosen: Selection) ->
     if gain < 3.0 * math.log(max(n, 2.0)) + 6.0:
         raise _NotExplained(
             f"run '{records[0].run}': the input {records[0].input_names[0]} explains the motion no better than a "
-            "straight line. Use larger inputs, and check that input and output belong together"
+            "straight line. Use larger inputs. Check that input and output belong together"
         )
 
 
@@ -177,9 +177,9 @@ def _check_that_something_is_known(records: Sequence[Segment], parameters: Mappi
         return
     errors = ", ".join(f"{p.name} {100.0 * p.std / max(abs(p.value), 1e-300):.0f} %" for p in craft)
     raise NotInformative(
-        f"run '{records[0].run}' determines no parameter of the craft (standard errors: {errors}). It is too "
-        "short, sampled too slowly, or its motion is small compared with the noise. Record longer, at a higher "
-        "rate and with larger inputs, preferably a relay"
+        f"run '{records[0].run}' determines no parameter of the craft (standard errors: {errors}). It is too short, "
+        "sampled too slowly, or its motion is small compared with the noise. Record longer, at a higher rate and "
+        "with larger inputs, preferably a relay"
     )
 
 
@@ -287,7 +287,8 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
         found.append(
             Doubt(
                 "inertia-unresolved",
-                "the craft responds faster than it is sampled. Only the ratio of input to steady velocity is known",
+                "the craft responds faster than it is sampled. The runs determine only the ratio of input to steady "
+                "velocity",
                 "request a higher message rate",
             )
         )
@@ -307,9 +308,9 @@ def _second_drag(chosen: Selection, case: Case) -> Doubt | None:
     own, other = ("linear", "quadratic") if chosen.structure == "linear" else ("quadratic", "linear")
     return Doubt(
         "second-drag-undecided",
-        f"{other} damping in addition to {own} damping is neither proved nor excluded. It would change {own} "
+        f"the runs neither prove nor exclude {other} damping in addition to {own} damping. It would change {own} "
         f"damping by {100.0 * change:+.0f} %, so the standard errors were increased",
-        f"{case.more_levels}: a wider range of speeds separates the two",
+        f"{case.more_levels}. A wider range of speeds separates the two",
     )
 
 
@@ -329,9 +330,9 @@ def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
         return None
     return Doubt(
         "delay-undecided",
-        f"a delay of {tried.value('delay'):.2f} s fits as well as no delay, and changes the inertia by "
+        f"a delay of {tried.value('delay'):.2f} s fits as well as no delay, but changes the inertia by "
         f"{100.0 * change:+.0f} %",
-        f"supply --delay if it is known; {case.more_levels}",
+        f"supply --delay if the delay is known. Otherwise {case.more_levels}",
     )
 
 
@@ -370,9 +371,9 @@ def _model_lacking(chosen: Selection, odd: Sequence[OutlierRun]) -> Doubt:
     moved = f". The craft also moved in {' and '.join(besides)}, which the model does not include" if besides else ""
     return Doubt(
         "runs-disagree",
-        f"the parameters differ between runs ({names}), but in most runs the model error exceeds the noise. The "
-        f"difference therefore does not show that the craft changed{moved}",
-        f"identify them with --dof {option}" if option else "find the missing term with `diagnose`",
+        f"the parameters differ between runs ({names}). In most runs, however, the model error exceeds the noise. "
+        f"The difference therefore does not show that the craft changed{moved}",
+        f"identify these motions as well, with --dof {option}" if option else "find the missing term with `diagnose`",
     )
 
 
@@ -411,5 +412,5 @@ def _runs_disagree(chosen: Selection, bounds: Bounds) -> Doubt | None:
     return Doubt(
         "runs-disagree",
         f"fitted separately, these runs give a different inertia: {', '.join(odd)}",
-        "check whether load, speed or battery changed between the runs; identify the outlier separately",
+        "check whether load, speed or battery changed between the runs. Identify the outlier separately",
     )

@@ -128,7 +128,9 @@ def _with_states_fitted(
     theta, rounds = np.array(Explicit.of(model)), NOISE_ROUNDS if len(noise) > 1 else 1
     found = solve(problem, theta, first_states(segments), levels=noise, quanta=quanta, rounds=rounds, effort=None)
     if found is None:
-        raise NotInformative("the model diverges on these inputs: its drag is destabilising, so no bound exists")
+        raise NotInformative(
+            "the model diverges on these inputs because its drag is destabilising. No bound on its error exists"
+        )
     return found
 
 

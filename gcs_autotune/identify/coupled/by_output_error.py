@@ -149,7 +149,7 @@ def _pieces(local: LocalFit) -> Doubt | None:
 
 METHOD = Method(
     "output-error",
-    "simulated against measured motion, by maximum likelihood",
+    "maximum likelihood fit of the simulated to the measured motion",
     axis=fit_by_output_error,
     coupled=fit_coupled_by_output_error,
     options=OPTIONS,

@@ -62,8 +62,8 @@ def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
     if any(EFFECTS[e.slug].is_disturbance for e in fitted.effects):
         if case.robust:
             raise UsageError(
-                "--robust cannot be used with an effect fitted to the residuals, because that effect also "
-                "explains outliers. Omit --robust"
+                "--robust cannot be used with an effect fitted to the residuals, because that effect also explains "
+                "outliers. Omit --robust"
             )
         last = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
         return solution_of(problem, last)

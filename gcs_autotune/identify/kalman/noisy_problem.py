@@ -55,7 +55,7 @@ class NoisyProblem(NoiseFilter):
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
 
     def says(self, fit: NoisyFit) -> RunLikelihoods | None:
-        """Return the likelihood of each run's own constant force and thrust at *fit*; None if the filter fails."""
+        """Return the likelihood of each run's own constant force and thrust at *fit*, or None if the filter fails."""
         full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
         noise = replace(fit.noise, day_force=float(wide[0]), day_thrust=float(wide[1]))

@@ -211,7 +211,7 @@ def _chosen(told: _Motion, where: str) -> Chosen:
     manoeuvres = (told.manoeuvre,) if isinstance(told.manoeuvre, str) else tuple(told.manoeuvre)
     chosen = Chosen(manoeuvres, tuple(told.runs), tuple(told.dofs))
     if not any(chosen.manoeuvres) and not chosen.runs:
-        raise BadFile(f'{where}: name the runs with manoeuvre = "..." or runs = ["name*"]')
+        raise BadFile(f'{where}: select the runs with manoeuvre = "..." or runs = ["name*"]')
     return chosen
 
 
@@ -220,7 +220,9 @@ def _step(told: _StepData, plan: _PlanData, origin: str) -> PlanStep:
     identified = (*told.isolated, *told.shared, *told.local)
     both = [n for n in told.held if n in identified]
     if both or not (told.isolated or told.shared):
-        raise BadFile(f"{where}: {', '.join(both)} both held and identified" if both else f"{where} identifies nothing")
+        raise BadFile(
+            f"{where}: {', '.join(both)} cannot be both held and identified" if both else f"{where} identifies nothing"
+        )
     ashore = [n for n in told.held if n in plan.known]
     form = form_from(
         {
@@ -270,20 +272,20 @@ def _check_order(plan: Plan, origin: str) -> None:
     """Raise BadFile for a held parameter that is not yet known, or an isolated one that another step identifies."""
     names = [s.name for s in plan.steps]
     if not names or len(set(names)) < len(names):
-        raise BadFile(f"{origin}: a plan needs steps, each with a name of its own")
+        raise BadFile(f"{origin}: a plan needs steps with different names")
     seen = set(plan.start)
     for step in plan.steps:
         blind = [n for n in step.held if n not in seen and n not in step.form.start]
         if blind:
             raise BadFile(
-                f"{origin}, step '{step.name}': {', '.join(blind)} is held, but no earlier step identifies it and "
-                "neither [known] nor [start] has it"
+                f"{origin}, step '{step.name}': {', '.join(blind)} is held, but no earlier step identifies it. Add "
+                "it to [known] or [start]"
             )
         for other in plan.steps:
             again = [n for n in step.isolated if other is not step and n in (*other.isolated, *other.shared)]
             if again:
                 raise BadFile(
-                    f"{origin}: {', '.join(again)} is isolated in '{step.name}' but identified in '{other.name}' too"
+                    f"{origin}: {', '.join(again)} is isolated in '{step.name}' but also identified in '{other.name}'"
                 )
         seen |= {*step.isolated, *step.shared}
 

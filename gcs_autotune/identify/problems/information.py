@@ -91,8 +91,10 @@ class FittedModel:
         return stamps, found[0]
 
     def recorded_motion(self, record: int) -> RecordedMotion:
-        """Return the simulated motion of one record with its accelerations and the inputs that act; errors as
-        :meth:`motion`."""
+        """Return the simulated motion of one record, with its accelerations and the inputs in force.
+
+        Errors are those of :meth:`motion`.
+        """
         own = self.records[record]
         t, X = self.motion(record)
         t, at = np.unique(t, return_index=True)
@@ -129,12 +131,14 @@ def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedM
             "choose the next manoeuvre"
         )
     if not free:
-        raise UsageError(f"no parameter of '{fit.structure}' was fitted, so there is no bound to report")
+        raise UsageError(f"no parameter of '{fit.structure}' was fitted, so there is no error bound to report")
     records = tuple(r for run in runs for r in prepare_form(run, form, _signals(fit, form, run)))
     ground = initial_guess_of(form, records, model_delay(form, theta))
     found = solve_form(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
     if found is None:
-        raise NotInformative(f"the model '{form.name}' diverges on run '{records[0].run}': its drag destabilises it")
+        raise NotInformative(
+            f"the model '{form.name}' diverges on run '{records[0].run}' because its drag is destabilising"
+        )
     noise = {n: fit.noise[n] if fit.noise.get(n, 0.0) > 0.0 else level for n, level in found.noise.items()}
     units = tuple(fit.parameters[n].unit for n in names)
     return FittedModel(form, theta, free, names, signs, units, records, found.initial, noise)
@@ -278,7 +282,7 @@ def information_on(subject: FittedModel) -> Information:
     objective = subject.objective()
     found = objective.residuals(objective.pack())
     if found is None:
-        raise NotInformative(f"the model '{subject.form.name}' diverges: no information can be computed")
+        raise NotInformative(f"the model '{subject.form.name}' diverges, so no information can be computed")
     p = len(subject.free)
     _, weight = objective.known()
     rows = []

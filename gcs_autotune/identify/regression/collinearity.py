@@ -60,7 +60,7 @@ def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
             Doubt(
                 "collinear",
                 f"the terms of {terms} are collinear in these runs (variance inflation {largest:.0f})",
-                "fly other speeds and turn rates as well, or omit one of the terms",
+                "also fly other speeds and turn rates, or omit one of the terms",
             )
         )
     return doubts

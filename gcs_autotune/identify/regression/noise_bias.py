@@ -99,6 +99,6 @@ def noise_bias_doubt(estimate: Estimate, bias: Array) -> Doubt | None:
     told = ", ".join(f"{names[i]} by {bias[i]:+.3g} ({share[i]:.1f} standard errors)" for i in worst)
     return Doubt(
         "noise-bias",
-        f"measurement noise and smoothing bias the least-squares estimate: {told}, approximately",
-        "use instrumental-variables or output-error, which are not biased by them",
+        f"measurement noise and smoothing bias the least-squares estimate approximately as follows: {told}",
+        "use instrumental-variables or output-error, which they do not bias",
     )
