@@ -48,7 +48,7 @@ OTHERWISE = 8
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", metavar="{heading,depth,line,distance,position}", choices=HELD, help="what to hold")
+    parser.add_argument("axis", choices=tuple(HELD), help="what to hold")
     add_connection(
         parser,
         otherwise="sitl:charlie for heading and line, sitl:videoray for depth, sitl:videoray-lasers for distance, "

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from gcs_autotune.control import Pose, PositionController, PositionTarget
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+
+if TYPE_CHECKING:
+    from gcs_autotune.control import PositionController
 
 __all__ = ["KeepPosition"]
 
@@ -51,6 +53,8 @@ class KeepPosition(Manoeuvre):
 
     def commands(self, now: Observation) -> Commands:
         """Yield the outputs at rest, at the step, and back."""
+        from gcs_autotune.control import Pose, PositionTarget  # a second to import, which the table need not take
+
         controller, depth = self._make(), [HoldController(gains) for gains in HELD_BEFORE.values()]
         s, c = math.sin(now.psi), math.cos(now.psi)
         north, east = self._step * (c - s), self._step * (s + c)  # as much ahead as to starboard

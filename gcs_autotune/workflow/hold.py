@@ -25,7 +25,7 @@ from gcs_autotune.control import (
     design_own,
     uncertainty_of,
 )
-from gcs_autotune.design.actuator import Actuator
+from gcs_autotune.design import Actuator
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import fit_axis, save_model
 from gcs_autotune.link import Journal

@@ -82,7 +82,7 @@ def test_a_rangefinder_tells_the_wall_ahead_once_a_period_and_nothing_when_turne
     assert finder.measure(0.9, body.state) == [first]
     assert finder.measure(1.0, body.state) == pytest.approx([1.5], abs=0.015)
     body.state.psi += math.radians(60.0)
-    assert finder.measure(2.0, body.state) == pytest.approx(3.0, abs=0.015)
+    assert finder.measure(2.0, body.state) == pytest.approx([3.0], abs=0.015)
     body.state.psi += math.radians(60.0)
     assert math.isnan(finder.measure(3.0, body.state)[0])
     assert load_vehicle("videoray").make_rangefinder(1) is None
