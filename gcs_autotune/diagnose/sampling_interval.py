@@ -255,9 +255,9 @@ def judged_at(
     if seconds is None:
         return begun, None, ""
     first = _look(problem, plain, slugs, price, seconds)
-    found = _closest(begun, at, slugs, price, seconds, widest)
-    if found is not None and found.error < BETTER * first.error:
-        return (found.problem, found.plain), found.best, _moved(first, found, seconds)
+    chosen = _closest(begun, at, slugs, price, seconds, widest)
+    if chosen is not None and chosen.error < BETTER * first.error:
+        return (chosen.problem, chosen.plain), chosen.best, _moved(first, chosen, seconds)
     if all(steady):
         return begun, None, ""
     far = wider[int(np.argmin(steady)) // 2]
@@ -277,12 +277,12 @@ def _told(fit: NoisyFit) -> str:
     return f"a damping of {abs(float(fit.theta[1])):.2g} 1/s"
 
 
-def _moved(first: Look, found: Look, seconds: float) -> str:
-    term = found.best.effects[0].slug if found.best.effects else "no added term"
+def _moved(first: Look, chosen: Look, seconds: float) -> str:
+    term = chosen.best.effects[0].slug if chosen.best.effects else "no added term"
     return (
         f"with samples {first.problem.interval:.2g} s apart, the plain model has {_told(first.plain)} and the best "
-        f"model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {found.problem.interval:.2g} s or "
-        f"more apart, the best model ({term}) has {_told(found.best)} and its error is {found.error:.2g}. The longer "
+        f"model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {chosen.problem.interval:.2g} s or "
+        f"more apart, the best model ({term}) has {_told(chosen.best)} and its error is {chosen.error:.2g}. The longer "
         "interval is used"
     )
 

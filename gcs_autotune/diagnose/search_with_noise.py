@@ -161,7 +161,7 @@ def _without_names(state: SearchState) -> SearchState:
     doubt = Doubt(
         NO_MODEL,
         "no model of the craft fits these runs with process noise modelled, from any starting point, and the residual "
-        "is more than noise" + (f"; {names} is therefore not identified" * bool(names)),
+        "is more than noise" + (f". {names} is therefore not identified" * bool(names)),
         "check columns, units and clocks first. Then record in calmer water, or use slower and larger commands",
     )
     return replace(

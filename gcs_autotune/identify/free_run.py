@@ -333,14 +333,14 @@ def residual_statistics(trace: Trace) -> ResidualStatistics:
     """Return the statistics of the residuals of a trace."""
     error = trace.measured - trace.fitted
     rms = math.sqrt(float(np.mean(error**2)))
-    swing = float(np.std(trace.measured))
+    measured_std = float(np.std(trace.measured))
     return ResidualStatistics(
         n=len(error),
         mean=float(error.mean()),
         rms=rms,
         mean_absolute=float(np.mean(np.abs(error))),
         worst=float(np.max(np.abs(error))),
-        fit_percent=100.0 * (1.0 - rms / swing) if swing > 0.0 else 0.0,
+        fit_percent=100.0 * (1.0 - rms / measured_std) if measured_std > 0.0 else 0.0,
         lag_one=float(autocorrelation(error, 1)[0]),
         whiteness_p=whiteness(error),
     )

@@ -228,9 +228,9 @@ class Fit(Generic[ModelT]):
             return self.model
         plain = as_extended(self.model)
         inputs = plain.base.form.inputs
-        swing = {str(k): float(v) for k, v in self.extra.get("swing", {}).items() if k in inputs}
+        full_scale = {str(k): float(v) for k, v in self.extra.get("swing", {}).items() if k in inputs}
         units = dict.fromkeys(inputs, self.model.input_unit)
-        return ExtendedModel(plain.base, (*plain.effects, *self.effects), swing, units)
+        return ExtendedModel(plain.base, (*plain.effects, *self.effects), full_scale, units)
 
     @property
     def remainder(self) -> Mapping[str, Remainder]:

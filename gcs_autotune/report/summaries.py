@@ -175,7 +175,7 @@ def _agreements(found: tuple[Agreement, ...]) -> Table:
         )
         for a in found
     )
-    return Table(("parameter", "by step", "chance"), "llr", rows)
+    return Table(("parameter", "value per step", "chance"), "llr", rows)
 
 
 def _plan_parameters(result: PlanResult) -> Table:
@@ -195,7 +195,7 @@ def _final(result: PlanResult) -> Table:
     return Table(("run", "signal", "rms", "fit"), "llrr", rows)
 
 
-_VERDICTS = {"meets": "met", "fails": "FAILED", "open": "too close"}
+_VERDICTS = {"meets": "met", "fails": "FAILED", "open": "undecided"}
 
 
 def sheets_document(sheets: Sequence[Sheet]) -> Document:
@@ -275,7 +275,7 @@ def thruster_document(fit: ThrusterFit) -> Document:
         doubts=doubt_sentences(fit.doubts),
         sections=(
             Section("map", heading, (_thruster_parameters(fit), quality), facts=IN_RESULT),
-            Section("structure", "Which structure", (_candidates(fit),), facts=IN_RESULT),
+            Section("structure", "Choice of structure", (_candidates(fit),), facts=IN_RESULT),
             Section("commands", "Command for a required force", (_compensation(fit),), facts=IN_RESULT),
         ),
         facts=fit.to_dict(),
@@ -320,7 +320,7 @@ def _candidates(fit: ThrusterFit) -> Table:
         (c.structure, str(c.free_parameters), _force_left(fit, c.rms), f"{c.bic - best:.1f}")
         for c in fit.candidates[:SHOWN]
     )
-    return Table(("structure", "free", "rms, N", "BIC more"), "lrrr", rows)
+    return Table(("structure", "parameters", "rms [N]", "BIC - best"), "lrrr", rows)
 
 
 def _compensation(fit: ThrusterFit) -> Table:

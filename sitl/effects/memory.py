@@ -71,7 +71,7 @@ class RateLimit(OnInput):
     """Limited rate of change."""
 
     slug = "rate-limit"
-    meaning = "the actuator cannot move faster than a rate"
+    meaning = "the actuator moves at a limited rate"
     parameters = (EffectParameter("rate", "input unit/s", least=1e-9),)
 
     def begin(self, setting: Setting) -> None:

@@ -33,7 +33,7 @@ class SensorPosition(HiddenEffect):
         EffectParameter("x_P", "m", "distance of the sensor ahead of the centre", 0.0),
         EffectParameter("y_P", "m", "distance of the sensor to starboard of the centre", 0.0),
     )
-    on_vehicles = "signals joined by + (default u+v+x+y; z+w of a craft that tilts)"
+    on_vehicles = "signals joined by + (default u+v+x+y, or z+w for a craft that tilts)"
 
     def begin(self, setting: Setting) -> None:
         """Find the measured signals."""

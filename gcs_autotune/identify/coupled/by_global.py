@@ -269,12 +269,12 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
             f"no model '{form.name}' could be simulated on run '{records[0].run}'. Both global searches found only "
             "diverging motions. Narrow the bounds or increase the budget"
         )
-    told = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}
+    summary = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}
     plain = _from_regression(form, records, limits, robust=case.robust)
     ahead = math.nan if plain is None else polished.log_likelihood - plain.log_likelihood
     if plain is not None and ahead < 0.0:
         polished = plain
-    extra = {"search": {**told, "ahead_of_local": ahead}}
+    extra = {"search": {**summary, "ahead_of_local": ahead}}
     return outcome(case, Delayed(LocalFit(polished, records), 0.0), limits, "global", extra)
 
 

@@ -128,9 +128,9 @@ class RunLikelihoods:
         for b in forces:
             for s in thrusts:
                 constant, q, Q = self._parts(float(b), float(s))
-                told = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
-                if told > best:
-                    best, found = told, (float(b), float(s))
+                likelihood = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
+                if likelihood > best:
+                    best, found = likelihood, (float(b), float(s))
         return found
 
     def _parts(self, force: float, thrust: float) -> tuple[float, Array, Array]:

@@ -155,13 +155,13 @@ def plan_doubts(
         )
     for row in rows:
         if row.probability < SURE / len(rows):
-            told = ", ".join(
+            estimates = ", ".join(
                 f"{s}: {format_value(v, e)}" for s, v, e in zip(row.steps, row.values, row.stds, strict=True)
             )
             found.append(
                 Doubt(
                     "steps-disagree",
-                    f"{row.name} differs between steps by more than its standard errors ({told})",
+                    f"{row.name} differs between steps by more than its standard errors ({estimates})",
                     "look for a missing term in a step's equations, or a change of load or trim between the steps",
                 )
             )

@@ -167,8 +167,8 @@ def swung(runs: Sequence[Trial]) -> list[str] | None:
     A controller held the other degrees of freedom still during the run. Their motion shows the controller's performance
     only.
     """
-    told = {run.meta.get("dof") for run in runs}
-    return [str(d) for d in told] if len(told) == 1 and told <= set(DOFS) else None
+    stated = {run.meta.get("dof") for run in runs}
+    return [str(d) for d in stated] if len(stated) == 1 and stated <= set(DOFS) else None
 
 
 def by_thrusters(runs: Sequence[Trial], dof: str) -> bool:

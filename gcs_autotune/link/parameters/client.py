@@ -148,7 +148,7 @@ class Parameters:
             self._check_answers(missing)
             raise ParameterMissing(
                 f"{self.session.vehicle} has no parameter {', '.join(missing)}. "
-                "Its firmware is too old or too new, or built without this feature. Check the firmware",
+                "Check the firmware: it is too old, too new, or built without this feature",
                 name=missing[0],
             )
         return found

@@ -99,7 +99,7 @@ class Rates:
                 if carried / seconds >= least(least_of_all) or offered < least(least_of_all):
                     self._name_loss(error)  # the line was not full
                 raise TelemetryFault(
-                    f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. With that {error}. "
+                    f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. Therefore {error}. "
                     f"{FASTER}"
                 ) from error
             if self.granted[name].granted < rate:

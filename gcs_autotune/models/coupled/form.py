@@ -195,7 +195,10 @@ def _check(form: Form) -> None:
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     missing = gains - set(form.parameters)
     if missing:
-        raise BadFile(f"form '{form.name}': input gain {', '.join(sorted(missing))} is neither free nor known")
+        raise BadFile(
+            f"form '{form.name}': input gain {', '.join(sorted(missing))} is neither free nor known. Add it to "
+            "one of them"
+        )
     rows = {FORCES.index(DOFS[d].force) for d in form.dofs}
     for name in form.parameters:
         if name in RIGID_BODY or name in SPECIAL or name in gains:

@@ -229,7 +229,7 @@ def _remains(examined: _Examined) -> Iterator[Section]:
         *_missing(diagnosis),
         *_left(diagnosis),
     )
-    yield Section("left", "What remains", parts, facts=IN_RESULT)
+    yield Section("left", "Remaining error", parts, facts=IN_RESULT)
 
 
 def _not_distinguished(examined: _Examined) -> Iterator[Section]:

@@ -240,7 +240,7 @@ def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -
     every = -(-len(x) // MOST_POINTS) or 1
     axes.plot(x[::every], y[::every], ".", ms=2.4, color=FAINT, alpha=0.6, label="residual")
     centre, mean, error, _ = bin_means(x, y)
-    axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="its mean")
+    axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="mean of the residual")
     axes.axhline(0.0, color=INK, lw=0.8)
     if after is not None and name in after.against and len(_cloud(after, name)[0]):
         centre, mean, _, _ = bin_means(*_cloud(after, name))
@@ -356,7 +356,7 @@ def draw_curve(curve: EffectCurve) -> Figure:
     if plain is not None:
         axes.plot(x, plain, color=BEFORE, lw=1.2, ls="--", label="simulation")
     elif not curve.polar:
-        axes.axhline(0.0, color=BEFORE, lw=1.2, ls="--", label="simulation: none")
+        axes.axhline(0.0, color=BEFORE, lw=1.2, ls="--", label="simulation: no force")
     axes.plot(x, y, color=AFTER, lw=2.0, label="found")
     if curve.polar:
         axes.axhline(0.0, color=INK, lw=0.8)

@@ -218,7 +218,7 @@ def _vehicle(story: TuneStory) -> Iterator[Section]:
 
 def _events(story: TuneStory) -> Iterator[Section]:
     rows = tuple(("" if math.isnan(t) else f"{t:.1f} s", text) for t, text in story.events)
-    clock = Note("Times are those of the vehicle's clock." if rows else "", kind="quiet")
+    clock = Note("All times are on the vehicle's clock." if rows else "", kind="quiet")
     yield Section("events", "Events", (Table(("", ""), "rl", rows), clock), detail=True, facts=IN_RESULT)
 
 
