@@ -114,7 +114,7 @@ class NoiseSearch:
     @property
     def inertia(self) -> float:
         """Inertia of the model in the base model's units; its own equation is per unit of inertia."""
-        d, gain = DOFS[self.dof], float(self.fit.theta[0])
+        d, gain = DOFS[self.dof], self.fit.gain
         for pairs in () if self.whole is None else self.whole.form.inputs.values():
             for force, share in pairs:
                 if force == d.force and not isinstance(share, str):
@@ -317,7 +317,7 @@ def _is_none(cause: CandidateScore[NoisyFit], fit: NoisyFit) -> bool:
 
 def above_the_command(search: NoiseSearch) -> float:
     """Return the size of the drifting force relative to the commanded force, both rms; 0 without commands."""
-    reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
+    reach = abs(search.fit.gain) * commanded(search.problem)
     return search.fit.noise.size / reach if reach > 0.0 else 0.0
 
 
