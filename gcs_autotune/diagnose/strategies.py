@@ -107,7 +107,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
 
     judged : the step, if it is already scored.
     """
-    stage = f"search for cause {len(state.steps) + 1}"
+    stage = f"cause {len(state.steps) + 1}"
     white = whiteness_of(tests_of(state.problem, state.fitted))
     if judged is None:
         some = [s for s in state.question.slugs if EFFECTS[s].is_disturbance] if state.steps and white > DONE else None

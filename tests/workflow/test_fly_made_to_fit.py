@@ -59,7 +59,7 @@ def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would
     assert any("ends early, with assumed parameters: safety limit 'depth excursion'" in text for text in harness.said)
     assert result.preview.seconds == pytest.approx(60.0, abs=0.2)
     assert result.preview.deep > 5.0
-    assert any("it would need " in text and "doublets 1 min" in text for text in harness.said)
+    assert any("the flight would need " in text and "doublets 1 min" in text for text in harness.said)
 
 
 def test_only_what_was_not_given_shrinks(tmp_path: Path) -> None:
