@@ -18,6 +18,7 @@ from gcs_autotune.identify import Fitted, NoisyFit
 
 __all__ = [
     "ALIKE",
+    "FAR_MORE",
     "HALF",
     "LUCK",
     "MATERIAL",
