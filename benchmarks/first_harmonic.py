@@ -16,16 +16,10 @@ from test_heading_loop import CASES, flown
 from test_linear_processes import PROCESSES, Process
 
 from benchmarks.results import Figure, headline
-from gcs_autotune.identify import (
-    find_cycles,
-    heading_loop,
-    identify_process,
-    loop_cycles,
-    loop_process,
-    loop_trial,
-    process_from_response,
-)
 from gcs_autotune.identify.frequency import harmonic_response
+from gcs_autotune.identify.relay import loop_cycles, loop_process, loop_trial
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
+from gcs_autotune.identify.relay.linear_process import heading_loop, identify_process, process_from_response
 from gcs_autotune.models import TransferFunction
 
 

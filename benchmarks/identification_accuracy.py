@@ -17,7 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 from axis_plants import DEG, Relay, fly
 
 from benchmarks.results import Figure, headline
-from gcs_autotune.identify import cramer_rao, fit_axis
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify.axis.uncertainty import cramer_rao
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 

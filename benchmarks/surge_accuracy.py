@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.reach import Aboard
 from benchmarks.results import Figure, headline
-from gcs_autotune.identify import CURVE
+from gcs_autotune.identify.thrust import CURVE
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.workflow import TuneSettings, Unattended, experiment
 from sitl import open_vehicle

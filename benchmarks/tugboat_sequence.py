@@ -19,7 +19,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "plants"))
 from tug_plants import NOISE, TUG, WIND_NOISE, sea_trials
 
 from benchmarks.results import Figure, headline
-from gcs_autotune.identify.plan import PLANS, run_plan
+from gcs_autotune.identify.plan import run_plan
+from gcs_autotune.identify.plan.plan import PLANS
 
 
 def main() -> None:

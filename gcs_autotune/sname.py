@@ -210,6 +210,11 @@ class Dof:
         nu = self.velocity
         return (f"alpha_{nu}", f"beta_{nu}", f"beta_{nu}{nu}", "delta")
 
+    def derivative_names(self) -> tuple[str, str, str, str, str]:
+        """Return the derivatives behind :meth:`parameter_names` and the delay."""
+        force, nu = self.force, self.velocity
+        return (f"{force}_{nu}dot", f"{force}_{nu}", f"{force}_{nu}{nu}", f"{force}_0", "delay")
+
     def parameter_units(self, force_unit: str) -> tuple[str, str, str, str]:
         """Return the units of :meth:`parameter_names`, given that of the input (``N``, ``N m``, ``rad``, ``1``).
 

@@ -21,7 +21,8 @@ from referencing import Registry, Resource
 from gcs_autotune.cli import read_config
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify import load_model, load_plan
+from gcs_autotune.identify import load_model
+from gcs_autotune.identify.plan import load_plan
 from gcs_autotune.link.parameters.journal import read_journal
 from gcs_autotune.manoeuvres import read_area
 from gcs_autotune.mavlink import load_params

@@ -29,7 +29,8 @@ from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.evidence import FAINT, chance_of, weak_among
 from gcs_autotune.diagnose.process_noise import NoiseSearch, search_with_process_noise, supported
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify.problems import fit_base, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 
 __all__ = ["main", "marked"]
 

@@ -18,8 +18,9 @@ from gcs_autotune.diagnose import Diagnosis, diagnose
 from gcs_autotune.diagnose.process_noise import search_with_process_noise
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify import fit_base, prepare_as_recorded
-from gcs_autotune.identify.base_model import plain_form
+from gcs_autotune.identify.problems import fit_base
+from gcs_autotune.identify.problems.base_model import plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.models.coupled import CoupledModel, Form
 from sitl.effects import BadEffect
 

@@ -19,10 +19,10 @@ from benchmarks.blind.sizes import RECIPES
 from benchmarks.results import count, headline
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify.base_model import base_limits, data_summary_of, plain_form
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.base_model import base_limits, data_summary_of, plain_form
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.signals.preparation import prepare_as_recorded
 from gcs_autotune.sname import DOFS
 
 __all__ = ["fit_truth", "main"]

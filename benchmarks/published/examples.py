@@ -8,8 +8,10 @@ from typing import Any
 
 from benchmarks.published.section import Row, Section, rows_of
 from benchmarks.published.water import DEG, Plant, Relay, relay_run
-from gcs_autotune.identify import decide, find_cycles, fit_axis, identify_process
-from gcs_autotune.identify.relay.iso import estimate
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify.relay.iso import decide, estimate
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
+from gcs_autotune.identify.relay.linear_process import identify_process
 from gcs_autotune.identify.result import LimitCycle, Structure
 from gcs_autotune.trial import Trial
 

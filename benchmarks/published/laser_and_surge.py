@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.published.relay_tables import reading
 from benchmarks.published.section import Row, Section, rows_of
 from benchmarks.published.water import Relay, relay_run
-from gcs_autotune.identify import find_cycles
 from gcs_autotune.identify.relay.iso import estimate
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.research import LaserCurve, calibrate
 
 __all__ = ["laser", "surge"]

@@ -7,7 +7,8 @@ from typing import Any
 
 from benchmarks.published.section import Row, Section
 from benchmarks.published.water import NOISE, TUG, sea_trials
-from gcs_autotune.identify.plan import PLANS, run_plan
+from gcs_autotune.identify.plan import run_plan
+from gcs_autotune.identify.plan.plan import PLANS
 
 __all__ = ["tugboat"]
 

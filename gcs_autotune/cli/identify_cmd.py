@@ -169,7 +169,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str, float]) -> int:
     """Identify step by step, following a plan."""
-    from gcs_autotune.identify import load_plan, run_plan
+    from gcs_autotune.identify.plan import load_plan, run_plan
     from gcs_autotune.report import plan_document
 
     put_out(plan_document(run_plan(load_plan(args.plan).knowing(known), runs)), as_json=args.json)

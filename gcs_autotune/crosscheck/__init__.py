@@ -1,7 +1,8 @@
-"""Sensors that report the same motion twice, held against each other: :func:`contradictions` of a recorded run.
+"""Compare sensors that report the same motion twice: :func:`contradictions` of a recorded run.
 
-``windows`` and ``agreement`` compare a position with the integral of a rate; ``rates``, ``track`` and ``commands`` hold
-the pairs; ``wording`` says what was found. Nothing is changed: who asks decides whether to warn or to refuse.
+``windows`` and ``agreement`` compare a position with the integral of a rate. ``rates``, ``track`` and ``commands``
+define the pairs, and ``wording`` describes the result. Nothing is changed. The caller decides whether to warn or to
+reject a run.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ __all__ = ["Contradiction", "compared_with_rate", "contradictions"]
 
 
 def contradictions(trial: Trial, use: Sequence[str] | None = None) -> tuple[Contradiction, ...]:
-    """Return what contradicts itself in *trial*, each pair once.
+    """Return the contradictions in *trial*, each pair once.
 
-    use : columns that count; a pair of which one is left out is not compared. All when None.
+    use : columns that are used, None: all. A pair with an unused column is not compared.
     """
     found = [
         *rate_contradictions(trial, course_of),

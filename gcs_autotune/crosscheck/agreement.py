@@ -1,9 +1,9 @@
-"""How well a position and the integral of its rate agree: by what factor, how late, and whether at all.
+"""Compare a position with the integral of its rate: their ratio, their time shift, and whether they agree at all.
 
-The slopes of both are compared over windows as short as the noise allows (:mod:`.windows`). The noisier side is
-regressed on the quieter one, which keeps noise from pulling the factor down. A constant offset of the rate (the bias of
-a gyro) belongs to the regression, with what such an offset usually is as its prior: a craft in a steady turn then still
-has a factor, and a craft at rest has none.
+The slopes of both are compared over windows as short as the noise permits (:mod:`.windows`). The noisier side is
+regressed on the quieter one, so that noise does not reduce the ratio. A constant offset of the rate (the bias of a
+gyro) is part of the regression. Its prior is the usual size of such an offset. A craft in a steady turn then still has
+a ratio, while a craft at rest has none.
 """
 
 from __future__ import annotations
@@ -25,47 +25,59 @@ Array = NDArray[np.float64]
 Kind = Literal["agrees", "factor", "sign", "shift", "still-position", "still-rate", "unrelated", "unclear"]
 
 CLEAR = 8.0
-"""Chosen: a side of the comparison is precise when its slopes are so many times their noise."""
+"""Ratio of slopes to their noise above which a side of the comparison is precise. Set by hand."""
 LEAST_CLEAR = 5.0
-"""Chosen: below this on both sides too little moves."""
+"""Ratio of slopes to their noise below which, on both sides, too little moves. Set by hand."""
 FEWEST = 8
-"""Fewest windows of a comparison."""
+"""Minimum number of windows of a comparison."""
 SHORTEST = 0.5
-"""Chosen [s]: no shorter window; sensors of one craft are late against each other by less."""
+"""Shortest window [s]; time shifts between sensors of one craft are usually shorter. Set by hand."""
 SURE = 4.0
-"""Chosen: standard errors by which a factor or a shift must differ before it counts."""
+"""Number of standard errors by which a ratio or a shift must differ to count. Set by hand."""
 TOLERANCE = 0.12
-"""Chosen: a factor of 0.88 to 1.12 is what the filters and scales of good sensors do."""
+"""Deviation of the ratio from 1 that filters and scales of good sensors may cause: 0.88 to 1.12. Set by hand."""
 ALIKE, APART = 0.75, 0.5
-"""Chosen: coherence from which on two motions are the same but for a factor; below the second they are not."""
+"""Coherence above which two motions are equal up to a ratio (ALIKE), and below which they differ (APART).
+
+Both are set by hand.
+"""
 STILL = 0.3
-"""Chosen: a side that moves by less than this share of the other stands still."""
+"""Motion relative to the other side below which a side counts as constant. Set by hand."""
 LONGEST_SHIFT = 5.0
-"""Chosen [s]: shifts that are tried."""
+"""Longest time shift [s] that is tried. Set by hand."""
 TURNED_ROUND, LATER = 0.5, 0.04
-"""Chosen: of an oscillation a half period and a change of sign look alike. A change of sign counts like a shift of so
-many seconds, and every second takes so much off the coherence."""
+"""Penalties for a shift, because half a period of an oscillation and a change of sign look alike.
+
+TURNED_ROUND: shift [s] that a change of sign counts as. LATER: reduction of the coherence per second of shift. Both are
+set by hand.
+"""
 SPREAD = 0.15
-"""Chosen: relative standard error up to which a longer window may contradict a shorter one."""
+"""Relative standard error up to which a longer window may contradict a shorter one. Set by hand."""
 BETTER = 0.6
-"""Chosen: a shift must leave less than this share of what stays unexplained without it."""
+"""Unexplained variance with a shift, relative to that without it, below which the shift counts. Set by hand."""
 
 
 PART, STANDING = 8.0, 0.2
-"""Chosen: least seconds of a part in which one side stands still, and the most it moves as a share of the other."""
+"""Limits for a part of a run in which one side stands still.
+
+PART [s]: least duration. STANDING: largest motion relative to the other side. Both are set by hand.
+"""
 JUMP = 3
-"""Windows that hold the jump of a column which comes back."""
+"""Number of windows that contain the jump of a column after it stood still."""
 LARGE, MANY = 4.0, 20
-"""Chosen: motion as a multiple of the least, and windows, from which on two unlike motions contradict each other."""
+"""Limits for a contradiction between two different motions.
+
+LARGE: least motion, as a multiple of the usual least motion. MANY: least number of windows. Both are set by hand.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What good sensors of this pair may do.
+    """Differences that are normal for good sensors of a pair.
 
     offset : standard deviation of a constant offset of the rate [unit of the rate]. floor : least motion, rms of the
-    rate. way : least that must be gone there and back in all, in the unit of the position: one short turn shows a
-    filter as well. shift : seconds by which one may be late against the other.
+    rate. way : least total distance of the position, in its unit; in one short turn a filter looks like a
+    contradiction. shift : time [s] by which one may be later than the other.
     """
 
     offset: float
@@ -76,12 +88,12 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What a comparison found.
+    """Result of a comparison.
 
-    factor, std : the position moves so many times what the rate integrates to. shift, shift_std : seconds by which the
+    factor, std : ratio of the position's change to the integral of the rate. shift, shift_std : time [s] by which the
     position is later than the rate. coherence : -1..1 at that shift. moved, predicted : rms slope of the position and
-    of the rate's integral. clear : of the quieter side, in standard deviations of its noise. during : the stretch [s]
-    in which one side stands still, where the rest of the run agrees; None for the whole run.
+    of the rate's integral. clear : rms slope of the quieter side, in standard deviations of its noise. during : the
+    stretch [s] in which one side stands still while the rest of the run agrees; None for the whole run.
     """
 
     kind: Kind
@@ -97,10 +109,10 @@ class Comparison:
 
 
 def compare(position: Series, rate: Series, total: Array, expected: Expected) -> Comparison | None:
-    """Compare a *position* with *total* (n,), the integral of *rate* at its stamps; None when too little moves.
+    """Compare a *position* with *total* (n,), the integral of *rate* at its stamps; return None if too little moves.
 
-    A filter takes quick motion out of one side. What contradicts itself over short windows must do so over longer ones
-    as well, as far as anything is clear there.
+    A filter removes fast motion from one side. A contradiction over short windows must therefore also occur over longer
+    ones, if the motion is clear there.
     """
     most = min(LONGEST_SHIFT, 0.1 * _common(position, rate))
     first: Comparison | None = None
@@ -131,7 +143,7 @@ def compare(position: Series, rate: Series, total: Array, expected: Expected) ->
 
 
 def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expected, found: Comparison) -> bool:
-    """Whether both sides move, each well above its noise, and have little in common."""
+    """Return whether both sides move, each well above its noise, and have little in common."""
     noise = _noises(windows, position, rate)
     moves = found.moved > CLEAR * noise[0] and found.predicted > CLEAR * noise[1]
     large = min(found.moved, found.predicted) > LARGE * expected.floor
@@ -141,7 +153,7 @@ def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expe
 def _still_part(
     windows: Windows, position: Series, rate: Series, total: Array, expected: Expected, whole: Comparison
 ) -> Comparison | None:
-    """Return that one side stands still, or at one value, in a part of the run while the rest of it agrees."""
+    """Return a comparison if one side stands still, or at one value, in a part of the run while the rest agrees."""
     sides = windows.slopes(position.x), _predicted(windows, position, rate, total, 0.0)
     noises = _noises(windows, position, rate)
     hop = windows.span / windows.overlap
@@ -182,7 +194,10 @@ def _still_part(
 
 
 def _stands(a: Array, b: Array, noise: float, hop: float, expected: Expected) -> bool:
-    """Whether *b* is constant, or about zero, over windows in which *a* moves far; *noise* is that of *a*."""
+    """Return whether *b* is constant, or about zero, over windows in which *a* moves far.
+
+    noise : that of *a*.
+    """
     keep = np.sort(np.argsort(np.abs(a))[:-JUMP])
     a, b = a[keep], b[keep]
     (centred, quiet), size = (v - float(np.mean(v)) for v in (a, b)), _rms(a)
@@ -220,7 +235,10 @@ def _common(position: Series, rate: Series) -> float:
 
 
 def _windows(position: Series, rate: Series, total: Array, margin: float) -> Iterator[Windows]:
-    """Yield the shortest windows over which one side is clear of its noise, and longer ones; the clearest if none."""
+    """Yield windows of increasing length, starting with the shortest over which one side is clear of its noise.
+
+    If there is none, the windows with the clearest motion are yielded.
+    """
     start = max(position.t[0], rate.t[0] + margin)
     end = min(position.t[-1], rate.t[-1] - margin)
     span = max(SHORTEST, 4.0 * position.beat, 3.0 * rate.beat)
@@ -244,7 +262,7 @@ def _windows(position: Series, rate: Series, total: Array, margin: float) -> Ite
 
 
 def _noises(windows: Windows, position: Series, rate: Series) -> tuple[float, float]:
-    """Return the standard deviations of a slope of the position, and of the one that the rate predicts."""
+    """Return the standard deviations of a slope of the position, and of a slope predicted by the rate."""
     own = position.noise * float(np.median(windows.gain))
     samples = max(windows.span / rate.beat, 1.0)
     return max(own, 1e-12), max(rate.noise * math.sqrt(1.2 / samples), 1e-12)
@@ -267,7 +285,7 @@ def _cosine(a: Array, b: Array) -> float:
 class _Shift:
     """A shift in ``time`` [s], its standard error, and the slopes (n,) ``predicted`` with it.
 
-    ``unshifted``, ``changing``: the coherence of what changes without any shift, and with this one.
+    ``unshifted``, ``changing``: coherence of the varying part without a shift, and with this one.
     """
 
     time: float
@@ -278,7 +296,7 @@ class _Shift:
 
 
 def _best_shift(windows: Windows, position: Series, rate: Series, total: Array, x: Array, most: float) -> _Shift:
-    """Return the shift at which both agree best."""
+    """Return the shift at which both sides agree best."""
     step = max(0.05, 0.25 * min(position.beat, rate.beat))
     shifts = step * np.arange(-math.floor(most / step), math.floor(most / step) + 1)
     rows = [_predicted(windows, position, rate, total, float(s)) for s in shifts]
@@ -312,7 +330,7 @@ def _judge(
     position_leads: bool,
     beats: float,
 ) -> Comparison:
-    """Return the agreement of the slopes *x* (n,) of the position and those predicted, shifted as they agree *best*.
+    """Return the comparison of the slopes *x* (n,) of the position with those predicted at the *best* shift.
 
     beats : mean interval [s] of both.
     """
@@ -360,16 +378,17 @@ def _judge(
 
 
 def _is_flat(leading: Array, following: Array) -> bool:
-    """Whether what follows is constant, or noise about a constant, while the other one changes."""
+    """Return whether the following side is constant, or noise about a constant, while the leading one changes."""
     a, b = leading - float(np.mean(leading)), following - float(np.mean(following))
     return abs(_cosine(a, b)) < APART and _rms(a) > 0.1 * _rms(leading)
 
 
 def _regression(a: Array, b: Array, overlap: float, offset: float, noise: float) -> tuple[float, float, float]:
-    """Return slope of *b* (n,) on *a*, its standard error, and the coherence of both.
+    """Return the slope of *b* (n,) on *a*, its standard error, and the coherence of both.
 
-    *noise* is that of *b*. One window in ten may be an outlier. A constant is fitted beside the slope; *offset* is its
-    standard deviation.
+    noise : that of *b*. offset : standard deviation of a constant that is fitted with the slope.
+
+    Up to one window in ten may be excluded as an outlier.
     """
     keep = np.ones(len(a), dtype=bool)
     slope = std = constant = 0.0
@@ -404,7 +423,7 @@ def _variance_left(a: Array, b: Array) -> float:
 
 
 def _lasting(left: Array, overlap: float) -> float:
-    """Return by how much residuals that last longer than a window raise the variance of a mean."""
+    """Return the factor by which residuals that last longer than a window raise the variance of a mean."""
     lag = max(round(overlap), 1)
     if len(left) < 4 * lag:
         return 1.0
@@ -414,7 +433,7 @@ def _lasting(left: Array, overlap: float) -> float:
 
 
 def _swing(windows: Windows, slopes: Array) -> float:
-    """Return about the frequency [rad/s] of what moves, by the rms of its change from window to window."""
+    """Return the approximate frequency [rad/s] of the motion, from the rms of its change between windows."""
     hops = np.diff(windows.middle)
     near = hops < 1.5 * float(np.median(hops))
     if not near.any():

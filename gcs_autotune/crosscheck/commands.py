@@ -1,7 +1,7 @@
-"""Commands against what the outputs did, where a run holds both: ``N_ref`` beside ``N``, or ``delta_ref``.
+"""Compare commands with outputs, if a run contains both: ``N_ref`` and ``N``, or ``delta_ref`` and ``delta``.
 
-An output follows its command late, slewed and within its limits, so only what none of these explains counts: an output
-that stands still, works the other way, does something else, or is another size throughout.
+An output follows its command with delay, at a limited rate and within its limits. A contradiction is therefore only one
+of these: an output that stands still, has the opposite sign, is unrelated, or has another size throughout.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ Array = NDArray[np.float64]
 OUTPUTS = ("X", "Y", "Z", "K", "M", "N", "delta", "n")
 SUFFIXES = ("_ref", "_cmd", "_command", "_set", "_c")
 LATEST = 10.0
-"""Chosen [s]: the rudder of a ship takes so long from one side to the other."""
+"""Longest delay [s] of an output; a ship's rudder may take that long from one side to the other. Set by hand."""
 CHANGES = 4
-"""Chosen: a command that changes less often shows too little."""
+"""Minimum number of changes of a command. Set by hand."""
 FOLLOWS, APART, STILL = 0.85, 0.4, 0.1
-"""Chosen: correlation of an output that does as it is told, of one that does not; and the share of the command's
-scatter below which it stands still."""
+"""Correlation of an output that follows (FOLLOWS) and of one that does not (APART). Set by hand.
+
+STILL: scatter of an output, relative to that of its command, below which it stands still.
+"""
 FACTOR = 0.25
-"""Chosen: a slewed output is smaller by less than this."""
+"""Ratio of output to command below which rate limits do not explain the difference. Set by hand."""
 LEAST = 0.02
-"""Chosen: share of full, or rad, by which a command must scatter."""
+"""Least scatter of a command, as a fraction of full or in rad. Set by hand."""
 
 
 def command_contradictions(trial: Trial) -> Iterator[Contradiction]:
-    """Yield every output that does not do what was commanded."""
+    """Yield every output that does not follow its command."""
     for output in OUTPUTS:
         command = next((f"{output}{s}" for s in SUFFIXES if f"{output}{s}" in trial), None)
         if output in trial and command is not None:

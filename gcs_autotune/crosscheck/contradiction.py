@@ -1,4 +1,4 @@
-"""What a contradiction between two columns is, in numbers and in words."""
+"""A contradiction between two columns, in numbers and in words."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class Contradiction:
     ----------
     pair : the columns, joined with " against ", e.g. ``psi against r``.
     kind : ``factor``, ``sign``, ``shift``, ``still``, ``unrelated``, ``turned`` or ``exchanged``.
-    value, std : the factor, the shift [s] or the angle [rad] with its standard error; NaN where there is none.
-    suspect : the column that is more likely wrong; empty where nothing shows which.
-    columns : every column that takes part.
-    unit : the unit whose factor it is; empty for any other factor.
+    value, std : the factor, the shift [s] or the angle [rad] with its standard error; NaN if there is none.
+    suspect : the column that is more likely wrong; empty if nothing shows which.
+    columns : all columns of the comparison.
+    unit : the unit that explains the factor; empty for any other factor.
     cause, cure : in words.
     """
 

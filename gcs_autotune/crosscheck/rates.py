@@ -1,4 +1,4 @@
-"""Positions against the integrals of their rates: heading, roll, pitch and depth."""
+"""Compare positions with the integrals of their rates: heading, roll, pitch and depth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ Rates = Callable[[Trial], Channel | None]
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """A position and its rate; ``verb`` is what the position does. ``earth`` is the rate turned by the attitude."""
+    """A position and its rate; ``verb`` describes the motion of the position.
+
+    ``earth``: the rate rotated to the earth frame by the attitude.
+    """
 
     position: str
     rate: str
@@ -37,7 +40,7 @@ class _Pair:
 
 
 def _with(trial: Trial, main: str, *others: str) -> Mapping[str, np.ndarray] | None:
-    """Return channel *main* and, at its stamps, the *others*; None when one is missing."""
+    """Return channel *main* with the *others* at its stamps; return None if one is missing."""
     if any(n not in trial or len(trial[n]) < 2 for n in (main, *others)):
         return None
     t = trial[main].t
@@ -88,7 +91,10 @@ _PAIRS = (
 
 
 def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) -> Iterator[Contradiction]:
-    """Yield what contradicts itself; *course* returns the course over ground [rad] of a run, to judge headings by."""
+    """Yield contradictions between positions and rates.
+
+    course : function that returns the course over ground [rad] of a run, for comparison with the heading.
+    """
     for pair in _PAIRS:
         if pair.position not in trial or pair.rate not in trial:
             continue
@@ -107,7 +113,7 @@ def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) 
 
 
 def compared_with_rate(position: Channel, rate: Channel) -> Comparison | None:
-    """Return how a position agrees with its rate; None for no such pair, or where too little moves to tell."""
+    """Return the comparison of a position with its rate; return None for no such pair, or if too little moves."""
     pair = next((p for p in _PAIRS if (p.position, p.rate) == (position.name, rate.name)), None)
     known = None if pair is None else series(position, angle=pair.angle)
     return None if pair is None or known is None else _compared(known, rate, pair.expected)
@@ -143,6 +149,6 @@ def _suspect(
 
 
 def _wraps(psi: Channel) -> bool:
-    """Whether the heading jumps by a full turn somewhere: its scale is then right."""
+    """Return whether the heading jumps by a full turn somewhere, which confirms its scale."""
     steps = np.abs(np.diff(psi.values[np.isfinite(psi.values)]))
     return bool(np.any(np.abs(steps / FULL_TURN - 1.0) < 0.1))

@@ -1,8 +1,8 @@
-"""Heading against the track over ground, and speeds against positions.
+"""Compare the heading with the track over ground, and speeds with positions.
 
-The course of a craft differs from its heading by sideslip, by current, when it goes astern, and when its compass is
-mounted turned. The first is small where the craft does not turn; the second is a constant velocity over ground; the
-third shows in the throttle. What is left is the compass, or thrust that works the other way.
+The course of a craft differs from its heading because of sideslip, current, motion astern, or a compass mounted in the
+wrong orientation. Sideslip is small if the craft does not turn. A current is a constant velocity over ground. Motion
+astern is visible in the throttle. The remaining causes are the compass, or thrust with reversed sign.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ __all__ = ["course_of", "heading_contradictions", "speed_contradictions"]
 Array = NDArray[np.float64]
 
 SPANS = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""Chosen [s]: windows tried for the velocity over ground, the shortest that is clear first."""
+"""Window lengths [s] tried for the velocity over ground; the shortest with a clear velocity is used. Set by hand."""
 CLEAR = 6.0
 LEAST_SPEED = 0.3
-"""Chosen [m/s]: a slower craft drifts as much as it drives."""
+"""Least speed [m/s]; a slower craft is moved as much by the current as by its thrust. Set by hand."""
 STRAIGHT = 0.35
-"""Chosen [rad]: a window in which the heading changes by more says little of the sideslip at rest."""
+"""Change of heading [rad] above which a window is not used, because of sideslip in the turn. Set by hand."""
 CURRENT = 0.35
-"""Chosen [m/s]: standard deviation of currents; part of the regression."""
+"""Standard deviation [m/s] of currents, the prior of the regression. Set by hand."""
 MOST_CURRENT = 2.0 * CURRENT
 SLIP = 0.25
-"""Chosen: share of the speed that waves and manoeuvres leave across the heading."""
+"""Velocity across the heading due to waves and manoeuvres, relative to the speed. Set by hand."""
 LEAST_ANGLE = math.radians(35.0)
-"""Chosen [rad]: sideslip, deviation and wind account for less."""
+"""Least angle [rad] of a contradiction; sideslip, deviation and wind explain smaller ones. Set by hand."""
 AHEAD, SIDEWAYS = 0.05, 0.3
-"""Chosen: share of full throttle that drives ahead, and of it that a sideways force may be."""
+"""Least throttle ahead, relative to full, and largest sideways force, relative to that throttle. Set by hand."""
 FEWEST, LEAST_WAY, LEAST_TIME = 4, 8.0, 5.0
-"""Windows, metres and seconds below which too little was seen."""
+"""Minimum number of windows, distance [m] and time [s] of a comparison."""
 MOSTLY = 0.7
-"""Chosen: share of windows in which the craft must go the wrong way."""
+"""Least fraction of windows in which the craft must move in the direction found. Set by hand."""
 ANGLES = 72
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Track:
-    """Velocity over ground per window: north + 1j * east [m/s], heading [rad], turn within the window [rad]."""
+    """Velocity over ground for each window: north + 1j * east [m/s], heading [rad], turn within the window [rad]."""
 
     windows: Windows
     velocity: NDArray[np.complex128]
@@ -67,7 +67,7 @@ def _positions(trial: Trial) -> tuple[Series, Series] | None:
 
 
 def _velocities(trial: Trial) -> Iterator[tuple[Windows, NDArray[np.complex128], float]]:
-    """Yield the velocity over ground, over longer and longer windows."""
+    """Yield the velocity over ground, for windows of increasing length."""
     known = _positions(trial)
     if known is None:
         return
@@ -84,7 +84,7 @@ def _velocities(trial: Trial) -> Iterator[tuple[Windows, NDArray[np.complex128],
 
 
 def course_of(trial: Trial) -> Series | None:
-    """Return the course over ground [rad], continuous, while the craft makes way; None when it does not."""
+    """Return the course over ground [rad], without jumps, while the craft moves; return None if it does not."""
     for windows, velocity, noise in _velocities(trial):
         fast = np.abs(velocity) > max(LEAST_SPEED, CLEAR * noise)
         if fast.mean() < 0.8:
@@ -113,7 +113,7 @@ def _track(trial: Trial) -> _Track | None:
 
 
 def _driven_ahead(trial: Trial, windows: Windows) -> NDArray[np.bool_]:
-    """Return the windows in which the throttle drives ahead, and nothing sideways; all where no throttle is known."""
+    """Return the windows in which the throttle drives ahead and nothing sideways; all if no throttle is recorded."""
     keep = np.ones(len(windows), dtype=bool)
     ahead = _held(trial, "X", windows)
     aside = _held(trial, "Y", windows)
@@ -129,7 +129,7 @@ def _driven_ahead(trial: Trial, windows: Windows) -> NDArray[np.bool_]:
 
 
 def _held(trial: Trial, name: str, windows: Windows) -> Array | None:
-    """Return what input *name* was before, in and at the end of every window (3, m)."""
+    """Return input *name* before, in and at the end of every window (3, m)."""
     if name not in trial or not len(trial[name]):
         return None
     channel = trial[name]
@@ -139,7 +139,7 @@ def _held(trial: Trial, name: str, windows: Windows) -> Array | None:
 
 
 def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
-    """Yield that the craft goes along a track well off its heading, where nothing else explains that."""
+    """Yield a contradiction if the track differs from the heading and nothing else explains the difference."""
     track = _track(trial)
     if track is None:
         return
@@ -175,7 +175,7 @@ def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
 
 
 def _exchange(trial: Trial, way: float, speed: float) -> Contradiction:
-    """Return that the columns of the positions are exchanged."""
+    """Return the contradiction that the columns of the positions are exchanged."""
     cause = (
         f"x and y against psi (run '{trial.name}'): the craft went {way:.0f} m at {speed:.1f} m/s along tracks that "
         "fit its headings with x and y exchanged only"
@@ -185,20 +185,20 @@ def _exchange(trial: Trial, way: float, speed: float) -> Contradiction:
 
 
 def _is_exchanged(track: _Track, speed: float) -> bool:
-    """Whether the craft goes as it heads once x and y are exchanged, and not as they are."""
+    """Return whether the track fits the heading with x and y exchanged, but not as recorded."""
     swapped = replace(track, velocity=1j * np.conj(track.velocity))
     return not _fits(track, 0.0, speed) and _fits(swapped, 0.0, speed)
 
 
 def _fits(track: _Track, angle: float, speed: float) -> bool:
-    """Whether the craft goes along its heading turned by *angle* [rad], in a current that there may be."""
+    """Return whether the craft moves along its heading rotated by *angle* [rad], with a plausible current."""
     left, current = _across(track, angle)
     along = np.real((track.velocity - current) * np.exp(-1j * (track.heading + angle)))
     return abs(current) <= MOST_CURRENT and left <= (SLIP * speed) ** 2 and float(np.mean(along > 0.0)) >= MOSTLY
 
 
 def _is_told(trial: Trial, angle: float) -> bool:
-    """Whether speeds of the craft's own say that it went that way, and no throttle says otherwise."""
+    """Return whether measured speeds of the craft confirm that direction, and no throttle contradicts it."""
     if "X" in trial or "u" not in trial or not len(trial["u"]):
         return False
     u = float(np.nanmedian(trial["u"].values))
@@ -207,11 +207,11 @@ def _is_told(trial: Trial, angle: float) -> bool:
 
 
 def _angle(track: _Track) -> tuple[float, float, float, float]:
-    """Return the angle [rad] from heading to track that one current explains best, its standard error, the median speed
-    [m/s], and the share of windows that go that way.
+    """Return the angle [rad] from heading to track, its standard error, the median speed [m/s], and a fraction.
 
-    A constant angle and a constant current: the velocity across the turned heading vanishes. What across it is left is
-    compared for every angle, the current a regression with a prior.
+    The fraction is that of the windows that move in this direction. For a constant angle and a constant current, the
+    velocity across the rotated heading is zero. The remaining velocity across it is compared for every angle; the
+    current is a regression with a prior.
     """
     best = (math.inf, 0.0, 0j)
     for angle in np.linspace(0.0, math.pi, ANGLES // 2, endpoint=False):
@@ -236,8 +236,10 @@ def _angle(track: _Track) -> tuple[float, float, float, float]:
 
 
 def _is_explained_ahead(track: _Track, speed: float, least: float) -> bool:
-    """Whether the craft may have gone ahead as it points, in a current that there may be. *least*: cost of the best
-    angle."""
+    """Return whether the craft may have moved ahead along its heading, with a plausible current.
+
+    least : cost of the best angle.
+    """
     left, current = _across(track, 0.0)
     ahead = np.real((track.velocity - current) * np.exp(-1j * track.heading))
     if abs(current) > MOST_CURRENT or left > max(9.0 * least, (SLIP * speed) ** 2):
@@ -248,13 +250,16 @@ def _is_explained_ahead(track: _Track, speed: float, least: float) -> bool:
 
 
 def _remainder(track: _Track) -> float:
-    """Return how far [rad] a usual current could turn a track on one heading; where headings vary it cannot."""
+    """Return the angle [rad] by which a usual current could rotate the track of a constant heading.
+
+    If headings vary, it is near zero.
+    """
     same_way = abs(complex(np.mean(np.exp(1j * track.heading))))
     return math.atan2(CURRENT, float(np.median(np.abs(track.velocity)))) * same_way**4
 
 
 def _across(track: _Track, angle: float) -> tuple[float, complex]:
-    """Return the mean square left across the heading turned by *angle*, prior included, and the current for it."""
+    """Return the mean square velocity across the heading rotated by *angle*, with the prior, and the best current."""
     direction = track.heading + angle
     across = np.imag(track.velocity * np.exp(-1j * direction))
     design = np.column_stack([-np.sin(direction), np.cos(direction)])
@@ -271,11 +276,11 @@ def _across(track: _Track, angle: float) -> tuple[float, complex]:
 
 _SPEED = Expected(offset=0.05, floor=0.1, way=8.0, shift=1.0)
 LEAST_STEPS = 20
-"""Chosen: steps along the track below which its length shows nothing."""
+"""Minimum number of steps along a track for its length to be known. Set by hand."""
 
 
 def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
-    """Yield that the track is longer or shorter than the speed over ground, or the speeds of the craft, say."""
+    """Yield contradictions between the length of the track and the measured speeds."""
     known = _positions(trial)
     if _stands_ahead(trial):
         never = Comparison("still-rate", math.nan, math.nan, 0.0, 0.0, 0.0, math.nan, 0.0, math.nan)
@@ -305,9 +310,10 @@ def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
 
 
 def _unit_by_axes(trial: Trial, x: Series, y: Series) -> Comparison | None:
-    """Return the comparison of north and east with the craft's speeds turned by its heading; None but for one unit.
+    """Return the comparison of north and east with the craft's speeds rotated by its heading.
 
-    A short or noisy track has no length, yet its coordinates show a factor of a hundred.
+    Return None unless both show the factor of the same unit. A short or noisy track has no reliable length, but its
+    coordinates show a factor of a hundred.
     """
     if any(n not in trial or len(trial[n]) < 2 for n in ("u", "v", "psi")):
         return None
@@ -325,7 +331,7 @@ def _unit_by_axes(trial: Trial, x: Series, y: Series) -> Comparison | None:
 
 
 def _one_way(trial: Trial) -> Iterator[Contradiction]:
-    """Yield that a distance ahead and the speed ahead contradict each other, of a craft that only goes ahead."""
+    """Yield contradictions between distance and speed ahead, for a craft that only moves ahead."""
     position, rate = (series(trial[n]) if n in trial else None for n in ("x", "u"))
     found = None if position is None or rate is None else compare(position, rate, integral(rate), _SPEED)
     if found is None or found.kind in ("agrees", "unrelated"):
@@ -337,7 +343,7 @@ def _one_way(trial: Trial) -> Iterator[Contradiction]:
 
 
 def _stands_ahead(trial: Trial) -> bool:
-    """Whether the speed ahead never changes from nothing, although the track leads along the heading."""
+    """Return whether the speed ahead is always zero, although the track leads along the heading."""
     if "u" not in trial or not len(trial["u"]) or np.any(trial["u"].values != 0.0):
         return False
     track = _track(trial)
@@ -361,7 +367,7 @@ def _speed(trial: Trial) -> tuple[Channel | None, str]:
 
 
 def _way(trial: Trial, x: Series, y: Series, rate: Series) -> Series | None:
-    """Return the way made along the track [m]; over steps that the noise of the positions does not lengthen."""
+    """Return the distance along the track [m], over steps so long that noise of the positions does not lengthen it."""
     east = np.interp(x.t, y.t, y.x)
     noise = math.hypot(x.noise, y.noise)
     reach = float(np.median(np.abs(rate.x)))

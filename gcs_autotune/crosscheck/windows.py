@@ -1,7 +1,7 @@
-"""Slopes of a signal over short windows, as one linear operator that is applied to both sides of a comparison.
+"""Slopes of a signal over short windows, as one linear operator for both sides of a comparison.
 
 The slope of a position over a window is a weighted sum of its samples. The same weights applied to the integral of the
-rate give the slope that the rate predicts, whatever the stamps. Gaps and filters then spoil both sides alike.
+rate give the slope that the rate predicts, for any stamps. Gaps and filters then affect both sides equally.
 """
 
 from __future__ import annotations
@@ -20,23 +20,26 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FEWEST = 20
-"""Chosen: a channel with fewer samples is not compared."""
+"""Minimum number of samples of a channel. Set by hand."""
 MOST = 20000
-"""Chosen: samples of one channel that are looked at; of longer ones every n-th, which leaves slow motion as it is."""
+"""Maximum number of samples of one channel; longer ones are thinned, which does not change slow motion. Set by hand."""
 MOST_WINDOWS = 600
 LEAST_IN_WINDOW = 4
 NO_RADIANS = 1.0
-"""Chosen: an angle whose usual step is larger is in degrees, whatever its head says, and is not made continuous."""
+"""Median step [rad] above which an angle must be in degrees, whatever its column head states.
+
+It is then not unwrapped. Set by hand.
+"""
 FILLED, GAP = 0.7, 0.4
-"""Chosen: shares of a window that its samples must span, and that may lie between two of them."""
+"""Fractions of a window: least extent of its samples (FILLED), and longest gap between two (GAP). Set by hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """One channel made fit for a comparison.
+    """One channel prepared for a comparison.
 
-    t, x : (n,) stamps [s], strictly increasing, and values, angles continuous.
-    beat : seconds between two *different* values; noise : standard deviation of what changes from sample to sample.
+    t, x : (n,) strictly increasing stamps [s], and values, with angles unwrapped. beat : time [s] between two
+    *different* values. noise : standard deviation of the changes from sample to sample.
     """
 
     name: str
@@ -47,7 +50,7 @@ class Series:
 
 
 def series(channel: Channel, *, angle: bool = False) -> Series | None:
-    """Return *channel* as a series; None when it has too few samples to compare."""
+    """Return *channel* as a series; return None if it has too few samples."""
     good = np.isfinite(channel.t) & np.isfinite(channel.values)
     t, first = np.unique(channel.t[good], return_index=True)
     x = channel.values[good][first]
@@ -67,7 +70,7 @@ def series(channel: Channel, *, angle: bool = False) -> Series | None:
 
 
 def _noise(x: Array, steps: Array) -> float:
-    """Return the noise by second differences, at least that of the scale a coarse sensor shows."""
+    """Return the noise from second differences, but at least the rounding noise of a coarse sensor."""
     second = np.abs(np.diff(x, n=2))
     noise = float(np.mean(np.minimum(second, 10.0 * float(np.median(second)) + 1e-300))) * 1.2533 / math.sqrt(6.0)
     moving = np.abs(steps[steps != 0.0])
@@ -77,17 +80,17 @@ def _noise(x: Array, steps: Array) -> float:
 
 
 def integral(rate: Series) -> Array:
-    """Return the integral (n,) of *rate* from its first stamp on."""
+    """Return the integral (n,) of *rate*, starting at its first stamp."""
     steps = 0.5 * (rate.x[1:] + rate.x[:-1]) * np.diff(rate.t)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Windows of ``span`` [s] on stamps; ``slopes`` is the operator.
+    """Windows of ``span`` [s] on stamps; the method ``slopes`` is the operator.
 
     middle : (m,) their centres [s]. gain : (m,) standard deviation of a slope per standard deviation of a sample.
-    overlap : how many of them hold the same sample.
+    overlap : number of windows that contain the same sample.
     """
 
     span: float
@@ -102,15 +105,15 @@ class Windows:
         return len(self.middle)
 
     def slopes(self, x: Array) -> Array:
-        """Return the slope (m,) of *x* (n,), given at the stamps, over each window."""
+        """Return the slopes (m,) of *x* (n,), given at the stamps, over each window."""
         found: Array = np.add.reduceat(self.weights * x[self.which], self.starts)
         return found
 
 
 def windows_on(t: Array, span: float, start: float, end: float, gaps: Array | None = None) -> Windows | None:
-    """Return windows of *span* [s] on the stamps *t* (n,) between *start* and *end*; None when there are none.
+    """Return windows of *span* [s] on the stamps *t* (n,) between *start* and *end*; return None if there are none.
 
-    gaps : (k, 2) stretches of time that no window may touch.
+    gaps : (k, 2) time intervals that no window may touch.
     """
     hop = max(0.5 * span, (end - start - span) / MOST_WINDOWS)
     if end - start < span:
@@ -139,7 +142,7 @@ def windows_on(t: Array, span: float, start: float, end: float, gaps: Array | No
 
 
 def _longest(t: Array, low: Indices, high: Indices) -> Array:
-    """Return the longest step between samples of each window."""
+    """Return the longest interval between samples in each window."""
     counts = high - low - 1
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     which = np.repeat(low - starts, counts) + np.arange(int(counts.sum()))
@@ -148,6 +151,6 @@ def _longest(t: Array, low: Indices, high: Indices) -> Array:
 
 
 def gaps_of(t: Array, longest: float) -> Array:
-    """Return the stretches (k, 2) without a sample that are longer than *longest* [s]."""
+    """Return the gaps (k, 2) between samples that are longer than *longest* [s]."""
     wide = np.flatnonzero(np.diff(t) > longest)
     return np.column_stack([t[wide], t[wide + 1]])

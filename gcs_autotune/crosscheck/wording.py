@@ -1,4 +1,4 @@
-"""Contradictions in words: what was found, which column is more likely wrong, what to check and what to do."""
+"""Contradictions in words: the difference, the column that is more likely wrong, checks and cure."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ UNITS: Mapping[str, Mapping[float, str]] = {
     "angle": {180.0 / math.pi: "degrees", 2.0 * math.pi: "revolutions", 60.0: "per minute"},
     "length": {1000.0: "mm", 100.0: "cm", 3.6: "km/h", 1.0 / 0.3048: "feet", 3600.0 / 1852.0: "knots"},
 }
-"""Kind -> factor that a forgotten unit leaves, and the unit."""
+"""Kind of quantity -> factor that a wrong unit causes, and the unit."""
 CLOSE = 0.08
-"""Chosen: how near to the factor of a unit, at most."""
+"""Largest relative difference from the factor of a unit. Set by hand."""
 EXACT = 0.02
-"""Chosen: how near where the factor is known better than that: 2 is not the factor of knots."""
+"""Largest relative difference if the factor is known more accurately; 2, for example, is not knots. Set by hand."""
 SAME = 0.01
-"""Chosen: so near, a unit is taken before others that are near as well: 60 and 57.3."""
+"""Relative difference below which a unit is preferred to others that are also near: 60 and 57.3. Set by hand."""
 MISTAKABLE = 5.0
-"""Chosen: smaller factors have other causes as well."""
+"""Factor below which other causes than a unit are possible. Set by hand."""
 _LENGTHS = ("x", "y", "z", "U", "u", "v", "w")
 
 _CHECKS: Mapping[str, str] = {
@@ -42,7 +42,10 @@ _CHECKS: Mapping[str, str] = {
 
 
 def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspect: str) -> Contradiction:
-    """Return what a comparison *found* as a contradiction; *verb* is what the position does."""
+    """Return the result of a comparison as a contradiction.
+
+    verb : describes the motion of the position.
+    """
     does = verb if "," not in position else verb.removesuffix("s")
     said, value, std, kind = _said(position, rate, does, found)
     factor, unit = unit_of(position, found) if kind in ("factor", "sign") else (1.0, "")
@@ -87,7 +90,7 @@ def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, 
 
 
 def unit_of(position: str, found: Comparison) -> tuple[float, str]:
-    """Return the factor and name of the unit that explains what was found; (1, "") for none."""
+    """Return the factor and name of the unit that explains the result; (1, "") if there is none."""
     kind = "length" if position[0] in _LENGTHS else "angle"
     size = abs(found.factor)
     own = 2.0 * found.std / size

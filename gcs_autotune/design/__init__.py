@@ -1,9 +1,9 @@
-"""From an identified model to gains for the autopilot's own control law. Proposes; never writes to a vehicle.
+"""Calculate gains for the autopilot's own control law from an identified model. Nothing is written to a vehicle.
 
-What to use when: :func:`design` makes a :class:`Proposal`, :func:`design_from` of a model with effects,
-:func:`provisional` nearly the same gains in a fifth of the time while more is being flown;
-:func:`step_metrics` and :func:`is_better` judge the flown steps by the same ruler; :func:`design_ipd` and
-:func:`stability_bound` are the controller of Miskovic2010.
+:func:`design` returns a :class:`Proposal`; :func:`design_from` does so from a model with effects. :func:`provisional`
+returns nearly the same gains in a fifth of the time, while experiments are still being flown. :func:`step_metrics` and
+:func:`is_better` measure and compare the flown steps by the same criteria. :func:`design_ipd` and
+:func:`stability_bound` implement the controller of Miskovic2010.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What stands between the autopilot's output and the force: the actuator, as far as a diagnosis knows it."""
+"""The actuator between the autopilot's output and the force, as far as a diagnosis has identified it."""
 
 from __future__ import annotations
 
@@ -17,15 +17,23 @@ __all__ = ["PERFECT", "Actuator", "ActuatorStep"]
 Array = NDArray[np.float64]
 
 MIN_SLOPE = 0.25
-"""Local gains below this are excluded from the margins: the loop is then nearly open, as the simulation shows."""
+"""Local gains below this value are excluded from the margins.
+
+The loop is then nearly open, which the simulation covers.
+"""
 USED = 0.5
-"""Largest output for which margins must hold [normalised], independent of the relay sizes. Chosen: the gain of a square
-law at most doubles from here to full output, which is only passed through; the gain margin of 2.5 leaves 1.25 there."""
+"""Largest output for which margins must hold [normalised], independent of the relay sizes.
+
+The gain of a quadratic thrust curve at most doubles from here to full output, and this range is only passed through. A
+gain margin of 2.5 is then still 1.25.
+"""
 
 
 class ActuatorStep(NamedTuple):
-    """An :class:`Actuator` for one loop: ``rate`` per loop, ``lag`` the share of the way covered in one loop,
-    ``backlash`` half of it, ``acts`` 0 for an ideal actuator. All are floats.
+    """An :class:`Actuator` with its constants per loop, all floats.
+
+    ``rate`` is per loop, ``lag`` is the fraction of the distance covered in one loop, ``backlash`` is half the width.
+    ``acts`` is 0 for an ideal actuator.
     """
 
     acts: float
@@ -44,14 +52,15 @@ class ActuatorStep(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """From output to force, in this order; outputs in the model's input unit, or in fractions once scaled.
+    """The actuator from output to force, with its elements in this order.
 
-    ``limit`` it saturates at, ``rate`` [1/s] it moves at, ``lag`` [s] first-order, ``backlash`` (backlash) and
-    ``dead_zone`` (half-width) of its linkage or speed controller, ``subtracted`` the share of that width lost beyond it
-    (1: the force grows from nothing; 0: it begins with a jump), ``square`` the share of its force that goes with
-    ``u|u|/reference``,
-    ``ahead`` and ``astern`` gains for positive and negative outputs, ``weakest`` the gain it may fall to in use,
-    ``dither`` the rms of noise that rides on its output, too quick for the craft: the force is the mean over it.
+    Outputs are in the model's input unit, or in fractions once scaled. ``limit``: saturation. ``rate`` [1/s]: rate
+    limit. ``lag`` [s]: first-order lag. ``backlash`` and ``dead_zone`` (half-width): those of its linkage or speed
+    controller. ``subtracted``: fraction of the half-width that is lost outside the dead zone (1: the force starts from
+    zero; 0: it starts with a jump). ``square``: fraction of its force that is proportional to ``u|u|/reference``.
+    ``ahead`` and ``astern``: gains for positive and negative outputs. ``weakest``: the gain to which it may decrease in
+    use. ``dither``: rms of noise on its output that is too fast for the craft, so that the force is the mean over the
+    noise.
     """
 
     limit: float = math.inf
@@ -69,23 +78,26 @@ class Actuator:
 
     @property
     def is_perfect(self) -> bool:
-        """Whether it adds nothing to the model."""
+        """Whether the actuator adds nothing to the model."""
         return self == PERFECT
 
     @property
     def is_plain(self) -> bool:
-        """Whether outputs reach the hull unbent: it may still be slow, limited or weaker later."""
+        """Whether its static curve is linear; it may still have a lag, limits or a decreasing gain."""
         return self == replace(
             PERFECT, limit=self.limit, rate=self.rate, lag=self.lag, reference=self.reference, weakest=self.weakest
         )
 
     @property
     def lost(self) -> float:
-        """What the dead zone takes off outputs beyond it."""
+        """The part of an output outside the dead zone that the dead zone subtracts."""
         return self.subtracted * self.dead_zone
 
     def in_fractions(self, full: float) -> Actuator:
-        """Return it with outputs as fractions of *full* [input unit]; negative when full output acts the other way."""
+        """Return the actuator with outputs as fractions of *full* [input unit].
+
+        *full* is negative if full output acts in the opposite direction.
+        """
         size = abs(full)
         turned = {"ahead": self.astern, "astern": self.ahead} if full < 0.0 else {}
         return replace(
@@ -100,7 +112,7 @@ class Actuator:
         )
 
     def static(self, u: Array) -> Array:
-        """Return the force (n,) of settled outputs *u* (n,), with backlash taken up in their direction."""
+        """Return the force (n,) of steady outputs *u* (n,), with backlash taken up in their direction."""
         held = np.clip(u, -self.limit, self.limit)
         size = np.maximum(np.abs(held) - 0.5 * self.backlash, 0.0)
         held = np.sign(held) * np.where(size > self.dead_zone, size - self.lost, 0.0)
@@ -109,25 +121,25 @@ class Actuator:
         return force
 
     def output_for(self, force: float) -> float:
-        """Return the settled output that gives *force*.
+        """Return the steady output that gives *force*.
 
         Raises
         ------
         NoGainsMeetSpec
-            Full output does not.
+            Full output does not give that force.
         """
         return _output_for(self, force)
 
     def slopes(self) -> tuple[float, ...]:
-        """Return the local gains of small motions: by direction, size of output and state of the battery.
+        """Return the local gains for small motions: by direction, size of output and state of the battery.
 
-        Outputs are normalised (:meth:`in_fractions`), sizes from rest to ``USED``, less dead zone and backlash. Margins
-        must hold at each. Within dead zone and backlash the loop is open; that is left to the simulation.
+        Outputs are normalised (:meth:`in_fractions`) and range from rest to ``USED``, less dead zone and backlash.
+        Margins must hold for each gain. Inside dead zone and backlash the loop is open, which the simulation covers.
         """
         return _slopes(self)
 
     def step(self, dt: float) -> ActuatorStep:
-        """Return what :func:`.laws.kernel.actuate` needs, for steps of *dt* [s]."""
+        """Return the constants of :func:`.laws.kernel.actuate` for a time step of *dt* [s]."""
         share = 1.0 if self.lag <= 0.0 else -math.expm1(-dt / self.lag)
         most = 1e300
         return ActuatorStep(
@@ -147,12 +159,12 @@ class Actuator:
 
 
 PERFECT = Actuator()
-"""Force is output."""
+"""An ideal actuator: the force equals the output."""
 
 
 @lru_cache(maxsize=256)
 def _output_for(actuator: Actuator, force: float) -> float:
-    """As :meth:`Actuator.output_for`, cached: a design calls it thousands of times."""
+    """Return the result of :meth:`Actuator.output_for`, cached, because a design calls it thousands of times."""
     if force == 0.0:
         return 0.0
     grid = np.linspace(0.0, math.copysign(1.0, force), 2001)
@@ -168,7 +180,7 @@ def _output_for(actuator: Actuator, force: float) -> float:
 
 @lru_cache(maxsize=256)
 def _slopes(actuator: Actuator) -> tuple[float, ...]:
-    """As :meth:`Actuator.slopes`, cached."""
+    """Return the result of :meth:`Actuator.slopes`, cached."""
     bend = 2.0 * actuator.square * max(USED - 0.5 * actuator.backlash - actuator.lost, 0.0) / actuator.reference
     sizes = (1.0 - actuator.square, 1.0 - actuator.square + bend) if actuator.square else (1.0,)
     found = {

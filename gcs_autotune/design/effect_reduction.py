@@ -1,7 +1,7 @@
-"""Treatment of each effect in a design, and what a parameter or a repair can do about it.
+"""Treatment of each effect in a design, with advice on parameters or repairs.
 
-MOT_THR_MIN, MOT_THST_EXPO and MOT_THST_ASYM: ArduRover's motor library (the last two for thrusters only); ArduSub's
-thrusters map output linearly to pulse, independent of MOT_THST_EXPO.
+MOT_THR_MIN, MOT_THST_EXPO and MOT_THST_ASYM belong to ArduRover's motor library (the last two for thrusters only).
+ArduSub's thrusters map output linearly to pulse, independent of MOT_THST_EXPO.
 """
 
 from __future__ import annotations
@@ -19,15 +19,18 @@ from gcs_autotune.sname import Dof
 __all__ = ["Draft", "Remark", "take"]
 
 IN_USE = 1800.0
-"""Time [s] over which a drift of the gain is looked ahead: half an hour on the water."""
+"""Time [s] for which a drift of the gain is extrapolated: half an hour on the water."""
 
 WEAKEST = 0.3
-"""A battery is changed before the thrust falls to this share."""
+"""Smallest thrust considered, as a fraction; a battery is changed before thrust falls below it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Remark about one effect: ``treated``: its treatment in the design; ``advice``: further action, if any."""
+    """Remark about one effect.
+
+    ``treated``: its treatment in the design. ``advice``: further action, if any.
+    """
 
     slug: str
     place: str
@@ -36,13 +39,13 @@ class Remark:
 
     @property
     def sentence(self) -> str:
-        """Both, to be read."""
+        """Treatment and advice as text."""
         return f"{self.slug} at {self.place}: {self.treated}" + (f"; {self.advice}" if self.advice else "")
 
 
 @dataclass(slots=True)
 class Draft:
-    """A reduction while it is being made: ``numbers`` and ``gain`` (per unit of ``channel``) of the axis' force, SI."""
+    """A reduction in progress: ``numbers`` and ``gain`` (per unit of ``channel``) of the axis' force, SI."""
 
     dof: Dof
     channel: str
@@ -57,7 +60,7 @@ class Draft:
 
 
 def take(draft: Draft, own: EffectInstance) -> None:
-    """Let one effect alter the draft."""
+    """Apply one effect to the draft and add a remark about it."""
     here = own.place in (draft.channel, draft.dof.name)
     if own.slug in _REDUCED and (here or own.slug in _ANYWHERE):
         treated, advice = _REDUCED[own.slug](draft, own)
@@ -224,10 +227,10 @@ _REDUCED: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
     "mass-change": _payload,
     "quantisation": _coarse,
 }
-"""Slug -> how it enters the design."""
+"""Slug -> function that applies the effect to a draft."""
 
 _ANYWHERE = frozenset({"measurement-delay", "quantisation", "mass-change", "time-scale"})
-"""Effects that matter at any place."""
+"""Effects that act on every axis, whatever their place."""
 
 _FILE = ("the fault is in the record, not in the craft; the design uses corrected numbers", "")
 

@@ -20,14 +20,14 @@ __all__ = ["hunting_of"]
 Array = NDArray[np.float64]
 
 LONG = 300.0
-"""Duration of the simulation after the step [s]; its last half is evaluated. Chosen."""
+"""Duration of the simulation after the step [s]. The last half is evaluated, once the step response has decayed."""
 
 REST = 1e-3
-"""Motion relative to the step that counts as rest. Chosen."""
+"""Amplitude relative to the step below which the craft counts as at rest."""
 
 
 def hunting_of(problem: DesignProblem, settings: Settings, step: float) -> Hunting:
-    """Return what is left of a step of *step* [rad or m] after a long time on the identified model, without noise."""
+    """Return the residual motion long after a step of *step* [rad or m] on the identified model, without noise."""
     motion = problem.law.simulate(
         problem.model, settings, Scenario(step, LONG), problem.spec.speed, problem.delay, problem.actuator
     )
@@ -42,6 +42,6 @@ def hunting_of(problem: DesignProblem, settings: Settings, step: float) -> Hunti
 
 
 def _period(t: Array, swing: Array) -> float:
-    """Return the mean time between upward crossings of zero; infinite with fewer than two of them."""
+    """Return the mean time between upward zero crossings; infinite if there are fewer than two."""
     up = t[1:][(swing[:-1] < 0.0) & (swing[1:] >= 0.0)]
     return float((up[-1] - up[0]) / (len(up) - 1)) if len(up) > 1 else math.inf

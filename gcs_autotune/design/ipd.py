@@ -1,8 +1,8 @@
 """The controller of Miskovic2010: I-PD by reference model, and its bounds on model error.
 
-Miskovic2010, section 8.1: control law (8.2), gains (8.5)-(8.7), stability bounds (8.22)-(8.27).
-ArduPilot's loops are cascades, not I-PD; but where their algebra reaches a reference model exactly, they
-have its characteristic polynomial, so the bounds say how much identification error that polynomial stands.
+The control law is Miskovic2010, section 8.1, (8.2), with gains (8.5)-(8.7) and stability bounds (8.22)-(8.27).
+ArduPilot's loops are cascades, not I-PD. If they match a reference model exactly, they have its characteristic
+polynomial. The bounds then give the identification error that this polynomial tolerates.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ CONFIDENCE = 1.96
 """Standard errors in a 95 % interval."""
 
 MIN_UNCERTAINTY = 0.01
-"""Smallest relative uncertainty assumed of an identification. Chosen."""
+"""Smallest relative uncertainty of an identification that is assumed. It is set by hand."""
 
 MAX_UNCERTAINTY = 0.95
-"""The ratios live in (-1, 1), Miskovic2010, eq. (8.19)-(8.20)."""
+"""Largest relative uncertainty; the ratios must lie in (-1, 1) (Miskovic2010, eq. (8.19)-(8.20))."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,16 +40,16 @@ class IpdGains:
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """Relative errors to guard against, as positive fractions: inertia ``p_alpha`` and drag ``p_beta``."""
+    """Relative errors that the loop must tolerate, as positive fractions: inertia ``p_alpha`` and drag ``p_beta``."""
 
     p_alpha: float
     p_beta: float
 
 
 def design_ipd(model: SingleDof, wanted: ReferenceModel) -> IpdGains:
-    """Return the I-PD gains that give *model* the closed loop *wanted*; Miskovic2010, eq. (8.5).
+    """Return the I-PD gains that give *model* the closed loop *wanted* (Miskovic2010, eq. (8.5)).
 
-    The constant drag goes into ``KD``; the quadratic one is compensated while moving.
+    The constant drag is included in ``KD``; the quadratic drag is compensated in motion.
     """
     KI = model.alpha / wanted.a3
     return IpdGains(KI, wanted.a1 * KI, wanted.a2 * KI - model.beta, model.beta_quadratic)
@@ -66,11 +66,11 @@ def uncertainty_of(model: SingleDof, covariance: NDArray[np.float64]) -> Uncerta
 
 
 def stability_bound(model: SingleDof, wanted: ReferenceModel, p: Uncertainty, velocity: float) -> tuple[float, float]:
-    """Return (left, right) of the stability condition; stable for every error within *p* when left < right.
+    """Return (left, right) of the stability condition; the loop is stable for every error within *p* if left < right.
 
-    Constant drag: ``beta/alpha`` against (8.22). Drag growing with velocity: the largest |*velocity*|
-    [rad/s or m/s] of the manoeuvre against (8.26). The affine cases (8.24), (8.28) are less strict than
-    these. ``p = (0.1, 0.2)`` gives (8.23) and (8.27).
+    For constant drag, ``beta/alpha`` is compared with (8.22). For drag that increases with velocity, the largest
+    |*velocity*| [rad/s or m/s] of the manoeuvre is compared with (8.26). The affine cases (8.24), (8.28) are less
+    strict than these. ``p = (0.1, 0.2)`` gives (8.23) and (8.27).
     """
     room = wanted.a2 / wanted.a3 - 1.0 / (wanted.a1 * (1.0 - p.p_alpha))
     allowed = (1.0 + p.p_beta) / p.p_beta * room

@@ -1,6 +1,7 @@
 """Gain, phase and delay margin of one loop, or of many plants with one controller.
 
-A design computes the margins of a few dozen plants thousands of times; the parts of the plants alone are cached.
+A design calculates the margins of a few dozen plants thousands of times. The parts that depend on the plants alone are
+cached.
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ Complex = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
 NO_CROSSING = 1000.0
-"""What a margin is called when no crossing limits it (a ratio, or seconds); finite, so that files can hold it."""
+"""Value of a margin (a ratio, or seconds) that no crossing limits; it is finite, so that files can contain it."""
 
 GRID = np.logspace(-3.0, 2.7, 700)
-"""Frequencies [rad/s] at which margins are looked for; boats and ROVs live in the middle of it."""
+"""Frequencies [rad/s] at which margins are searched; boats and ROVs are in the middle of the range."""
 
 _S: Complex = (1j * GRID).astype(np.complex128)
 
 
 class Plant(NamedTuple):
-    """``gain / (alpha s + drag) * exp(-delay s)``: what a controller of a velocity acts on; ``delay`` [s]."""
+    """``gain / (alpha s + drag) * exp(-delay s)``: the plant of a velocity controller; ``delay`` [s]."""
 
     gain: float
     alpha: float
@@ -41,7 +42,7 @@ class Plant(NamedTuple):
 
 
 def margins_of(loop: OpenLoop) -> Margins:
-    """Return gain, phase and delay margin; all zero when the closed loop is unstable.
+    """Return gain, phase and delay margin; all are zero if the closed loop is unstable.
 
     The gain margin covers both directions: the increase *or decrease* of gain that the loop tolerates.
     """
@@ -50,7 +51,7 @@ def margins_of(loop: OpenLoop) -> Margins:
 
 
 def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margins]:
-    """Return :func:`margins_of` for *controller* (velocity to output) with each of *plants*."""
+    """Return the result of :func:`margins_of` for *controller* (velocity to output) with each of *plants*."""
     if not plants:
         return []
     stable = _are_stable(controller, plants)
@@ -59,7 +60,7 @@ def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margi
 
 
 def worst(margins: list[Margins]) -> Margins:
-    """Return the least of each margin over several loops."""
+    """Return the smallest of each margin over several loops."""
     return Margins(
         min(m.gain for m in margins),
         min(m.phase for m in margins),
@@ -69,10 +70,10 @@ def worst(margins: list[Margins]) -> Margins:
 
 
 class Crossings(NamedTuple):
-    """Where the responses of loops cross: ``row`` (k,) whose, ``at`` (k,) at which frequency [rad/s], ``value`` (k,).
+    """Crossings of the frequency responses of several loops.
 
-    The value is the logarithm of the size where the phase is 180 degrees, or the angle from there [rad] where the size
-    is one.
+    ``row`` (k,): index of the loop. ``at`` (k,): frequency [rad/s]. ``value`` (k,): at 180 degrees of phase, the
+    logarithm of the magnitude; at magnitude one, the angle from 180 degrees [rad].
     """
 
     row: Index
@@ -81,8 +82,9 @@ class Crossings(NamedTuple):
 
 
 def crossings(value: Complex, omega: Array) -> tuple[Crossings, Crossings]:
-    """Return where the rows of *value* (k, n), responses at *omega* (n,) [rad/s], have turned by 180 degrees, and where
-    their size is one.
+    """Return the crossings of 180 degrees, and those of magnitude one.
+
+    value : (k, n) frequency responses at *omega* (n,) [rad/s].
     """
     real, imaginary = value.real, value.imag
     power = real * real + imaginary * imaginary
@@ -110,32 +112,35 @@ def _read_off(value: Complex, stable: Sequence[bool]) -> list[Margins]:
 
 
 def _between(omega: Array, i: Index, share: Array) -> Array:
-    """Return the frequencies *share* (n,) of the way from column *i* (n,) to the next."""
+    """Return the frequencies at the fraction *share* (n,) between column *i* (n,) and the next."""
     found: Array = omega[i] + share * (omega[i + 1] - omega[i])
     return found
 
 
 def _sizes(power: Array, row: Index, i: Index) -> tuple[Array, Array]:
-    """Return the logarithm of the size of responses, whose squares are *power*, at columns *i* and behind them."""
+    """Return the logarithm of the magnitude of responses at columns *i* and at the next columns.
+
+    power : squared magnitudes.
+    """
     with np.errstate(divide="ignore"):
         return 0.5 * np.log(power[row, i]), 0.5 * np.log(power[row, i + 1])
 
 
 def _zero_between(before: Array, after: Array) -> Array:
-    """Return how far on from one column to the next a value is zero that is *before* and *after* (n,) there."""
+    """Return the fraction between two columns at which a value is zero; it is *before* and *after* (n,) there."""
     rise = after - before
     return np.divide(-before, rise, out=np.zeros(len(rise)), where=rise != 0.0)
 
 
 @lru_cache(maxsize=2048)
 def _response(alpha: float, drag: float, delay: float) -> Complex:
-    """Return the response (n,) of a plant of gain one."""
+    """Return the frequency response (n,) of a plant of gain one."""
     response: Complex = np.exp(-delay * _S) / (alpha * _S + drag)
     return response
 
 
 def _are_stable(controller: Rational, plants: Sequence[Plant]) -> list[bool]:
-    """Return which closed loops are stable, delays as :meth:`OpenLoop.closed_loop_poles` takes them."""
+    """Return which closed loops are stable, with the delay approximation of :meth:`OpenLoop.closed_loop_poles`."""
     stable = [False] * len(plants)
     alike: dict[int, list[int]] = {}
     for k, plant in enumerate(plants):
@@ -157,7 +162,7 @@ def _are_stable(controller: Rational, plants: Sequence[Plant]) -> list[bool]:
 
 
 def _times(factor: Array, polynomials: Array) -> Array:
-    """Return the products of *factor* (m,) with each of *polynomials* (k, n): (k, m + n - 1)."""
+    """Return the products of the polynomial *factor* (m,) with each of *polynomials* (k, n): (k, m + n - 1)."""
     product = np.zeros((len(polynomials), len(factor) + polynomials.shape[1] - 1))
     for power, coefficient in enumerate(factor.tolist()):
         product[:, power : power + polynomials.shape[1]] += coefficient * polynomials
@@ -165,7 +170,7 @@ def _times(factor: Array, polynomials: Array) -> Array:
 
 
 def _roots(polynomials: Array) -> Complex:
-    """Return the roots (k, n) of polynomials (k, n + 1) that begin and end with no zero."""
+    """Return the roots (k, n) of polynomials (k, n + 1) whose first and last coefficients are not zero."""
     length = polynomials.shape[1]
     companion = np.zeros((len(polynomials), length - 1, length - 1))
     companion[:, np.arange(1, length - 1), np.arange(length - 2)] = 1.0
@@ -174,13 +179,16 @@ def _roots(polynomials: Array) -> Complex:
 
 
 def _is_stable(polynomial: Array) -> bool:
-    """Return whether a polynomial that may begin with zeros, or have a root at zero, has its roots on the left."""
+    """Return whether all roots of a polynomial are in the left half-plane.
+
+    It may have leading zeros, or a root at zero.
+    """
     trimmed = np.trim_zeros(polynomial, "f")
     return len(trimmed) > 1 and trimmed[-1] != 0.0 and bool(np.all(_roots(trimmed[None, :]).real < 0.0))
 
 
 @lru_cache(maxsize=2048)
 def _delayed(alpha: float, drag: float, delay: float) -> tuple[Array, Array]:
-    """Return numerator and denominator of a plant of gain one with its delay."""
+    """Return numerator and denominator of a plant of gain one, including its delay."""
     top, bottom = pade(delay)
     return top, np.convolve(np.array([alpha, drag]), bottom)

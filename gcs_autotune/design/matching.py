@@ -1,9 +1,10 @@
-"""Choice of gains so that the simulated step follows the reference model, inside the documented ranges.
+"""Select gains so that the simulated step follows the reference model, inside the documented ranges.
 
-:mod:`gcs_autotune.design.refinement` continues from here without a user-supplied specification. Algebra gives the start
-values; bounded least squares fits the simulated response: a step, a smaller step in the other direction, and a constant
-disturbance halfway (so that integral action has a benefit). Margins and noise are residuals that are zero inside their
-limits. A small weight holds gains without effect on the response near the start values.
+Without a user-supplied specification, :mod:`gcs_autotune.design.refinement` continues from the result. Algebra gives
+the start values, and bounded least squares fits the simulated response. The response consists of a step, a smaller step
+in the other direction, and a constant disturbance halfway (so that integral action has a benefit). Margins and noise
+are residuals that are zero inside their limits. A small weight keeps gains without effect on the response near the
+start values.
 """
 
 from __future__ import annotations
@@ -42,25 +43,29 @@ __all__ = [
 Array = NDArray[np.float64]
 
 NOISE_LIMIT = 0.05
-"""Chosen: measurement noise may move the actuator by 5 % of full (rms)."""
+"""Largest actuator motion that measurement noise may cause (rms, fraction of full): 5 %. It is set by hand."""
 PUSH = 0.06
-"""Constant force at half time, relative to the largest output of the required step. Chosen."""
+"""Constant force at half time, relative to the largest output of the required step. It is set by hand."""
 PUSH_WEIGHT = 0.5
 INTEGRAL, TRIM_TIME = 0.05, 30.0
-"""Slowest removal of constant forces relative to the reference model's speed ``1/a1``, at most as fast as 30 s. Chosen:
-if ``ATC_STR_ANG_P`` cannot go low enough, integral action costs overshoot."""
+"""Limits for the slowest removal of constant forces.
+
+INTEGRAL: relative to the reference model's speed ``1/a1``. TRIM_TIME [s]: a removal faster than 30 s is not required.
+If ``ATC_STR_ANG_P`` cannot be low enough, integral action causes overshoot.
+"""
 SAMPLES = 80
 RELUCTANCE = 0.02
-"""Weight of leaving the start, per full documented range; the response's residuals are rms fractions."""
+"""Weight of a deviation from the start values, per full documented range; the response's residuals are rms
+fractions."""
 RESERVE = 1.05
-"""Reserve of margins above the specification, for rounding and the trade-offs of least squares. Chosen."""
+"""Factor of margins above the specification, a reserve for rounding and the compromises of least squares."""
 HARDEST = 2
-"""How many samples of the 95 % region, the hardest at the start, hold their margins during the descent."""
+"""Number of samples of the 95 % region whose margins are checked during the descent: the worst ones at the start."""
 DESCENTS = 3
-"""Most descents for a user-supplied specification. Chosen."""
+"""Maximum number of descents for a user-supplied specification."""
 MARGIN_WEIGHT = 0.5
 DIFFERENCE = 1e-3
-"""Finite difference, as a fraction of a gain's range."""
+"""Step of finite differences, as a fraction of a gain's range."""
 WORST_RESIDUAL = 3.0
 DIGITS = 4
 
@@ -69,8 +74,8 @@ DIGITS = 4
 class DesignProblem:
     """Inputs of matching except the specification.
 
-    ``delay`` [s] is beyond the model's; ``present_overshoot`` is that of the same step with the present gains;
-    ``late`` are gains that only refinement changes.
+    ``delay`` [s]: in addition to the model's. ``present_overshoot``: that of the same step with the present gains.
+    ``late``: gains that only refinement changes.
     """
 
     law: Law
@@ -91,23 +96,23 @@ class DesignProblem:
 
     @property
     def speed(self) -> float | None:
-        """The speed the gains are matched at [m/s]."""
+        """The speed [m/s] at which the gains are matched."""
         return self.law.matching_speed(self.settings, self.spec.speed)
 
     def with_gains(self, x: Array) -> dict[str, float]:
-        """Return the settings with the tuned gains at *x* (n,), fractions of their ranges."""
+        """Return the settings with the tuned gains at *x* (n,), as fractions of their ranges."""
         tuned = {g.parameter: g.low + float(v) * (g.high - g.low) for g, v in zip(self.gains, x, strict=True)}
         return {**self.settings, **self.law.fixed, **self.spec.measured, **tuned}
 
     def as_fractions(self, values: Mapping[str, float]) -> Array:
-        """Return gains as fractions of their ranges, moved inside them."""
+        """Return gains as fractions of their ranges, limited to them."""
         x = [(values[g.parameter] - g.low) / (g.high - g.low) for g in self.gains]
         known = np.nan_to_num(np.array(x, dtype=np.float64), nan=0.5, posinf=1.0, neginf=0.0)
         inside: Array = np.clip(known, 0.0, 1.0)
         return inside
 
     def margins(self, settings: Settings, wanted: ReferenceModel, models: Sequence[SingleDof]) -> list[Margins]:
-        """Return the margins of each of *models*, the worse of at rest and moving as *wanted* moves."""
+        """Return the margins of each of *models*: the worse of those at rest and in the motion of *wanted*."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants, counts = [], []
         for m in models:
@@ -118,23 +123,23 @@ class DesignProblem:
         return [worst([next(each) for _ in range(count)]) for count in counts]
 
     def loops(self, settings: Settings, wanted: ReferenceModel) -> tuple[OpenLoop, ...]:
-        """Return the loops that :meth:`margins` judges the model by, opened at the actuator."""
+        """Return the loops of the identified model that :meth:`margins` judges, opened at the actuator."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants = self._plants(self.model, settings, wanted)
         return tuple(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay) for p in plants)
 
     def _plants(self, model: SingleDof, settings: Settings, wanted: ReferenceModel) -> list[Plant]:
-        """Return what the controller acts on: *model* at rest and moving, for small and for large outputs."""
+        """Return the plants of the controller: *model* at rest and in motion, for small and for large outputs."""
         drags = self.law.drags(model, wanted, self.step, self.speed)
         gains = self.law.slopes(self.actuator, model, self.step, settings, self.speed)
         return [Plant(g, model.alpha, d, model.delay + self.delay) for d in drags for g in gains]
 
     def demand(self, model: SingleDof, wanted: ReferenceModel) -> tuple[float, float]:
-        """Return (actuator use, largest rate of change) for following *wanted* exactly."""
+        """Return (actuator use, largest velocity or acceleration) for following *wanted* exactly."""
         return self.law.demand(model, wanted, self.step, self.settings, self.spec.speed)
 
     def hardest(self, settings: Settings, wanted: ReferenceModel, count: int) -> list[SingleDof]:
-        """Return the *count* samples of the 95 % region that have the least margins with *settings*."""
+        """Return the *count* samples of the 95 % region with the smallest margins for *settings*."""
         samples, spec = self.region.samples, self.spec
         found = self.margins(settings, wanted, samples)
         ease = [min(m.phase / spec.phase_margin, m.gain / spec.gain_margin) for m in found]
@@ -142,7 +147,10 @@ class DesignProblem:
 
 
 def integral_shortfall(problem: DesignProblem, settings: Settings, wanted: ReferenceModel) -> float:
-    """Return how much too slowly a constant force is worked off, unless the integral gain's range is at fault."""
+    """Return by what fraction the removal of a constant force is too slow.
+
+    The requirement is relaxed if the integral gain's range does not permit it.
+    """
     law, speed = problem.law, problem.speed
     high = next(g.high for g in problem.gains if g.parameter == law.integral)
     rate = min(INTEGRAL / wanted.a1, 1.0 / TRIM_TIME, law.integral_rate({**settings, law.integral: high}, speed))
@@ -150,7 +158,8 @@ def integral_shortfall(problem: DesignProblem, settings: Settings, wanted: Refer
 
 
 def output_noise(problem: DesignProblem, settings: Settings) -> float:
-    """Return the actuator's rms [fraction] that the measured position noise causes, white up to its bandwidth."""
+    """Return the rms of the actuator's motion [fraction] due to the measured position noise, white up to its
+    bandwidth."""
     spec = problem.spec
     if spec.jitter == 0.0:
         return 0.0
@@ -162,8 +171,8 @@ def output_noise(problem: DesignProblem, settings: Settings) -> float:
 def match(problem: DesignProblem, wanted: ReferenceModel, start: Settings | None = None) -> dict[str, float]:
     """Return the gains (rounded, inside their ranges) whose simulated step is closest to *wanted*.
 
-    Descents start at the algebraic gains, the present gains and *start* (of a neighbouring specification), each with a
-    small weight towards its start: at several of them for a user-supplied specification, else at the best.
+    Descents may start at the algebraic gains, the present gains and *start* (of a neighbouring specification). Each has
+    a small weight towards its start. For a user-supplied specification several starts are used, otherwise the best one.
     """
     residuals = _Residuals(problem, wanted)
     algebra = problem.law.starts(problem.model, wanted, problem.settings, problem.speed)
@@ -177,7 +186,7 @@ def match(problem: DesignProblem, wanted: ReferenceModel, start: Settings | None
 
 
 def _descended(residuals: _Residuals, anchor: Array) -> Array:
-    """Return where a descent from *anchor* (n,) ends."""
+    """Return the end point of a descent that starts at *anchor* (n,)."""
     found = least_squares(
         residuals,
         np.clip(anchor, 1e-6, 1.0 - 1e-6),
@@ -193,14 +202,14 @@ def _descended(residuals: _Residuals, anchor: Array) -> Array:
 
 
 def round_gain(value: float, gain: Gain) -> float:
-    """Return *value* with four significant digits (float32 keeps seven), inside the gain's range."""
+    """Return *value* with four significant digits (float32 has seven), limited to the gain's range."""
     if abs(value - gain.low) < 1e-4 * (gain.high - gain.low):
         return gain.low
     return min(max(float(f"{value:.{DIGITS}g}"), gain.low), gain.high)
 
 
 class _Residuals:
-    """The residual vector of least squares, for one problem and one specification."""
+    """Residual vector of the least-squares problem, for one design problem and one specification."""
 
     def __init__(self, problem: DesignProblem, wanted: ReferenceModel) -> None:
         self._problem = problem
@@ -219,12 +228,15 @@ class _Residuals:
         self._last: tuple[bytes, Array, Array] | None = None
 
     def watch(self, settings: Settings) -> None:
-        """Include the margins of the samples that are hardest with *settings*, in addition to those of the model."""
+        """Include the margins of the worst samples for *settings*, in addition to those of the model."""
         self._watched = [self._problem.model, *self._problem.hardest(settings, self._wish, HARDEST)]
         self._last = None
 
     def __call__(self, x: Array, anchor: Array) -> Array:
-        """Return the vector at *x*; kept for the next call, for where a descent steps to its slopes are asked next."""
+        """Return the vector at *x*.
+
+        It is cached, because least squares asks for the slopes at the point of its last step.
+        """
         asked = x.tobytes()
         if self._last is not None and self._last[0] == asked and self._last[1] is anchor:
             return self._last[2].copy()
@@ -246,7 +258,7 @@ class _Residuals:
         return np.concatenate(parts)
 
     def jacobian(self, x: Array, anchor: Array) -> Array:
-        """Forward differences, turned round at the upper bound."""
+        """Return the Jacobian by forward differences; at the upper bound, by backward differences."""
         base = self(x, anchor)
         columns = []
         for i in range(len(x)):

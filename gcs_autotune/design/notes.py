@@ -1,8 +1,8 @@
-"""What a user should read beside the numbers of a proposal.
+"""Notes for the user beside the numbers of a proposal.
 
-Among it what is left of the margins when a boat goes faster or slower than it was identified at: a ship's turning
-scales with its speed (Nomoto's K' and T' are constant: K = K' U/L, T = T' L/U), ArduRover divides its steering by speed
-above MOT_SPD_SCA_BASE. The two cancel in the gain, not in the time constant.
+One note gives the margins at speeds other than that of the identification. A ship's turning scales with its speed
+(Nomoto's K' and T' are constant: K = K' U/L, T = T' L/U). ArduRover divides its steering by speed above
+MOT_SPD_SCA_BASE. The two cancel in the gain, but not in the time constant.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from gcs_autotune.sname import DOFS
 __all__ = ["NEAR_LIMIT", "at_speed", "notes_on", "on_other_speeds", "other_mode_notes", "said"]
 
 LONG_DELAY = 0.05
-"""Delay from which its location matters [s]. Chosen."""
+"""Delay [s] above which a note explains that its location matters. It is set by hand."""
 TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
 """Errors [rad or m] too small to mention."""
 POOR_MATCH = 0.08
-"""Rms deviation from the reference step, relative to it, from which a note is given. Chosen."""
+"""Rms deviation from the reference step, relative to it, above which a note is given. It is set by hand."""
 NEAR_LIMIT = 0.01
-"""Distance to the end of a range, relative to it, at which a gain counts as limited. Chosen."""
+"""Distance to the end of a range, relative to the range, at which a gain counts as limited. It is set by hand."""
 ROUNDING = 1e-6
-"""A vehicle keeps its parameters in float32; so far outside a range (relative to it) is still on its limit."""
+"""Distance outside a range, relative to it, that counts as on the limit, because a vehicle stores float32."""
 
 
 def notes_on(
@@ -49,7 +49,7 @@ def notes_on(
 ) -> Iterator[str]:
     """Yield notes: validity of the gains, problems of the present ones, limits of the specification.
 
-    wider : better gains beyond the documented ranges.
+    wider : better gains outside the documented ranges.
     """
     yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
     if axis.steers_by_way:
@@ -63,7 +63,7 @@ def notes_on(
 
 
 def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
-    """Yield the residual motion after a small step, with the present and the proposed gains."""
+    """Yield sentences on the residual motion after a small step, with the present and the proposed gains."""
     if max(h.amplitude for h in (before, after)) == 0.0 and max(abs(h.offset) for h in (before, after)) < TINY[dof]:
         return
     yield f"after a small step the loop {_left(before, dof)} with the present gains, and {_left(after, dof)} with these"
@@ -130,7 +130,7 @@ def _on_the_specification(problem: DesignProblem, axis: Axis, shown: GainCandida
 
 
 def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate, wider: GainCandidate) -> str:
-    """Return what the documented ranges cost, and how to try the gains beyond them."""
+    """Return a note on how much the documented ranges cost, and how to try gains outside them."""
     moved = [g.parameter for g in (*problem.gains, *problem.late) if not g.low <= wider.settings[g.parameter] <= g.high]
     gains = ", ".join(f"{name} {axis.names.own_value(name, wider.settings[name]):.3g}" for name in moved)
     old, new = shown.prediction.metrics.itae, wider.prediction.metrics.itae
@@ -147,11 +147,11 @@ BESIDE: Mapping[str, str] = {
     "rover-heading": "headings (GUIDED)",
     "sub-heading": "headings (ALT_HOLD)",
 }
-"""Law of another mode -> what it follows, and its modes."""
+"""Law of another mode -> what it controls, and the names of its modes."""
 
 
 def other_mode_notes(beside: Beside) -> Iterator[str]:
-    """Yield the prediction of the other mode with the same gains."""
+    """Yield the prediction for the other mode with the same gains."""
     yield (
         f"{BESIDE[beside.law]}: predicted shortfall {beside.after:.1%} (time-weighted mean; "
         f"{beside.before:.1%} with the present gains)"
@@ -165,14 +165,14 @@ def _lags(shown: GainCandidate) -> bool:
 
 
 SPEEDS = (0.5, 2.0)
-"""Speeds to check, relative to that of the experiment. Chosen."""
+"""Speeds at which margins are checked, relative to that of the experiment."""
 ENOUGH_GAIN, ENOUGH_PHASE = 1.6, math.radians(25.0)
-"""Margins below which the sentence is a warning. Chosen."""
+"""Gain and phase margin below which the sentence is a warning."""
 MOST = 100.0
 
 
 def at_speed(model: SingleDof, share: float) -> SingleDof:
-    """Return *model* (input a fraction of full rudder) at *share* times the speed it was identified at."""
+    """Return *model* (input a fraction of full rudder) at *share* times the speed of its identification."""
     turn = 1.0 / share
     return replace(
         model, alpha=model.alpha * turn**2, beta=model.beta * turn, beta_quadratic=model.beta_quadratic * turn**2
@@ -180,7 +180,7 @@ def at_speed(model: SingleDof, share: float) -> SingleDof:
 
 
 def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: ReferenceModel) -> Iterator[str]:
-    """Yield a sentence with the margins at half and twice the speed; nothing for a craft that steers without speed."""
+    """Yield a sentence with the margins at half and twice the speed; nothing if steering does not depend on speed."""
     speed = problem.spec.speed
     steered_by_thrust = settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or settings.get(SKID, 0.0) > 0.0
     if speed is None or steered_by_thrust:

@@ -1,4 +1,4 @@
-"""A loop opened at the actuator: rational functions of s and a delay."""
+"""A loop opened at the actuator: rational functions of s, and a delay."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rational:
-    """``num(s)/den(s)``, coefficients in falling powers of s."""
+    """Rational function ``num(s)/den(s)``, with coefficients in falling powers of s."""
 
     num: Array
     den: Array
 
     def __add__(self, other: Rational) -> Rational:
-        """Add; integrators the two have in common are counted once, so that no false pole at zero appears."""
+        """Return the sum; common integrators are counted once, so that no false pole at zero appears."""
         mine, n = _split(self.den.tolist())
         theirs, m = _split(other.den.tolist())
         left = _product(self.num.tolist(), theirs) + [0.0] * (m - n)
@@ -53,26 +53,26 @@ class Rational:
         )
 
     def at(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the value at complex frequencies *s* (n,) [rad/s]."""
+        """Return the values at complex frequencies *s* (n,) [rad/s]."""
         value: NDArray[np.complex128] = np.polyval(self.num, s) / np.polyval(self.den, s)
         return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenLoop:
-    """``L(s) = rational(s) * exp(-delay*s)`` with negative feedback around it; ``delay`` [s]."""
+    """Open loop ``L(s) = rational(s) * exp(-delay*s)`` with negative feedback; ``delay`` [s]."""
 
     rational: Rational
     delay: float
 
     def response(self, omega: Array) -> NDArray[np.complex128]:
-        """Return ``L(j omega)``, (n,), the delay exactly."""
+        """Return the frequency response ``L(j omega)``, (n,), with the exact delay."""
         s = (1j * omega).astype(np.complex128)
         value: NDArray[np.complex128] = self.rational.at(s) * np.exp(-self.delay * s)
         return value
 
     def closed_loop_poles(self, order: int = PADE_ORDER) -> NDArray[np.complex128]:
-        """Return the poles of the closed loop [rad/s], with a Pade delay of *order*."""
+        """Return the poles of the closed loop [rad/s], with a Pade approximation of the delay of *order*."""
         num, den = self.rational.num, self.rational.den
         if self.delay > 0.0:
             top, bottom = pade(self.delay, order)
@@ -81,7 +81,7 @@ class OpenLoop:
         return poles
 
     def to_control(self, order: int = PADE_ORDER) -> TransferFunction:
-        """Return python-control's transfer function, with a Pade delay of *order*."""
+        """Return python-control's transfer function, with a Pade approximation of the delay of *order*."""
         from control import TransferFunction
 
         top, bottom = pade(self.delay, order)
@@ -89,7 +89,7 @@ class OpenLoop:
 
 
 def open_loop(controller: Rational, alpha: float, drag: float, delay: float) -> OpenLoop:
-    """Open the loop of *controller* (velocity to output) around ``1/(alpha s + drag)`` with *delay* [s]."""
+    """Return the loop of *controller* (velocity to output) with the plant ``1/(alpha s + drag)`` and *delay* [s]."""
     plant = Rational(np.array([1.0]), np.array([alpha, drag]))
     return OpenLoop(plant * controller, delay)
 
@@ -105,17 +105,17 @@ def integrator(gain: float = 1.0) -> Rational:
 
 
 def first_order(cutoff: float) -> Rational:
-    """Return a low-pass of *cutoff* [Hz]; zero means none, as in ArduPilot's filter parameters."""
+    """Return a low-pass of *cutoff* [Hz]; zero means no filter, as in ArduPilot's parameters."""
     return constant(1.0) if cutoff <= 0.0 else Rational(np.array([1.0]), np.array([1.0 / (math.tau * cutoff), 1.0]))
 
 
 def slow(time_constant: float) -> Rational:
-    """Return a first-order lag of *time_constant* [s]; none when it is zero."""
+    """Return a first-order lag of *time_constant* [s]; zero means no lag."""
     return first_order(1.0 / (math.tau * time_constant)) if time_constant > 0.0 else constant(1.0)
 
 
 def second_order(cutoff: float) -> Rational:
-    """Return a Butterworth low-pass of *cutoff* [Hz] (the gyro filter); zero means none."""
+    """Return a Butterworth low-pass of *cutoff* [Hz] (the gyro filter); zero means no filter."""
     if cutoff <= 0.0:
         return constant(1.0)
     w = math.tau * cutoff
@@ -123,7 +123,7 @@ def second_order(cutoff: float) -> Rational:
 
 
 def _split(den: list[float]) -> tuple[list[float], int]:
-    """Return *den* without its poles at zero, and how many there are."""
+    """Return *den* without its poles at zero, and the number of these poles."""
     count = 0
     while den[-1 - count] == 0.0:
         count += 1
@@ -131,7 +131,7 @@ def _split(den: list[float]) -> tuple[list[float], int]:
 
 
 def _product(one: list[float], other: list[float]) -> list[float]:
-    """Return the product of two polynomials: of a few coefficients each, which NumPy takes ten times as long for."""
+    """Return the product of two short polynomials, ten times as fast as NumPy."""
     product = [0.0] * (len(one) + len(other) - 1)
     for i, a in enumerate(one):
         for j, b in enumerate(other):
@@ -147,7 +147,7 @@ def _sum(one: list[float], other: list[float]) -> list[float]:
 
 
 def pade(delay: float, order: int = PADE_ORDER) -> tuple[Array, Array]:
-    """Pade approximation of ``exp(-delay*s)``: numerator and denominator in falling powers."""
+    """Return the Pade approximation of ``exp(-delay*s)``: numerator and denominator in falling powers."""
     if delay <= 0.0:
         return np.ones(1), np.ones(1)
     terms = [1.0]
@@ -159,9 +159,9 @@ def pade(delay: float, order: int = PADE_ORDER) -> tuple[Array, Array]:
 
 
 def pid_path(p: float, i: float = 0.0, d: float = 0.0, *, error_cutoff: float, slope_cutoff: float = 0.0) -> Rational:
-    """Return the transfer from measured value to output (sign aside) of a PID on a filtered error.
+    """Return the transfer function, without the sign, from measured value to output of a PID on a filtered error.
 
-    Cut-offs in Hz, of the error and of its slope; 0 for no filter.
+    Cut-off frequencies in Hz are those of the error and of its slope; 0 means no filter.
     """
     pid = constant(p)
     if i > 0.0:
@@ -172,5 +172,5 @@ def pid_path(p: float, i: float = 0.0, d: float = 0.0, *, error_cutoff: float, s
 
 
 def integral_over_proportional(outer: float, proportional: float, integral: float) -> float:
-    """Return ``A I / (A P + I)`` [1/s] of a loop with *outer* gain A on the position around a PI on its velocity."""
+    """Return ``A I / (A P + I)`` [1/s] of a PI on a velocity, with an *outer* gain A on the position."""
     return outer * integral / max(outer * proportional + integral, 1e-12)

@@ -1,7 +1,7 @@
-"""The other mode that the same gains serve: held headings and followed turn rates share one turn-rate loop.
+"""The other mode that uses the same gains: holding a heading and following a turn rate share one turn-rate loop.
 
-GUIDED holds headings, AUTO and ACRO steer by turn rate, and the firmware has one set of gains for both. A heading step
-is nearly the same along a line of gains (less feed-forward, more angle gain), and turn rates are not.
+GUIDED holds headings, while AUTO and ACRO steer by turn rate. The firmware has one set of gains for both. A heading
+step is nearly the same along a line of gains (less feed-forward, more angle gain), but a turn-rate step is not.
 """
 
 from __future__ import annotations
@@ -19,30 +19,38 @@ from gcs_autotune.models import SingleDof
 __all__ = ["SHORTER", "OtherMode", "other_mode", "shortfall_of", "turn_rate_step"]
 
 SHARE_OF_TURN = 0.6
-"""Of the turn rate at full output that the step may reach, either way."""
+"""Largest turn-rate step in each direction, relative to the turn rate at full output."""
 TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
-"""The turn-rate step, with speed and at rest, from half of it to port to half to starboard; less if the craft cannot
-reach it. Chosen: 25 deg/s take a BlueROV2 6 % of its output, the edge of its thrusters' dead zone, where the end
-of a step is random (ITAE +- 20 %); at 60 deg/s it is not (+- 8 %)."""
+"""Size of the turn-rate step [rad/s], with speed and at rest; it is smaller if the craft cannot reach it.
+
+The step goes from half its size to port to half to starboard. On a BlueROV2, 25 deg/s take 6 % of its output, which is
+at the edge of its thrusters' dead zone. The end of such a step is random (ITAE +- 20 %); at 60 deg/s it is not (+- 8
+%).
+"""
 SETTLE_OF_TIME = 5.0
-"""Duration of a turn-rate step in time constants of the craft."""
+"""Duration of a turn-rate step, in time constants of the craft."""
 LEAST_UNDER_WAY, LEAST_AT_REST, MOST = 6.0, 3.5, 20.0
-"""...within these bounds [s]."""
+"""Bounds [s] of that duration: minimum with speed, minimum at rest, and maximum."""
 SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)
-"""What the bow may turn through during one step, so that the craft stays where there is room, or its tether whole.
-Longer steps at rest were tried: of 6 s each way the last seconds are the dead band's again."""
+"""Largest change of heading [rad] during one step, with speed and at rest.
+
+It limits the space needed and the twist of a tether. Longer steps at rest are no better: after 6 s in each direction
+the last seconds are again in the dead zone.
+"""
 SHORTER = 0.85
-"""Time that a craft at rest is held turning, relative to its step. Chosen."""
+"""Time that a craft at rest is held in a turn before its step, relative to the step. It is set by hand."""
 HOLD_AT_REST = 3.0
-"""Seconds that a craft at rest is held at least before a heading step."""
+"""Minimum time [s] that a craft at rest is held before a heading step."""
 
 
 def turn_rate_step(
     model: SingleDof, *, at_rest: bool, duration: float | None = None, of_time: float = SETTLE_OF_TIME
 ) -> tuple[float, float]:
-    """Return size [rad/s] and seconds each way of the turn-rate step of *model* (input a fraction of full output).
+    """Return the size [rad/s] of the turn-rate step of *model*, and its duration [s] in each direction.
 
-    duration : seconds each way where they are given. of_time : else so many time constants.
+    The model's input is a fraction of full output.
+
+    duration : duration [s] in each direction, if supplied. of_time : otherwise this number of time constants.
     """
     most = SHARE_OF_TURN * abs(model.steady_velocity(1.0 - abs(model.delta)))
     wish, sweep, least = (
@@ -54,28 +62,34 @@ def turn_rate_step(
 
 
 def shortfall_of(itae: float, seconds: float) -> float:
-    """Return an ITAE [s^2] of a step of *seconds* relative to that of a craft that never moves."""
+    """Return the ITAE [s^2] of a step of *seconds*, relative to that of a craft that never moves."""
     return 2.0 * itae / seconds**2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherMode:
-    """The loop of the other mode on the same craft: its ``problem``, and how long [s] its step lasts each way."""
+    """The loop of the other mode on the same craft.
+
+    ``problem``: its design problem. ``duration`` [s]: time of its step in each direction.
+    """
 
     problem: DesignProblem
     duration: float
 
     def error(self, settings: Settings) -> StepError:
-        """Return error and overshoot of its step with *settings*."""
+        """Return error and overshoot of the other mode's step with *settings*."""
         return predict_error(self.problem, settings, self.problem.step, self.duration)
 
     def shortfall(self, settings: Settings) -> float:
-        """Return the ITAE relative to that of a craft that never follows: 0 is perfect."""
+        """Return the ITAE relative to that of a craft that never follows; 0 is perfect."""
         return shortfall_of(self.error(settings).itae, self.duration)
 
 
 def other_mode(problem: DesignProblem) -> OtherMode | None:
-    """Return the other mode that the gains of *problem* serve; None where they serve one only, or the craft cannot."""
+    """Return the other mode that the gains of *problem* serve.
+
+    Return None if they serve one mode only, or if the craft cannot follow the other mode's step.
+    """
     name = OTHER_MODE.get(problem.law.name)
     if name is None:
         return None

@@ -1,4 +1,4 @@
-"""The identified model as the control loop sees it: input in fractions of full output, and its 95 % region."""
+"""The identified model as the control loop uses it: input in fractions of full output, with its 95 % region."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROBABILITY = 0.95
 RANDOM_SAMPLES = 12
 SEED = 20261120
 MIN_INERTIA = 0.2
-"""A sample's inertia is kept above this fraction of the identified one: it cannot be zero or negative."""
+"""Smallest inertia of a sample, relative to the identified inertia, so that it is neither zero nor negative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ def in_fractions(
 ) -> tuple[SingleDof, NDArray[np.float64]]:
     """Return model and covariance with the input in fractions of full actuator output.
 
-    full_scale : model input [its unit] at full output; negative when full output acts the other way.
+    full_scale : model input [its unit] at full output; negative if full output acts in the opposite direction.
 
     Raises
     ------
@@ -62,9 +62,9 @@ def in_fractions(
 
 
 def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
-    """Return samples on the 95 % ellipsoid of the fitted parameters: its axes, and fixed-seed directions.
+    """Return samples on the 95 % ellipsoid of the fitted parameters: along its axes, and in fixed-seed directions.
 
-    Samples outside physics are moved to its edge (positive inertia, drag that damps, no negative delay).
+    Samples that are not physical are moved to the nearest limit (positive inertia, drag that damps, no negative delay).
     """
     values, vectors = np.linalg.eigh(covariance)
     used = values > 1e-9 * max(float(values[-1]), 1e-300)
@@ -81,7 +81,7 @@ def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
 
 
 def heavier(region: Region, factor: float) -> Region:
-    """Return the region with the model, and every sample, also *factor* times as heavy: a payload taken on."""
+    """Return the region extended by the model and every sample with *factor* times the inertia, as with a payload."""
     if factor <= 1.0:
         return region
     more = tuple(replace(m, alpha=factor * m.alpha) for m in (region.model, *region.samples))

@@ -1,4 +1,4 @@
-"""What a step will look like, in the form results carry."""
+"""Predict a step, in the form of flown results."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ __all__ = ["PairAsFlown", "over_windows", "predict", "predict_as_flown", "predic
 Array = NDArray[np.float64]
 
 RATE = 50.0
-"""Most samples per second kept [Hz]."""
+"""Maximum number of samples per second that are stored [Hz]."""
 EVERY = 0.1
-"""Time between checks whether the craft is at rest [s]. Chosen."""
+"""Time [s] between checks whether the craft is at rest."""
 
 
 class PairAsFlown(NamedTuple):
-    """A step with one and with the other settings, both read over ``windows`` [s] of step and step back.
+    """A step with each of two settings, both evaluated over ``windows`` [s] of step and step back.
 
-    ``halves`` of each go on until they would be ended at the latest.
+    ``halves`` of each continue until the latest possible end.
     """
 
     one: StepMetrics
@@ -48,7 +48,7 @@ def predict(
 ) -> Prediction:
     """Simulate the step and the step back on *model* with *settings* for *duration* [s] each.
 
-    The arrays are those of the step; the metrics are those of both, joined as the flown ones are.
+    The arrays are those of the step. The metrics are those of both, combined as for flown steps.
     """
     pair = _there_and_back(problem, model, settings, problem.step, duration)
     there = pair[0]
@@ -60,9 +60,9 @@ def predict(
 def predict_error(
     problem: DesignProblem, settings: Settings, step: float, duration: float, model: SingleDof | None = None
 ) -> StepError:
-    """Return error and overshoot that :func:`predict` would measure of a step of *step* [rad or m].
+    """Return the error and overshoot that :func:`predict` would give for a step of *step* [rad or m].
 
-    model : the identified one if None.
+    model : None: the identified one.
     """
     ruler = ruler_of(problem.spec)._asdict()
     pair = _there_and_back(problem, model or problem.model, settings, step, duration)
@@ -71,11 +71,11 @@ def predict_error(
 
 
 def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration: float) -> PairAsFlown:
-    """Return what steps flown with each of a *pair* of settings will be read as, over what both will record.
+    """Return the predicted metrics of steps flown with each of a *pair* of settings, over the common time of both.
 
-    A flown half ends once the craft stands at its target, at most after *duration* [s], and the steps of a pair are
-    compared over the time both lasted: ``Spec.windows`` of the one that has been flown, and what is simulated here. The
-    step back begins where its own step ended, with what the integral held by then.
+    A flown half ends once the craft has settled at its target, at most after *duration* [s]. The steps of a pair are
+    compared over the time that both lasted. For a step already flown this is ``Spec.windows``; for the other it is
+    simulated here. The step back begins where its own step ended, with the integral as it was then.
     """
     known = (*problem.spec.windows, *[duration] * 2)[:2]
     fly = partial(_there_and_back, problem, problem.model, step=problem.step, duration=duration)
@@ -91,11 +91,11 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
 
 
 def over_windows(proposal: Proposal, windows: Sequence[float]) -> Proposal:
-    """Return *proposal* with its predictions read over the *windows* [s] that two flown steps both recorded.
+    """Return *proposal* with its predictions evaluated over the *windows* [s] that two flown steps both recorded.
 
-    How long a half lasts hangs on a creep at the edge of a band, and the error over time on how long it was read. The
-    step back stays predicted from where its own step was to end. As it is where fewer than two were recorded: a loop
-    ran away.
+    The duration of a half depends on slow motion at the edge of a band, and the error over time depends on the
+    duration. The predicted step back still starts at the predicted end of its own step. If fewer than two were recorded
+    because a loop diverged, return *proposal* unchanged.
     """
     if len(windows) < 2:
         return proposal
@@ -107,7 +107,7 @@ def over_windows(proposal: Proposal, windows: Sequence[float]) -> Proposal:
 
 
 def ruler_of(spec: Spec) -> Ruler:
-    """Return what flown positions are read with."""
+    """Return the measurement properties that flown positions are evaluated with."""
     return Ruler(spec.noise_std, spec.quantum, 0.5 / spec.noise_bandwidth)
 
 
@@ -116,7 +116,7 @@ def _read(halves: Sequence[StepHalf], ends: Sequence[float], ruler: Ruler) -> St
 
 
 def _over_at(problem: DesignProblem, settings: Settings, half: StepHalf) -> float:
-    """Return when a simulated *half* has stood at its target for as long as ends a flown one [s], else its length."""
+    """Return the time [s] at which a simulated *half* would be ended like a flown one; otherwise its length."""
     away = np.flatnonzero(np.abs(half.size - half.position) > problem.spec.settled_band)
     for one, other in itertools.pairwise([-1, *away.tolist(), len(half.t)]):
         begin, left = one + 1, min(other, len(half.t) - 1)
@@ -126,7 +126,10 @@ def _over_at(problem: DesignProblem, settings: Settings, half: StepHalf) -> floa
 
 
 def _waited_until(problem: DesignProblem, settings: Settings, half: StepHalf, since: float) -> float:
-    """Return until when [s] is waited with a craft that came to its target at *since* and stays: at rest, less long."""
+    """Return the time [s] until which a craft that has been at its target since *since* is observed.
+
+    The time is shorter if the craft is at rest.
+    """
     spec = problem.spec
     output_std = output_noise(problem, settings)
     signals = ((half.position, TRIFLE * abs(half.size), spec.jitter), (half.output, TRIFLE, output_std))
@@ -147,9 +150,10 @@ def _cut(half: StepHalf, end: float) -> StepHalf:
 def _there_and_back(
     problem: DesignProblem, model: SingleDof, settings: Settings, step: float, duration: float, turn: float = math.inf
 ) -> tuple[StepHalf, StepHalf]:
-    """Return both steps: in one flight where that is known, else each of a loop that has long settled.
+    """Return step and step back.
 
-    The step back comes after *duration* [s], or after *turn*.
+    With a known step duration, both are in one flight. Otherwise each is a step of a settled loop. The step back comes
+    after *duration* [s], or after *turn* [s] if that is shorter.
     """
     if problem.spec.step_duration is None:
         there, back = (
@@ -169,7 +173,7 @@ def _there_and_back(
 def _fly(
     problem: DesignProblem, model: SingleDof, settings: Settings, scenario: Scenario, begin: float
 ) -> tuple[Array, Array, Array]:
-    """Return t (n,) [s] from *begin* on, position and output, at the rate that is kept."""
+    """Return t (n,) [s] from *begin* on, position and output, at the stored rate."""
     actuator = problem.actuator
     if not actuator.is_plain:  # noise that carries an output over the edge of a dead band works where its mean does not
         actuator = replace(actuator, dither=output_noise(problem, settings))
@@ -181,7 +185,10 @@ def _fly(
 
 
 def _measure(flown: StepHalf, ruler: Ruler) -> StepMetrics:
-    """Measure a step as the flown one is: the target was the position at rest, and errors within the noise are none."""
+    """Measure a step as a flown one.
+
+    The target before it is the position at rest, and errors within the noise count as zero.
+    """
     t, position, output = (np.concatenate([x[:1], x]) for x in (flown.t, flown.position, flown.output))
     target = np.full_like(t, flown.size)
     target[0] = 0.0

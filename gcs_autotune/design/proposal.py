@@ -1,4 +1,4 @@
-"""From a model to a proposal: the entry of this package."""
+"""Entry point of the package: from a model to a proposal."""
 
 from __future__ import annotations
 
@@ -42,26 +42,28 @@ from gcs_autotune.registry import lookup
 __all__ = ["ProvisionalGains", "design", "design_from", "provisional"]
 
 LOOP_PERIODS = 1.5
-"""Delay of a digital loop: one period to compute, half a period because the output is held."""
+"""Delay of a digital loop in periods: one to compute, and half of one because the output is held."""
 MIN_SPAN = 5.0
-"""Predicted steps are at least this long [s]."""
+"""Minimum length [s] of predicted steps."""
 SMALL = 1.0 / 3.0
-"""Size of the small step for residual motion, relative to the required step. Chosen: usual corrections are small."""
+"""Size of the small step for residual motion, relative to the required step; usual corrections are small."""
 FOLLOWED = 0.01
-"""The other mode is followed well enough where it falls short by no more than this share."""
+"""Shortfall of the other mode up to which it counts as followed well enough."""
 NOTEWORTHY = 0.9
-"""Gains beyond the documented ranges are worth a word where the predicted error falls to this share, or turn rates fall
-short by a tenth less."""
+"""Relative error up to which gains outside the documented ranges are mentioned.
+
+They are also mentioned if the shortfall in turn rates is a tenth smaller.
+"""
 SAME = 1e-3
-"""Gains closer than this (relative) count as unchanged."""
+"""Relative difference below which two gains count as equal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProvisionalGains:
-    """The gains that the present model would give: the reference ``wanted``, the ``gains`` under canonical names.
+    """Gains for the present model.
 
-    ``itae`` [s^2]: their predicted ITAE, evaluated like flown steps; ``spread`` as in :class:`Proposal`; ``span`` [s]:
-    the time of the search.
+    ``wanted``: the reference model. ``gains``: under canonical names. ``itae`` [s^2]: their predicted ITAE, evaluated
+    like flown steps. ``spread``: as in :class:`Proposal`. ``span`` [s]: simulated time of the search.
     """
 
     wanted: ReferenceModel
@@ -82,22 +84,24 @@ def design(
     """Return new gains for *axis*, with their prediction and that of the present gains.
 
     covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay) in the model's units, as in ``Fit``.
-    present : the vehicle's parameters under canonical names; every gain of the axis, and as much of ``axis.context`` as
-    is known (the firmware's defaults stand in for the rest). Nothing is changed. The proposal has the vehicle's own
-    names and values (``axis.names``).
-    reduction : where *fit_model* came from when it has effects (:func:`design_from` fills it in): its actuator stands
-    in the loop.
+
+    present : the vehicle's parameters under canonical names. Every gain of the axis is needed, and as much of
+    ``axis.context`` as is known; the firmware's defaults replace the rest. Nothing is changed. The proposal has the
+    vehicle's own names and values (``axis.names``).
+
+    reduction : the reduction that *fit_model* results from, if it has effects; :func:`design_from` supplies it. Its
+    actuator is part of the simulated loop.
 
     Raises
     ------
     NoGainsMeetSpec
-        No gains inside the documented ranges are acceptable, or the model rules out any.
+        No gains inside the documented ranges are acceptable, or the model excludes any.
     ParameterMissing
         A gain of the axis is not in *present*.
     UsageError
         The model's degree of freedom is not the axis', or full scale or speed is needed and missing.
     UnknownName
-        The axis names a law we do not have.
+        The axis has an unknown control law.
     """
     spec = spec or Spec()
     problem = _problem(fit_model, covariance, axis, present, spec, reduction)
@@ -163,7 +167,7 @@ def provisional(
     """Return an approximation of :func:`design`, sufficient to judge the remaining uncertainty during the experiments.
 
     The search continues from the *last* gains for the same specification; without them it starts like a design. It is
-    short, and ignores the present gains. Errors as those of :func:`design`.
+    short and ignores the present gains. Errors are those of :func:`design`.
     """
     problem = _problem(fit_model, covariance, axis, present, spec)
     if last is None or not spec.is_automatic:
@@ -191,12 +195,12 @@ def design_from(
     names: Sequence[str] = (),
     covariance: NDArray[np.float64] | None = None,
 ) -> Proposal:
-    """Return new gains for *axis* from a model with effects, as :func:`design` does from a plain one.
+    """Return new gains for *axis* from a model with effects, as :func:`design` does from a plain model.
 
-    Delays, lag, drag and actuator effects are in the simulated loop and, if linear, in the margins; ``remarks`` state
-    the treatment of each effect and further advice.
+    Delays, lag, drag and actuator effects are in the simulated loop and, if linear, in the margins. ``remarks`` state
+    the treatment of each effect, with advice.
 
-    inputs : unit per input of the model (SI when missing). names, covariance : (p, p) of its fitted numbers.
+    inputs : unit per input of the model (SI if missing). names, covariance : (p, p) of its fitted numbers.
 
     Raises
     ------
@@ -211,7 +215,10 @@ def design_from(
 def _best(
     problem: DesignProblem, before: GainCandidate, matched: GainCandidate, span: float
 ) -> tuple[GainCandidate, bool]:
-    """Return the gains to offer, and whether the present ones stay: safe to fly, and none in the ranges do better."""
+    """Return the gains to propose, and whether the present ones are kept.
+
+    The present gains are kept if they are safe to fly and no gains in the ranges are better.
+    """
     free = problem.law.free_overshoot
     refined = refine(problem, matched, span)
     for found in (refined, matched):
@@ -224,9 +231,9 @@ def _best(
 def _for_both(
     problem: DesignProblem, before: GainCandidate, alone: GainCandidate, other: OtherMode | None, span: float
 ) -> tuple[GainCandidate, bool]:
-    """Return the gains to offer where the *other* mode counts, and whether the present ones stay.
+    """Return the gains to propose if the *other* mode counts too, and whether the present ones are kept.
 
-    alone : the best for this mode alone, the present ones where none are better.
+    alone : the best gains for this mode alone; the present ones if none are better.
     """
     stays = alone is before
     if other is None or problem.law.controls_velocity or other.shortfall(alone.settings) <= FOLLOWED:
@@ -241,7 +248,7 @@ def _for_both(
 
 
 def _beside(other: OtherMode, before: GainCandidate, shown: GainCandidate, alone: GainCandidate) -> Beside:
-    """Return how the *other* mode fares, and what this one gives up for it."""
+    """Return the prediction for the *other* mode, and the cost of considering it for this mode."""
     own = max(alone.prediction.metrics.itae, MIN_ERROR)
     return Beside(
         other.problem.law.name,
@@ -272,7 +279,7 @@ def _at_end(gain: Gain, settings: Settings) -> bool:
 
 
 def _spread(problem: DesignProblem, settings: Settings, span: float) -> float:
-    """Return by what share the error over time is larger than predicted at the worst of the 95 % region."""
+    """Return the largest relative increase of the error over time within the 95 % region."""
     nominal = max(predict_error(problem, settings, problem.step, span).itae, MIN_ERROR)
     each = (predict_error(problem, settings, problem.step, span, m).itae for m in problem.region.samples)
     return max(max(each, default=nominal) / nominal - 1.0, 0.0)
@@ -281,14 +288,14 @@ def _spread(problem: DesignProblem, settings: Settings, span: float) -> float:
 def _bound(
     law: Law, model: SingleDof, wanted: ReferenceModel, covariance: NDArray[np.float64], velocity: float
 ) -> tuple[float, float]:
-    """Return Miskovic2010's stability bound, which is about loops on a position; NaN for the others."""
+    """Return Miskovic2010's stability bound, which applies to position loops; NaN for other loops."""
     if law.controls_velocity:
         return math.nan, math.nan
     return stability_bound(model, wanted, uncertainty_of(model, covariance), velocity)
 
 
 def _left(problem: DesignProblem, pair: tuple[GainCandidate, GainCandidate]) -> tuple[Hunting, Hunting]:
-    """Return the error left by dead zone and backlash after a small step, for present and shown gains."""
+    """Return the residual error by dead zone and backlash after a small step, for the present and the shown gains."""
     first, second = (hunting_of(problem, c.settings, SMALL * problem.step) for c in pair)
     return first, second
 
@@ -337,13 +344,13 @@ def _problem(
 
 
 def _within_reason(gain: Gain, law: Law, model: SingleDof, present: Mapping[str, float], spec: Spec) -> Gain:
-    """Return *gain* with its range cut where more would only serve the step that is flown."""
+    """Return *gain* with its range limited to values that are useful beyond the flown step."""
     ceilings = CEILINGS[law.name](model, present, spec.speed) if law.name in CEILINGS else {}
     return replace(gain, high=min(gain.high, ceilings.get(gain.parameter, math.inf)))
 
 
 def _span(spec: Spec, chosen: GainCandidate) -> float:
-    """Return how long to show the steps [s]: as flown, else three times what the new one needs to settle."""
+    """Return the length [s] of the shown steps: as flown; otherwise three times the settling time of the new gains."""
     if spec.step_duration is not None:
         return spec.step_duration
     metrics = chosen.prediction.metrics
@@ -353,7 +360,7 @@ def _span(spec: Spec, chosen: GainCandidate) -> float:
 
 
 def _present_overshoot(problem: DesignProblem) -> float:
-    """Fly the present gains for as long as the craft's slowest motion takes to show."""
+    """Return the overshoot of the present gains, simulated long enough for the craft's slowest motion."""
     model, step, span = problem.model, problem.step, problem.spec.step_duration
     span = span or MIN_SPAN + 4.0 * model.alpha / max(model.equivalent_drag(step), 0.1 * model.alpha)
     return predict(problem, model, reference_model("bessel", 1.0), problem.settings, span).metrics.overshoot

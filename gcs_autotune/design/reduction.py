@@ -1,7 +1,7 @@
-"""Reduction of a model with effects to the plant of one axis, with remarks about the rest.
+"""Reduce a model with effects to the plant of one axis, with remarks about the rest.
 
 The axis keeps its own inertia, drag and constant force of the base model, and delays and actuator effects. Every effect
-gets a :class:`Remark`: how the design treats it, and what a parameter or a repair can do about it.
+gets a :class:`Remark` with its treatment in the design and advice on parameters or repairs.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reduction:
-    """What is left for one axis: ``model`` and ``actuator`` in the units of input ``channel``.
+    """A model reduced to one axis: ``model`` and ``actuator`` in the units of input ``channel``.
 
-    ``covariance`` (5, 5) of (alpha, beta, beta_quadratic, delta, delay), zero where nothing is known; ``heavier`` the
-    largest factor on the inertia within use; ``quantum`` step of the position's sensor.
+    ``covariance`` (5, 5): of (alpha, beta, beta_quadratic, delta, delay), zero for unknown ones. ``heavier``: the
+    largest factor on the inertia in use. ``quantum``: resolution of the position's sensor.
     """
 
     model: SingleDof
@@ -51,16 +51,16 @@ def reduce(
     names: Sequence[str] = (),
     covariance: Array | None = None,
 ) -> Reduction:
-    """Return what a loop of *dof* is designed with.
+    """Return the plant for the design of a loop of *dof*.
 
-    inputs : unit per input channel; SI, or fractions in a normalised form, where missing.
-    law : of the autopilot, for advice that names its parameters. speed : [m/s] the design is for.
-    names, covariance : (p, p) of the model's fitted numbers, as in a model file.
+    inputs : unit per input channel; if missing, SI, or fractions in a normalised form. law : control law of the
+    autopilot, for advice that names its parameters. speed : [m/s] of the design. names, covariance : (p, p) of the
+    model's fitted numbers, as in a model file.
 
     Raises
     ------
     UsageError
-        The model has no such degree of freedom, or nothing that drives it.
+        The model does not have the degree of freedom, or no input drives it.
     """
     form = model.base.form
     if dof not in form.dofs:
@@ -92,7 +92,7 @@ def reduce(
 
 
 def _drive(model: ExtendedModel, axis: Dof) -> tuple[str, float, str]:
-    """Return the channel that drives the axis, its force per unit, and what is omitted."""
+    """Return the channel that drives the axis, its force per unit, and a remark on what is omitted."""
     form = model.base.form
     drives: dict[str, float] = {}
     for channel, pairs in form.inputs.items():
@@ -118,7 +118,7 @@ def _named(model: ExtendedModel, name: str) -> float:
 
 
 def _covariance(axis: Dof, channel: str, gain: float, names: Sequence[str], covariance: Array | None) -> Array:
-    """Return the covariance of the five numbers a loop is designed with, from that of the model's own."""
+    """Return the covariance of the five numbers of the reduced model, from that of the model's own numbers."""
     found = np.zeros((5, 5))
     if covariance is None or not len(covariance):
         return found

@@ -1,7 +1,7 @@
 """Reference models of the closed loop, ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``.
 
-Miskovic2010, eq. (8.4), with time scaled such that ``a3 = 1/omega_0^3`` ("characteristic frequency"). The Bessel
-polynomial is ``s^3/15 + 6 s^2/15 + s + 1``; Miskovic2010 prints ``2 s^2/15``, an erratum.
+The form is Miskovic2010, eq. (8.4), with time scaled such that ``a3 = 1/omega_0^3`` ("characteristic frequency"). The
+Bessel polynomial is ``s^3/15 + 6 s^2/15 + s + 1``; Miskovic2010 prints ``2 s^2/15``, an erratum.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ REFERENCE_MODELS: Mapping[str, tuple[float, float, float]] = {
     "bessel": (1.0, 6.0 / 15.0, 1.0 / 15.0),
     "butterworth": (2.0, 2.0, 1.0),
 }
-"""Family -> (a1, a2, a3) at its textbook time scale; Bessel overshoots 0.75 %, Butterworth 8 %."""
+"""Family -> (a1, a2, a3) at its textbook time scale; Bessel has an overshoot of 0.75 %, Butterworth of 8 %."""
 
 SETTLED = 0.05
-"""A step counts as settled within this fraction of it (the same 5 % as in ``StepMetrics``)."""
+"""Deviation, relative to the step, within which a step counts as settled (5 %, as in ``StepMetrics``)."""
 
 _UNIT_HORIZON = 20.0
 _UNIT_STEP = 0.01
@@ -43,7 +43,7 @@ _UNIT_STEP = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceStep:
-    """A reference model's unit step: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
+    """Unit step of a reference model: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -68,7 +68,7 @@ def reference_model(kind: str, omega_0: float) -> ReferenceModel:
 
 
 def settling_time(kind: str, omega_0: float) -> float:
-    """Return when the reference model's step has settled to 5 % [s]."""
+    """Return the time [s] at which the reference model's step has settled to 5 %."""
     return _unit_settling(kind) / omega_0
 
 
@@ -96,7 +96,7 @@ def wanted_step(function: ReferenceModel, t: NDArray[np.float64]) -> ReferenceSt
 
 @cache
 def _unit_response(kind: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Step of the family at omega_0 = 1: times (n,) and states (n, 3), exact at the grid points."""
+    """Return the unit step of the family at omega_0 = 1: times (n,) and states (n, 3), exact at the grid points."""
     f = reference_model(kind, 1.0)
     generator = np.zeros((4, 4))
     generator[0, 1] = generator[1, 2] = 1.0

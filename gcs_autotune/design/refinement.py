@@ -1,10 +1,10 @@
-"""The last stage of an automatic design: the smallest predicted ITAE inside the documented ranges.
+"""The last stage of an automatic design: minimise the predicted ITAE inside the documented ranges.
 
-Matching follows reference models no faster than a share of the actuator, so that nothing saturates, and stops there.
-A loop that does saturate may still be the better one. Here gains are judged like the step on the water:
-simulated with every limit, in both directions, over the same window, without errors below the sensor's resolution.
-Bounded Nelder-Mead (Nelder1965), because saturation and resolution make the cost nonsmooth. It starts from points
-spread evenly over a cube: the start of Sobol's sequence, unscrambled.
+Matching follows reference models that use only part of the actuator, so that nothing saturates, and stops there. A loop
+that does saturate may still be better. Here gains are evaluated like the flown step: simulated with every limit, in
+both directions, over the same window, without errors below the sensor's resolution. The search is bounded Nelder-Mead
+(Nelder1965), because saturation and resolution make the cost nonsmooth. It starts at points evenly spread over a cube:
+the start of Sobol's sequence, unscrambled.
 """
 
 from __future__ import annotations
@@ -41,62 +41,74 @@ __all__ = ["MIN_ERROR", "any_better", "beyond", "refine", "refine_beyond", "refi
 Array = NDArray[np.float64]
 
 PARTS = (1.0, 1.0 / 3.0)
-"""Step sizes relative to the required one: the full step, and one small enough not to saturate. Chosen."""
+"""Step sizes relative to the required one: the full step, and one small enough not to saturate."""
 GOOD_OVERSHOOT, DISLIKE = 0.05, 4.0
-"""Overshoot without penalty (5 %), and the price of more: each further 1 % counts like 4 % more ITAE. Chosen."""
+"""Overshoot without penalty (5 %), and penalty for more: each further 1 % counts like 4 % more ITAE. Set by hand."""
 PRICE = 20.0
-"""Chosen: falling short of a margin or limit by 1 % counts like 20 % more error over time..."""
+"""Penalty for a margin or limit that is not met: each 1 % counts like 20 % more error over time. It is set by hand."""
 REGRET = 0.5
-"""Price of the smallest margins if no gains keep the specified ones: half a percent of the cost. Chosen."""
+"""Penalty for specified margins that are not met, if only the smallest margins are required.
+
+Each 1 % counts like half a percent of the cost. It is set by hand.
+"""
 RESERVE = 1.05
-"""Reserve of margins and noise for the later rounding of gains. Chosen."""
+"""Factor by which margins and noise must be better than required, as a reserve for the later rounding of gains."""
 RESERVE_BESIDE = 1.01
-"""...and so much where another mode counts, too: it may have what the first search has left."""
+"""The same factor if another mode counts too; it is smaller, so that the mode can use the reserve of the first
+search."""
 MIN_ERROR = 1e-3
-"""Stands in for an error over time of nothing [s^2], so that the prices still count."""
+"""Lower limit [s^2] of the error over time, so that penalties still count if the error is zero."""
 HARDEST = 3
-"""How many samples of the 95 % region, the hardest so far, hold their margins during a descent."""
+"""Number of samples of the 95 % region whose margins are checked during a descent: the worst ones so far."""
 NOTICEABLE = 0.97
-"""Cost relative to the matched gains below which refined ones are preferred. Chosen."""
+"""Cost relative to that of the matched gains, below which refined gains replace them. It is set by hand."""
 HOPELESS = 3.0
-"""Predicted error relative to the smallest so far from which gains are not examined further. Chosen."""
+"""Predicted error, relative to the smallest so far, above which gains are not examined further."""
 EVALUATIONS = 25
-"""Of one descent, for each gain."""
+"""Cost evaluations of one descent, per gain."""
 ROUNDS = 2
-"""Descents one after the other; each starts where the last one ended, watching the samples that are hardest there."""
+"""Number of successive descents; each starts at the end of the last one, with the samples that are worst there."""
 SPREAD = 0.15
-"""Size of the first simplex, in square roots of fractions of the ranges, for equal resolution of low gains."""
+"""Size of the first simplex, in square roots of fractions of the ranges; the root resolves small gains as well."""
 SCATTER = 5
-"""Logarithm (base 2) of the number of start points over the ranges; if ranges bind, the minimum may be far away."""
+"""Logarithm (base 2) of the number of start points over the ranges.
+
+Many are needed because the minimum may be far away if ranges limit the gains.
+"""
 DESCENTS = 2
-"""Number of best starts from which first descents begin."""
+"""Number of best starts that first descents begin at."""
 SEARCHED = 8
 """Logarithm (base 2) of the number of points tried before the present gains count as the best."""
 CLOSER = 32
-"""So many of them, those predicted best, are judged."""
+"""Number of these points, the best predicted ones, that are fully judged."""
 WORTH = 0.95
-"""A gain that matching does without must bring the cost below this share: it makes the actuator busier."""
+"""Relative cost below which a gain that matching leaves fixed is used; such a gain makes the actuator busier."""
 CALM = 0.01
-"""Chosen: with such a gain measurement noise may move the actuator by 1 % of full (rms) only, not to wear it out."""
+"""Largest actuator motion due to measurement noise with such a gain: 1 % of full (rms), to limit wear."""
 
 BESIDE = 2.0
-"""Chosen: each percent of the other mode's step that is not followed counts like 2 % more error over time."""
+"""Penalty for the other mode: each percent of its step that is not followed counts like 2 % more error over time.
+
+It is set by hand.
+"""
 FEED, FEEDS = "ATC_STR_RAT_FF", (0.25, 0.5, 0.75, 1.0)
-"""Further start values of the feed-forward for both modes, relative to the exact one. Chosen."""
+"""Additional start values of the feed-forward for both modes, relative to that of the model."""
 WIDER = 5.0
-"""Factor by which the search exceeds the documented ranges at both ends. Chosen; margins limit the gains first."""
+"""Factor by which the search exceeds the documented ranges at both ends; margins limit the gains first."""
 YIELD = 1.05
-"""Largest predicted ITAE with gains for both modes, relative to gains for one mode."""
+"""Largest predicted ITAE of gains for both modes, relative to that of gains for one mode."""
 
 
 def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> GainCandidate:
     """Return the candidate with the least cost over *duration* [s]: a refined one, or *chosen* itself.
 
-    Descents begin at *chosen*, at the present gains and at a scatter, where it is predicted best. The result must not
-    have more objections than *chosen*, and must be noticeably better; its ``wanted`` is that of *chosen*. If no gains
-    keep the specified margins, the smallest ones apply: gains that are safe to fly are never replaced by others that
-    are closer to the specification but perform worse. A last descent includes the gains of ``Law.late``, if that
-    improves the result.
+    Descents begin at the best predicted of these points: *chosen*, the present gains, and points spread over the
+    ranges. The result must not have more objections than *chosen*, and must be noticeably better; its ``wanted`` is
+    that of *chosen*.
+
+    If no gains meet the specified margins, the smallest margins apply. Gains that are safe to fly are never replaced by
+    gains that are closer to the specification but perform worse. A last descent includes the gains of ``Law.late``, if
+    that improves the result.
     """
     aims = _Aims(problem, chosen.wanted, duration)
     best = _refined(aims, chosen, [chosen.settings, problem.settings])
@@ -115,9 +127,10 @@ def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> Ga
 def refine_briefly(
     problem: DesignProblem, near: GainCandidate, duration: float, *, everywhere: bool = False
 ) -> GainCandidate:
-    """Return nearly what :func:`refine` does, by one descent: from *near*, or *everywhere* from the best of a scatter.
+    """Return nearly the result of :func:`refine`, by one descent.
 
-    Gains that the law lets it take up are sought only where *near* has them.
+    It starts at *near*; with *everywhere*, it may also start at the best of points spread over the ranges. Optional
+    gains of the law are included only if *near* has them.
     """
     noise, problem = _noise_of(problem, near), _with_late(problem, near)
     found = near
@@ -134,9 +147,9 @@ def refine_briefly(
 
 
 def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMode, duration: float) -> GainCandidate:
-    """Return gains that serve the *other* mode as well and give up at most a trifle of what the *best* do for this one.
+    """Return gains that also serve the *other* mode, with little more error in this mode than the *best* gains.
 
-    *best* itself where none do so noticeably better; it is the result of :func:`refine`.
+    *best* is the result of :func:`refine`; it is returned if no gains are noticeably better for both modes.
     """
     problem = _with_late(problem, best)
     starts = [best.settings]
@@ -151,19 +164,19 @@ def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMod
 def refine_beyond(
     problem: DesignProblem, best: GainCandidate, other: OtherMode | None, duration: float
 ) -> GainCandidate:
-    """Return what the wider ranges of *problem* allow, from the *best* gains on; those where they allow no more."""
+    """Return the best gains in the wider ranges of *problem*, starting at *best*; return *best* if none are better."""
     problem = _with_late(problem, best)
     aims = _Aims(problem, best.wanted, duration, _noise_of(problem, best), bool(best.objections), other)
     return _refined(aims, best, [best.settings])
 
 
 def beyond(gain: Gain) -> Gain:
-    """Return *gain* with a range that goes beyond the documented one."""
+    """Return *gain* with a range that exceeds the documented one."""
     return replace(gain, low=gain.low / WIDER, high=gain.high * WIDER)
 
 
 def _with_late(problem: DesignProblem, near: GainCandidate) -> DesignProblem:
-    """Return *problem* with the late gains that *near* has taken up among its gains."""
+    """Return *problem* with those late gains included that *near* uses."""
     taken = [g for g in problem.late if near.settings[g.parameter] > problem.law.fixed[g.parameter]]
     return replace(problem, gains=(*problem.gains, *taken))
 
@@ -174,9 +187,9 @@ def _noise_of(problem: DesignProblem, near: GainCandidate) -> float:
 
 
 def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -> GainCandidate | None:
-    """Return gains that are safe to fly and pass the verdict against *before*, the present ones; None when none do.
+    """Return gains that are safe to fly and better than *before*, the present ones; return None if there are none.
 
-    Tries points spread over the documented ranges, and descents from the best of them. Present gains that keep the
+    Points spread over the documented ranges are tried, and descents from the best of them. Present gains that meet the
     specified margins are not replaced by gains that do not.
     """
     lenient = bool(before.objections)
@@ -202,9 +215,9 @@ def _refined(
     worth: float = NOTICEABLE,
     yields: bool = False,
 ) -> GainCandidate:
-    """Return the candidate of least cost, *chosen* unless it costs less than *worth* of that.
+    """Return the candidate with the least cost; return *chosen* unless the least cost is below *worth* of its cost.
 
-    yields : this mode gives up at most a trifle for the other one.
+    yields : whether this mode may have a slightly larger error in favour of the other mode.
     """
     settings, problem = dict(chosen.settings), aims.problem
     if yields:
@@ -237,10 +250,10 @@ def _rounded(problem: DesignProblem, settings: Settings) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Aims:
-    """What gains are to achieve: to follow ``wanted`` over ``duration`` [s], with ``noise`` in the output at most.
+    """Aims of the search: follow ``wanted`` over ``duration`` [s], with at most ``noise`` in the output.
 
-    ``lenient``: the smallest margins are required, the specified ones only add cost. ``other``: the shortfall of the
-    other mode counts too, and the ITAE of this one is at most ``most`` [s^2].
+    ``lenient``: the smallest margins are required, and the specified ones only add cost. ``other``: the other mode,
+    whose shortfall also counts. ``most`` [s^2]: largest ITAE of this mode in that case.
     """
 
     problem: DesignProblem
@@ -253,9 +266,9 @@ class _Aims:
 
 
 class _Cost:
-    """What a vector of gains costs: predicted error over time, raised by overshoot and by every limit it breaks.
+    """Cost of a vector of gains: predicted error over time, increased by overshoot and by every limit not met.
 
-    near : settings about which the hardest craft of the region are sought.
+    near : settings at which the worst samples of the region are selected.
     """
 
     def __init__(self, aims: _Aims, near: Settings) -> None:
@@ -288,7 +301,10 @@ class _Cost:
         return max(float(np.mean([m.itae for m in steps])), MIN_ERROR)
 
     def of(self, settings: Settings) -> float:
-        """Return the cost of *settings*; without that of the limits where it is hopeless already."""
+        """Return the cost of *settings*.
+
+        The penalties for limits are left out if the error alone already exceeds :data:`HOPELESS` times the least cost.
+        """
         steps = self._flown(settings)
         plain = self._error_of(steps)
         dislike = DISLIKE * max(0.0, steps[0].overshoot - GOOD_OVERSHOOT - self._problem.law.free_overshoot)
@@ -302,7 +318,7 @@ class _Cost:
         return cost
 
     def _missed_beside(self, settings: Settings) -> float:
-        """Return the fractions by which the other mode's own loop misses the margins."""
+        """Return the fractions by which the other mode's loop misses the margins."""
         assert self._other is not None
         problem, spec = self._other.problem, self._problem.spec
         low = worst(problem.margins(settings, self._wanted, self._watched))
@@ -310,7 +326,7 @@ class _Cost:
         return max(0.0, 1.0 - low.gain / (self._held * gain)) + max(0.0, 1.0 - low.phase / (self._held * phase))
 
     def _price(self, settings: Settings, step: StepError) -> float:
-        """Return what missing limits costs, by the sum of the fractions of them that are missed."""
+        """Return the penalty for limits that are not met, from the sum of the fractions missed."""
         problem, spec = self._problem, self._problem.spec
         reserve = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         missed = integral_shortfall(problem, settings, self._wanted)
@@ -334,7 +350,7 @@ class _Cost:
 
 
 def _descend(cost: Callable[[Array], float], start: Array) -> Array:
-    """Return the minimum found by a bounded Nelder-Mead from *start* (n,) in a fixed number of evaluations."""
+    """Return the minimum found by a bounded Nelder-Mead search from *start* (n,), in a fixed number of evaluations."""
     n = len(start)
     simplex = np.tile(np.clip(start, 0.0, 1.0), (n + 1, 1))
     for i in range(n):

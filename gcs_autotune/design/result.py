@@ -1,4 +1,4 @@
-"""What a design returns: old and new gains, what they promise, and how sure that is."""
+"""Results of a design: old and new gains, their prediction, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class ReferenceModel:
-    """The required closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` is its family."""
+    """The required closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)`` (Miskovic2010, eq. (8.4)); ``kind`` is its family."""
 
     kind: str
     omega_0: float
@@ -47,7 +47,7 @@ class ReferenceModel:
 class Hunting:
     """The residual motion after a step: ``amplitude`` and ``offset`` [rad or m], ``period`` [s].
 
-    ``period`` is infinite without oscillation; ``travel``: output travel [normalised per s].
+    ``period`` is infinite if there is no oscillation. ``travel``: output travel [normalised per s].
     """
 
     amplitude: float
@@ -63,7 +63,8 @@ class Hunting:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One parameter, as the vehicle calls it and in its unit: old and new value, documented range, and why."""
+    """Change of one parameter, with the vehicle's own name and unit: old and new value, documented range, and
+    reason."""
 
     parameter: str
     old: float
@@ -74,7 +75,7 @@ class Change:
 
     @property
     def at_limit(self) -> bool:
-        """Whether the new value sits on its documented limit."""
+        """Whether the new value is on a limit of its documented range."""
         return self.new in (self.low, self.high)
 
     @property
@@ -95,13 +96,13 @@ class Margins:
 
 @dataclass(frozen=True, slots=True)
 class StepMetrics:
-    """How a step was followed; lower is better throughout.
+    """Metrics of a step; lower is better for all.
 
-    ``itae`` [rad s^2 or m s^2] is normalised by the step size (so per unit step, [s^2]); ``overshoot`` is a
-    fraction of the step; ``rise`` (10-90 %) and ``settling`` (to 5 %) in s, NaN when never reached;
-    ``steady_error`` a fraction of the step; ``travel`` total variation of the actuator [fraction of full]
-    per second. ``hidden_by_noise``: ``settling`` is NaN because the noise of single readings is wider than the band,
-    not because the motion was outside it when the record ended.
+    ``itae`` [rad s^2 or m s^2] is normalised by the step size (so per unit step, [s^2]). ``overshoot`` is a fraction of
+    the step. ``rise`` (10-90 %) and ``settling`` (to 5 %) are in s, NaN if never reached. ``steady_error`` is a
+    fraction of the step. ``travel`` is the total variation of the actuator [fraction of full] per second.
+    ``hidden_by_noise``: ``settling`` is NaN because the noise of single readings exceeds the band, although the motion
+    ended inside it.
     """
 
     itae: float
@@ -115,10 +116,10 @@ class StepMetrics:
 
 
 class Beside(NamedTuple):
-    """Prediction of another mode that uses the same gains.
+    """Prediction for another mode that uses the same gains.
 
-    ``law`` of that mode. ``before``, ``after``: ITAE of its step relative to that of a craft that does not follow.
-    ``given_up``: relative increase of the ITAE of the axis' own step by considering that mode.
+    ``law``: control law of that mode. ``before``, ``after``: ITAE of its step relative to that of a craft that does not
+    follow. ``given_up``: relative increase of the ITAE of the axis' own step, because that mode is considered.
     """
 
     law: str
@@ -128,7 +129,10 @@ class Beside(NamedTuple):
 
 
 class StepHalf(NamedTuple):
-    """A step of *size* [rad or m]: t (n,) [s] from the step on, position from where it was stepped from, output."""
+    """Half of a flown step: one step of *size* [rad or m].
+
+    It contains t (n,) [s] from the step on, the position relative to its start, and the output.
+    """
 
     size: float
     t: NDArray[np.float64]
@@ -137,7 +141,10 @@ class StepHalf(NamedTuple):
 
 
 class Ruler(NamedTuple):
-    """What a flown position is read with: white noise [rad or m] that lasts ``noise_time`` [s], and its quantum."""
+    """Measurement properties of flown positions.
+
+    They are white noise [rad or m], the time ``noise_time`` [s] for which one value of it lasts, and the quantum.
+    """
 
     noise_std: float = 0.0
     quantum: float = 0.0
@@ -148,7 +155,7 @@ class Ruler(NamedTuple):
 class Prediction:
     """A step simulated on the identified model with given gains: arrays (n,), position in rad or m.
 
-    ``halves``: step and step back as far as simulated, where they are flown one after the other.
+    ``halves``: step and step back as far as simulated, if they are flown one after the other.
     """
 
     t: NDArray[np.float64]
@@ -162,18 +169,19 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """New gains for one axis, not yet written anywhere.
+    """New gains for one axis, not yet written to a vehicle.
 
-    ``margins`` at the identified parameters, ``worst_margins`` over the 95 % region of the parameters;
-    ``bound`` is Miskovic2010 (8.22)-(8.27) evaluated: (left side, right side), stable when left < right. Of a model
-    with
-    effects: ``remarks`` on each, ``left`` what goes on after a small step with the old gains and with the new.
-    ``loops``: with the old gains and with the new, opened at the actuator, one for each state of the craft that
-    ``margins`` are the least of; ``actuator`` what the model designed from has between output and force.
-    ``windows``: how long [s] step and step back are recorded, over which the predicted metrics are read (after a proof:
-    what both its steps recorded); empty: as long as the predictions; ``ruler``: what they are read with. ``spread``: by
-    what share the error over time of the gains shown is larger than predicted, at worst over the 95 % region.
-    ``beside``: another mode that has the same gains.
+    ``margins``: at the identified parameters. ``worst_margins``: over the 95 % region of the parameters. ``bound``:
+    (left side, right side) of Miskovic2010 (8.22)-(8.27), stable if left < right. For a model with effects, ``remarks``
+    describe each, and ``left`` is the residual motion after a small step with the old and the new gains.
+
+    ``loops``: with the old and with the new gains, opened at the actuator, one for each state of the craft; ``margins``
+    are the smallest of these. ``actuator``: the actuator effects of the model between output and force.
+
+    ``windows`` [s]: duration of step and step back for the predicted metrics (after a proof: what both its steps
+    recorded); empty: as long as the predictions. ``ruler``: measurement properties for these metrics. ``spread``:
+    largest relative increase of the predicted error over time within the 95 % region. ``beside``: another mode that
+    uses the same gains.
     """
 
     axis: str
@@ -197,12 +205,12 @@ class Proposal:
 
     @property
     def new(self) -> Mapping[str, float]:
-        """Parameter -> new value."""
+        """New values by parameter."""
         return {c.parameter: c.new for c in self.changes}
 
     @property
     def old(self) -> Mapping[str, float]:
-        """Parameter -> old value."""
+        """Old values by parameter."""
         return {c.parameter: c.old for c in self.changes}
 
     def to_pandas(self) -> Any:

@@ -1,4 +1,4 @@
-"""Choice of the loop's speed: try specifications from the fastest downwards and judge the results."""
+"""Select the speed of the loop: try specifications from the fastest downwards and judge the results."""
 
 from __future__ import annotations
 
@@ -32,25 +32,31 @@ __all__ = [
 ]
 
 OVERSHOOT, WORST_OVERSHOOT = 0.12, 0.25
-"""Chosen: the predicted step may overshoot this much (less than the 15 % the proof on the water allows);
-as much as with the present gains, up to the second, when those overshoot more."""
+"""Largest overshoot of the predicted step; the proof on the water allows 15 %.
+
+If the present gains have more, up to WORST_OVERSHOOT, the same overshoot is allowed.
+"""
 MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, MAX_OVERSHOOT = 2.0, math.radians(30.0), 0.4
-"""Smallest margins of a proposal, with a note, if the ranges exclude the default specification. Chosen."""
+"""Smallest margins and largest overshoot of a proposal if the ranges exclude the default specification.
+
+Such a proposal has a note. The values are set by hand.
+"""
 SLOWER = 0.8
-"""Each further try is this much slower."""
+"""Ratio of the speeds of successive specifications."""
 TRIES = 12
 SPANS = 8.0
-"""Time of comparison of candidates, in settling times of the fastest specification. Chosen."""
+"""Time over which candidates are compared, in settling times of the fastest specification."""
 PATIENCE = 2
-"""Slower specifications tried after an acceptable one, since one limited by the ranges may not be the best. Chosen."""
+"""Number of slower specifications tried after an acceptable one, because one limited by the ranges may not be the
+best."""
 NOTICEABLE = 0.9
-"""Predicted ITAE of a slower specification, relative to the faster one, below which it is preferred. Chosen."""
+"""Predicted ITAE of a slower specification, relative to the faster one, below which it is preferred."""
 FASTEST, SLOWEST = 20.0, 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCandidate:
-    """One specification with its gains, their prediction, and objections."""
+    """One specification with its gains, their prediction, and the objections to them."""
 
     wanted: ReferenceModel
     settings: Settings
@@ -62,9 +68,11 @@ class GainCandidate:
 
 
 def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
-    """Return the best acceptable candidate: the user's specification, or the fastest without a better slower one.
+    """Return the best acceptable candidate.
 
-    patience : slower specifications tried after an acceptable one.
+    It is that of the user's specification, or the fastest one that no slower one clearly improves on.
+
+    patience : number of slower specifications tried after an acceptable one.
 
     Raises
     ------
@@ -94,7 +102,7 @@ def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
 
 
 def _tolerable(tried: Sequence[GainCandidate]) -> GainCandidate | None:
-    """Return the fastest specification among those safe to fly and not noticeably worse than the best."""
+    """Return the fastest candidate among those that are safe to fly and not noticeably worse than the best."""
     safe = [c for c in tried if is_tolerable(c)]
     least = min((_score(c) for c in safe), default=0.0)
     return next((c for c in safe if _score(c) * NOTICEABLE <= least), None)
@@ -116,7 +124,7 @@ def is_tolerable(candidate: GainCandidate) -> bool:
 
 
 def judge(problem: DesignProblem, wanted: ReferenceModel, settings: Settings, duration: float) -> GainCandidate:
-    """Return what *settings* promise, over a step recorded for *duration* [s]."""
+    """Return margins, prediction and objections of *settings*, for a step recorded for *duration* [s]."""
     found = problem.margins(settings, wanted, [problem.model, *problem.region.samples])
     margins, low = found[0], worst(found)
     prediction = predict(problem, problem.model, wanted, settings, duration)
@@ -149,7 +157,7 @@ def objections(problem: DesignProblem, settings: Settings, low: Margins, predict
 
 
 def max_overshoot(problem: DesignProblem) -> float:
-    """Return the largest predicted overshoot, relative to the step."""
+    """Return the largest allowed predicted overshoot, relative to the step."""
     return max(OVERSHOOT, min(problem.present_overshoot, WORST_OVERSHOOT)) + problem.law.free_overshoot
 
 
@@ -168,7 +176,10 @@ def _specifications(problem: DesignProblem) -> Iterator[ReferenceModel]:
 
 
 def _fastest(problem: DesignProblem) -> float:
-    """Return the fastest possible specification [rad/s] for actuator, velocity limit and total delay."""
+    """Return the characteristic frequency [rad/s] of the fastest specification that can be followed.
+
+    Actuator, velocity limit and total delay limit it.
+    """
     spec, model = problem.spec, problem.model
     limit = problem.law.velocity_limit(problem.settings, spec.speed)
     low, high = math.log(SLOWEST), math.log(min(FASTEST, 1.0 / max(model.delay + problem.delay, 1.0 / FASTEST)))

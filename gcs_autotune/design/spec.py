@@ -1,4 +1,4 @@
-"""The specification of a loop, and further inputs of its design."""
+"""The specification of a loop, with further inputs of its design."""
 
 from __future__ import annotations
 
@@ -15,38 +15,39 @@ __all__ = ["Spec"]
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """The specification. Everything except ``step`` may be left open.
+    """Specification of a loop; everything except ``step`` is optional.
 
     Attributes
     ----------
-    step : the step to design for [rad or m]; None: 30 deg or 1 m.
+    step : size of the step [rad or m] to design for; None: 30 deg or 1 m.
     kind : family in ``REFERENCE_MODELS``.
-    omega_0 : characteristic frequency [rad/s]; None lets the design find the fastest acceptable.
+    omega_0 : characteristic frequency [rad/s]; None: the design selects the fastest acceptable one.
     settling_time : to 5 % [s], instead of ``omega_0``.
     speed : speed over ground [m/s] at which the model was identified; axes with ``needs_speed`` need it.
     full_scale : model input at full actuator output; None for models identified in fractions (unit ``1``).
-    step_duration : how long each flown step is recorded [s]; predictions then start and last as the flown ones do.
-        None: steps of a loop that has long settled, as long as they take.
-    windows : how long [s] step and step back were recorded with the present gains; empty: ``step_duration``.
-    settled_band, settled_time : a flown half is over when the signal has been so near its target [rad or m] for so
-        long [s]. Gains are chosen over ``step_duration`` all the same; only the reported metrics are of such halves.
-    settled_least : ... or for so long [s], where signal and output are at rest by then.
-    hold : how long [s] the craft is held before that step, by a loop whose integral is empty at first; 0: one that
-        has long settled.
+    step_duration : recorded duration [s] of each flown step; predictions then start and last as flown. None: steps of
+        a settled loop, as long as they take.
+    windows : recorded durations [s] of step and step back with the present gains; empty: ``step_duration``.
+    settled_band, settled_time : a flown half ends when the signal has been within ``settled_band`` [rad or m] of its
+        target for ``settled_time`` [s]. This applies to the reported metrics only; gains are selected over
+        ``step_duration``.
+    settled_least : the same time [s], if signal and output are at rest by then.
+    hold : time [s] for which the craft is held before that step, by a loop whose integral is empty at first; 0: a
+        settled loop.
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
-    jitter_std : the part of that noise which changes from sample to sample and so moves the actuator [rad or m]; None:
-        all of it.
+    jitter_std : the part of that noise [rad or m] that changes from sample to sample and therefore moves the actuator;
+        None: all of it.
     noise_bandwidth : half the rate at which that noise was measured [Hz].
     quantum : smallest step of the position's sensor [rad or m]; errors within it count as zero.
-    link_delay : part of the identified delay [s] that lies in the telemetry link, not in the autopilot's loop.
-    loop_delay : extra delay [s] of autopilot and actuator, beyond the identified one; None = 1.5 loop periods.
-    gain_margin, phase_margin : least acceptable over the 95 % region, ratio and [rad].
+    link_delay : part of the identified delay [s] that is in the telemetry link, not in the autopilot's loop.
+    loop_delay : additional delay [s] of autopilot and actuator, beyond the identified one; None: 1.5 loop periods.
+    gain_margin, phase_margin : smallest acceptable values over the 95 % region, ratio and [rad].
     actuator_use : largest output for the required step, normalised.
-    measured : parameters set to measured values, not designed.
+    measured : parameters that are set to measured values instead of being designed.
     skid : whether the craft steers by the difference of two thrusters.
     beyond_ranges : whether gains may leave their documented ranges, with the same margins.
-    throttle : throttle that a boat of vectored thrust, or of two thrusters, was identified at, fraction of full; 0 when
-        unknown, or not so.
+    throttle : throttle [fraction of full] at which a boat with vectored thrust, or with two thrusters, was identified;
+        0 if unknown or not applicable.
     """
 
     step: float | None = None
@@ -100,10 +101,10 @@ class Spec:
 
     @property
     def jitter(self) -> float:
-        """``jitter_std``, or all of the noise [rad or m]."""
+        """``jitter_std``, or all of the noise if that is None [rad or m]."""
         return self.noise_std if self.jitter_std is None else self.jitter_std
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the design chooses the speed of the reference model."""
+        """Whether the design selects the speed of the reference model."""
         return self.omega_0 is None and self.settling_time is None

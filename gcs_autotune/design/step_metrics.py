@@ -1,4 +1,4 @@
-"""How well a step was followed, simulated or measured, by the same ruler."""
+"""Measure how well a step was followed, by the same criteria for simulated and flown steps."""
 
 from __future__ import annotations
 
@@ -19,35 +19,41 @@ __all__ = ["StepError", "combine", "error_behind", "noise_floor", "step_error", 
 Array = NDArray[np.float64]
 MIN_SAMPLES = 8
 SPIKE = 0.25
-"""A single sample this far from its neighbours is an outlier; fraction of the step. Chosen."""
+"""Deviation of a single sample from its neighbours, relative to the step, above which it is an outlier."""
 NOISE_STDS = 2.0
-"""Errors within this many standard deviations of the noise count as zero."""
+"""Number of standard deviations of the noise within which errors count as zero."""
 QUANTUM = 1.01
-"""Tolerance in quanta of the sensor, plus a hundredth for float32 rounding."""
+"""Number of quanta of the sensor within which errors count as zero; the hundredth is for float32 rounding."""
 HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-"""Parabolas that an error is read through reach over so many samples to each side, ..."""
+"""Half-widths, in samples, of the parabolas that smooth an error."""
 _HALVES = np.array(HALVES)
 INTERVAL = 1.5
-"""...as long as intervals of so many standard errors have a point in common. Chosen on synthetic steps: wider ones take
-the corners off, narrower ones leave more noise (tests/design/test_error_estimate.py)."""
+"""Half-width, in standard errors, of the intervals that must have a point in common.
+
+The widest parabola for which they do is used. The value is the best on synthetic steps: larger ones smooth corners,
+smaller ones leave more noise (tests/design/test_error_estimate.py).
+"""
 LAST_PART = 1.0 / 3.0
-"""Fraction of the record used for the steady state. Chosen."""
+"""Fraction of the record, at its end, that the steady state is evaluated on."""
 
 
 class StepError(NamedTuple):
-    """The metrics of a step that a search for gains uses: ``itae`` [s^2] and ``overshoot`` as in ``StepMetrics``."""
+    """The metrics of a step that a search for gains uses: ``itae`` [s^2] and ``overshoot``, as in ``StepMetrics``."""
 
     itae: float
     overshoot: float
 
 
 def noise_floor(noise_std: float, quantum: float) -> float:
-    """Return the error [rad or m] that counts as none: two of *noise_std* or one *quantum*, whichever is larger."""
+    """Return the error [rad or m] up to which errors count as zero.
+
+    It is two of *noise_std* or one *quantum*, whichever is larger.
+    """
     return max(NOISE_STDS * noise_std, QUANTUM * quantum)
 
 
 def combine(found: Sequence[StepMetrics]) -> StepMetrics:
-    """Join steps of both directions: error, travel and times are averaged; what has a limit counts as the worst."""
+    """Combine steps of both directions: the mean of error, travel and times, the worst of metrics with a limit."""
     if not found:
         return StepMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
     mean = {n: float(np.mean([getattr(m, n) for m in found])) for n in ("itae", "rise", "settling", "travel")}
@@ -70,14 +76,15 @@ def step_metrics(
     """Measure one step.
 
     t : (n,) [s], increasing, any spacing. target, position : (n,) [rad or m], headings unwrapped. output : (n,)
-    [fraction of full], held until the next sample. Samples before the target moves are the state at rest; a
-    target that never moves is a step from the first position. ``noise_std`` and ``quantum`` (the sensor's smallest
-    step) [rad or m]: errors within :func:`noise_floor` count as none, and the settling band is never narrower than
-    that; the error over time is that of the motion :func:`error_behind` the noise. Single wild samples are replaced by
-    their neighbours' mean. Compare only steps recorded over equally long windows: ITAE grows with the window.
+        [fraction of full], held until the next sample. Samples before the target moves are the state at rest. If the
+        target never moves, the step starts at the first position.
+    noise_std, quantum : noise and smallest step of the sensor [rad or m]. Errors within :func:`noise_floor` count as
+        zero, and the settling band is never narrower than that. The error over time is that of the motion
+        :func:`error_behind` the noise. Single outliers are replaced by the mean of their neighbours.
+    noise_time : time [s] for which one value of the noise lasts, if samples are closer: samples of a moving mean, or
+        simulated ones with such noise.
 
-    noise_time : seconds for which one draw of the noise lasts, where samples come quicker: those of a moving mean, or
-        simulated ones that stand for readings through such noise.
+    Compare only steps recorded over equally long windows, because the ITAE grows with the window.
 
     Raises
     ------
@@ -113,12 +120,12 @@ def step_metrics(
 def step_error(
     t: Array, position: Array, size: float, *, noise_std: float = 0.0, quantum: float = 0.0, noise_time: float = 0.0
 ) -> StepError:
-    """Return :func:`step_metrics` of a simulated step of *size* from rest at 0, without outliers.
+    """Return the metrics of :func:`step_metrics` for a simulated step of *size* from rest at 0, without outliers.
 
     Raises
     ------
     NotInformative
-        The motion is not finite, or the step within the noise.
+        The motion is not finite, or the step is within the noise.
     """
     floor = _floor_of(size, noise_std, quantum)
     share = position / size
@@ -130,7 +137,7 @@ def step_error(
 
 
 def _floor_of(size: float, noise_std: float, quantum: float) -> float:
-    """Return :func:`noise_floor` relative to a step of *size*."""
+    """Return the result of :func:`noise_floor` relative to a step of *size*."""
     floor = noise_floor(noise_std, quantum)
     if abs(size) <= 2.0 * floor:
         raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise. Use a larger step")
@@ -138,7 +145,10 @@ def _floor_of(size: float, noise_std: float, quantum: float) -> float:
 
 
 def _error_over_time(t: Array, error: Array, noise_std: float, floor: float, noise_time: float) -> float:
-    """Return the integral of time [s] times what of *error* (n,) goes beyond *floor*; *noise_time* [s]."""
+    """Return the integral of time [s] times the part of *error* (n,) above *floor*.
+
+    noise_time [s] : interval to which the samples are thinned.
+    """
     every = max(round(noise_time * (len(t) - 1) / float(t[-1])), 1)
     t, error = t[::-every][::-1], error[::-every][::-1]
     beyond = np.maximum(np.abs(error_behind(error, noise_std)) - floor, 0.0)
@@ -146,12 +156,13 @@ def _error_over_time(t: Array, error: Array, noise_std: float, floor: float, noi
 
 
 def error_behind(error: Array, std: float) -> Array:
-    """Return the error (n,) behind one that was read evenly through white noise of *std*.
+    """Return the error (n,) without the white noise of *std* that it was measured with, at even intervals.
 
-    The noise of single readings above a floor adds up: to a third of the error over time of a quick ROV, and a tenth
-    more noise assumed took a quarter off it. So each sample is read off a parabola through its neighbours
-    (Savitzky1964), as many to each side as leave the intervals of all narrower ones a point in common with its own
-    (intersection of confidence intervals, Goldenshluger1997): few where the craft turns, many where it rests.
+    The noise of single readings above a floor accumulates, up to a third of the error over time of a fast ROV. Assuming
+    a tenth more noise reduced that error by a quarter. Each sample is therefore taken from a parabola fitted to its
+    neighbours (Savitzky1964). The parabola is as wide as the intersection of confidence intervals permits: the
+    intervals of all narrower ones must have a point in common with its own (Goldenshluger1997). It is narrow where the
+    craft turns, and wide where it rests.
     """
     error = np.ascontiguousarray(error)  # one kind of array: the kernel is compiled for each kind
     found = error.copy()
@@ -162,10 +173,11 @@ def error_behind(error: Array, std: float) -> Array:
 
 @entry
 def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval: float, found: Array) -> None:
-    """Fill *found* (n,) and *sums* (3, n + 1): of *error* before each sample, times its place to the power 0, 1, 2.
+    """Fill *found* (n,) with the smoothed error, and *sums* (3, n + 1) with cumulative sums.
 
-    *sums* begins with zeros. With them every parabola costs the same, however wide: its three coefficients by
-    polynomials orthogonal over the window, ``1``, ``p`` and ``p p - s2 / w`` of the distance ``p`` from its middle.
+    *sums* are those of *error* before each sample, times its index to the power 0, 1, 2; they must start with zeros.
+    With them the cost of a parabola does not depend on its width. Its three coefficients follow from polynomials
+    orthogonal over the window: ``1``, ``p`` and ``p p - s2 / w`` of the distance ``p`` from its middle.
     """
     n = len(error)
     for i in range(n):
@@ -217,7 +229,7 @@ def _checked(*signals: Array) -> list[Array]:
 
 
 def _find_step(target: Array, position: Array) -> tuple[int, float]:
-    """Return the index at which the target first moves, and where the step starts from."""
+    """Return the index at which the target first moves, and the position at which the step starts."""
     moved = np.flatnonzero(target != target[0])
     if len(moved):
         return int(moved[0]), float(target[0])
@@ -225,7 +237,10 @@ def _find_step(target: Array, position: Array) -> tuple[int, float]:
 
 
 def _without_spikes(values: Array, size: float) -> Array:
-    """Replace samples that leave both neighbours, which agree with each other, by a quarter of the step."""
+    """Replace single samples that deviate from both neighbours by more than a quarter of the step.
+
+    The two neighbours must agree with each other.
+    """
     middle = 0.5 * (values[:-2] + values[2:])
     lone = np.abs(values[1:-1] - middle) > SPIKE * abs(size)
     lone &= np.abs(values[2:] - values[:-2]) < SPIKE * abs(size)
@@ -235,7 +250,7 @@ def _without_spikes(values: Array, size: float) -> Array:
 
 
 def _crossing(t: Array, share: Array, level: float) -> float:
-    """Return when *share* first reaches *level*, between samples by a straight line; NaN when never."""
+    """Return the time at which *share* first reaches *level*, by linear interpolation; NaN if it never does."""
     reached = np.flatnonzero(share >= level)
     if not len(reached):
         return math.nan
@@ -247,7 +262,7 @@ def _crossing(t: Array, share: Array, level: float) -> float:
 
 
 def _settling(t: Array, share: Array, band: float) -> float:
-    """Return when *share* enters *band* around 1 for good; NaN when it has not by the last tenth."""
+    """Return the time from which *share* stays within *band* of 1; NaN if it does not by the last tenth."""
     outside = np.flatnonzero(np.abs(share - 1.0) > band)
     if not len(outside):
         return 0.0
@@ -256,6 +271,6 @@ def _settling(t: Array, share: Array, band: float) -> float:
 
 
 def _is_hidden(t: Array, share: Array, band: float, noise_std: float) -> bool:
-    """Return whether only the noise of single readings leaves *band*: the motion behind them ends inside it."""
+    """Return whether only the noise of single readings leaves *band*, while the smoothed motion ends inside it."""
     motion = 1.0 - error_behind(1.0 - share, noise_std)
     return noise_std > 0.0 and math.isfinite(_settling(t, motion, band))

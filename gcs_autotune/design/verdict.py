@@ -1,6 +1,6 @@
-"""The criterion for keeping gains: is the step after better than the step before?
+"""Decide whether to keep new gains: the step after must be better than the step before.
 
-New gains are kept only if every line holds; otherwise the old ones are restored. The ITAE must be clearly lower,
+New gains are kept only if every criterion is met; otherwise the old ones are restored. The ITAE must be clearly lower,
 without more overshoot, oscillation, steady error or actuator travel.
 """
 
@@ -15,29 +15,38 @@ from gcs_autotune.design.result import StepMetrics
 __all__ = ["Verdict", "is_better", "is_followed", "scatter_of"]
 
 ITAE_RATIO = 0.95
-"""The new ITAE must be at least 5 % lower."""
+"""Largest ratio of the new to the old ITAE: it must be at least 5 % lower."""
 OVERSHOOT = 0.15
-"""Overshoot allowed at least; more only when the old gains had it too."""
+"""Overshoot that is always allowed; more is allowed only if the old gains had it too."""
 OSCILLATION = 0.05
-"""Half peak-to-peak in the last third allowed at least; more only when the old gains had more."""
+"""Oscillation that is always allowed; more is allowed only if the old gains had it too.
+
+It is half the peak-to-peak value in the last third of the record.
+"""
 STEADY_ERROR = 0.05
 TRAVEL = 1.0
-"""Actuator travel allowed at least: one full stroke per second."""
+"""Actuator travel that is always allowed: one full stroke per second."""
 TRAVEL_RATIO = 3.0
 
 
 NO_WORSE, CLEARLY = 1.05, 0.8
-"""With an error that is no more than 5 % higher, gains are better where the other mode's error is 20 % lower."""
+"""Exception for two modes with the same gains.
+
+With an error at most 5 % higher, gains are still better if the other mode's error is 20 % lower.
+"""
 TIMES = 3.0
-"""94 % of pairs of measurements of the same gains differ by less than so many standard deviations of one half, where
-that is estimated from two pairs of halves (Student's t of 2 degrees of freedom)."""
+"""Largest difference of two measurements with the same gains, in standard deviations of one half.
+
+94 % of the differences are smaller, if the standard deviation is estimated from two pairs of halves (Student's t of 2
+degrees of freedom).
+"""
 SCATTER_OF_PEAKS = 0.2
-"""Chosen: the peaks of an oscillation that is not regular differ by this share from one record to the next."""
+"""Relative difference of the peaks of an irregular oscillation between two records that counts as scatter."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether to keep the new gains, and every reason, good and bad, in words."""
+    """Whether to keep the new gains, with every reason for and against in words."""
 
     better: bool
     reasons: tuple[str, ...]
@@ -65,9 +74,9 @@ def is_better(
 ) -> Verdict:
     """Compare two steps of the same size recorded over equally long windows.
 
-    free_overshoot : what the control law itself causes (``Law.free_overshoot``), allowed on top.
-    other : error over time [s^2] of the other mode's step before and after, where the same gains serve one.
-    scatter : as :func:`scatter_of`; what is no more than this above its value before counts as not higher.
+    free_overshoot : overshoot that the control law itself causes (``Law.free_overshoot``); it is allowed in addition.
+    other : error over time [s^2] of the other mode's step before and after, if the gains serve another mode.
+    scatter : as from :func:`scatter_of`. An increase within it does not count.
     """
     known = scatter or {}
     swing = TIMES * known.get("oscillation", 0.0)
@@ -86,7 +95,10 @@ def is_better(
 
 
 def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, float], what: str) -> Verdict:
-    """Compare steps of the other mode: its error is reported, its oscillation and its actuator's travel are limited."""
+    """Compare steps of the other mode.
+
+    The change of error is only reported; oscillation and actuator travel are limited.
+    """
     old, new = before.itae, after.itae
     known = math.isfinite(old) and math.isfinite(new) and old > 0.0
     change = f", {abs(1.0 - new / old):.0%} {'lower' if new <= old else 'HIGHER'}" if known else ""
@@ -114,7 +126,10 @@ def _itae(before: StepMetrics, after: StepMetrics, other: tuple[float, float] | 
 
 
 def _limit(what: str, new: float, least: float, old: float, scatter: float) -> tuple[bool, str]:
-    """Compare with what is allowed at *least*, or with *old* and the *scatter* of two measurements."""
+    """Return whether *new* is within the limit, and a sentence.
+
+    The limit is *least*, or *old* plus the *scatter* of two measurements, whichever is larger.
+    """
     most = max(least, old + scatter)
     good = new <= most
     text = f"{what} {old:.1%} -> {new:.1%} of the step"

@@ -1,9 +1,10 @@
 """Test whether a fit leaves anything unexplained, without a particular cause in mind.
 
-Tests are pooled per signal: Ljung1978 over short and long lags; the variance of block means (slow drifts); the largest
-line of the periodogram (Fisher1929). A wave is compared with ringing (:mod:`.resonance_check`). Score tests look for
-forces that no base model has: cubes, moduli, sines of twice the heading, past commands and others. Each uses the
-sensitivity of the motion to that force. A Bonferroni correction covers all tests.
+The tests of each signal are pooled. They are Ljung1978 over short and long lags, the variance of block means (slow
+drifts), and the largest line of the periodogram (Fisher1929). An apparent wave is compared with ringing of the craft
+(:mod:`.resonance_check`). Score tests look for forces that no base model has: cubes, moduli, sines of twice the
+heading, past commands and others. Each uses the sensitivity of the motion to that force. A Bonferroni correction covers
+all tests.
 
 A cause may also fit by the wrong law. At nearly constant speed, cubic drag is almost the same as quadratic drag. Each
 reported law is therefore compared with a generic law of the same kind. If the generic law is likelier by odds of twenty
@@ -24,7 +25,8 @@ from gcs_autotune.diagnose.resonance_check import memories, resonance_checks
 from gcs_autotune.diagnose.score import ALIKE, SIGNIFICANCE, SearchStep
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual, ExtendedSimulator, columns_of
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify import Fitted, Problem, autocorrelation, judged_by
+from gcs_autotune.identify.problems import Fitted, Problem, judged_by
+from gcs_autotune.identify.signals import autocorrelation
 from gcs_autotune.models import Form, term_of
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.sname import DOFS
@@ -44,7 +46,7 @@ Array = NDArray[np.float64]
 
 
 SHORT, LONG = 8, 40
-"""Lags of the two portmanteau tests."""
+"""Maximum lags, in samples, of the two portmanteau tests (Ljung1978)."""
 
 LATE, RESPONSE, MOST_MEMORY = "measurement-delay", 2.5, 3
 """Constants for late sensors.
@@ -55,7 +57,7 @@ variance of Bartlett1946.
 """
 
 WHITE = 0.005
-"""Probability of calling a complete model incomplete."""
+"""Probability that the tests reject a complete model."""
 
 FEWEST_FOR_TAILS = 50
 
@@ -85,7 +87,10 @@ def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
 
 
 def correlation_of(fitted: Fitted) -> float:
-    """Return how many samples are equivalent to one independent sample; the largest value over the signals."""
+    """Return the number of correlated samples that carry as much information as one independent sample.
+
+    The signal with the largest number decides.
+    """
     worst = 1.0
     for name in fitted.levels:
         times = []
@@ -130,7 +135,7 @@ def _portmanteaus(fitted: Fitted, lags_aboard: Mapping[str, float]) -> Iterator[
 
 
 def _memory(fitted: Fitted, name: str, known: float) -> int:
-    """Return how many lags of a signal's noise are correlated by a filter that also makes the signal late."""
+    """Return the number of lags over which a sensor's filter correlates the noise of a signal that it also delays."""
     late = known + sum(e.values["delay"] for e in fitted.effects if e.slug == LATE and name in columns_of(e.place))
     steps = [float(np.median(np.diff(r.t))) for r in fitted.rests if r.signal == name and len(r.t) > 1]
     return min(int(RESPONSE * late / min(steps)), MOST_MEMORY) if late and steps else 0
@@ -148,7 +153,10 @@ def _drift(series: list[Array], name: str, memory: int) -> Test:
 
 
 def _normal(fitted: Fitted, name: str) -> list[Array]:
-    """Return what is left of a signal, on the scale of the noise behind it where rounding, and only that, hides it."""
+    """Return the standardised residuals of a signal.
+
+    If rounding is the only disturbance of the fit, return the noise before rounding instead.
+    """
     judging = [e for e in fitted.effects if EFFECTS[e.slug].is_disturbance]
     mine = [e for e in judging if EFFECTS[e.slug].is_rounding and name in columns_of(e.place)]
     if not mine or not all(EFFECTS[e.slug].is_rounding for e in judging):
@@ -163,7 +171,7 @@ def _normal(fitted: Fitted, name: str) -> list[Array]:
 
 
 def _tails(series: list[Array], name: str) -> Test:
-    """Return the test of kurtosis (DAgostino1970), one-sided: tails heavier than noise has."""
+    """Return the one-sided test of kurtosis (DAgostino1970) for tails heavier than those of a normal distribution."""
     joined = np.concatenate(series)
     if len(joined) < FEWEST_FOR_TAILS or scipy_stats().kurtosis(joined) <= 0.0:
         return Test("heavy tails", name, 1.0)
@@ -172,7 +180,7 @@ def _tails(series: list[Array], name: str) -> Test:
 
 
 def _line(series: list[Array], name: str) -> Test:
-    """Return Fisher's test for the strongest line of any segment."""
+    """Return Fisher's test for the strongest spectral line of any segment."""
     best, size = 1.0, 0.0
     for s in series:
         power = np.abs(np.fft.rfft(s - s.mean()))[1:-1] ** 2
@@ -187,7 +195,7 @@ def _line(series: list[Array], name: str) -> Test:
 
 
 def generic_terms(form: Form) -> dict[str, str]:
-    """Return generic forces: derivative -> description."""
+    """Return generic forces: name of the derivative -> description."""
     found: dict[str, str] = {}
     for dof in form.dofs:
         d = DOFS[dof]
@@ -223,7 +231,7 @@ def generic_terms(form: Form) -> dict[str, str]:
 
 
 def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
-    """Yield a score test per generic force, on top of everything fitted."""
+    """Yield a score test for each generic force, added to the fitted model."""
     terms = {n: w for n, w in generic_terms(fitted.form).items() if n not in fitted.free}
     columns = _columns(problem, fitted, tuple(terms))
     if columns is None:
@@ -257,7 +265,7 @@ def _directions(group: Array, Q: Array) -> Array:
 
 
 def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array | None:
-    """Return the sensitivities (n, k) of all signals to forces of no size yet, over the noise levels."""
+    """Return the sensitivities (n, k) of all signals to generic forces of size zero, divided by the noise levels."""
     form = fitted.form.freeing(*(n for n in names if n not in fitted.form.parameters))
     simulator = ExtendedSimulator(form, fitted.effects, names)
     values = dict(zip(fitted.form.parameters, fitted.theta.tolist(), strict=True))
@@ -278,13 +286,15 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
 
 
 def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
-    """Whether the residuals of a fit, on the runs it was fitted to, may be noise."""
+    """Return whether the residuals on the fitted runs are compatible with noise."""
     return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
 def explains_all(problem: Problem, found: SearchStep[Fitted]) -> bool:
-    """Whether some candidate of a step leaves only noise on the fitted runs, whether or not it predicts held-out
-    data."""
+    """Return whether some candidate of a step leaves only noise on the fitted runs.
+
+    Its prediction of held-out data is not considered.
+    """
     return any(leaves_nothing(problem, j.fit) for j in found.judged if j.evidence > 0.0)
 
 
@@ -304,11 +314,11 @@ LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] 
     "quadratic-drag": (_cubic_drag, "cubic drag fits better than quadratic drag"),
     "quadratic-actuator": (_cubic_thrust, "thrust cubic in the command fits better than thrust quadratic in it"),
 }
-"""Slug -> the derivatives of the generic law to compare with, and what it means if they fit better."""
+"""Slug of a cause -> derivatives of the generic law to compare it with, and the meaning of a better fit of that law."""
 
 
 def nonparametric_rivals(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
-    """Return descriptions of the generic laws that are likelier than the cause of *fitted* they replace."""
+    """Return descriptions of the generic laws that are likelier than the causes of *fitted* that they replace."""
     found = []
     for own in fitted.effects:
         if own.slug not in LAWS:

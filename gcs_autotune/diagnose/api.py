@@ -22,16 +22,9 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.effects import EFFECTS, ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.executor import executor_for
-from gcs_autotune.identify import (
-    CONTRADICTION,
-    Doubt,
-    ModelFile,
-    moved_too,
-    overlooked,
-    plain_form,
-    prepare_as_recorded,
-    within_horizon,
-)
+from gcs_autotune.identify import CONTRADICTION, Doubt, ModelFile, moved_too
+from gcs_autotune.identify.problems import overlooked, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded, within_horizon
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
@@ -39,7 +32,10 @@ from gcs_autotune.trial import Trial
 __all__ = ["diagnose"]
 
 WORK = 1e9
-"""Work limit of a diagnosis in samples: about ten minutes on one core, see docs/diagnose.md."""
+"""Work limit of a diagnosis, in samples that simulations and filters process.
+
+It corresponds to about ten minutes on one core, see docs/diagnose.md.
+"""
 
 
 def diagnose(
@@ -62,29 +58,29 @@ def diagnose(
 
     Parameters
     ----------
-    unseen : runs to measure the gain on; without any, parts of *runs* are left out in turn.
-    dof : degrees of freedom to look at, joined by commas; all in the file when None.
-    use : signals to compare; all measured when None.
-    form : the base model's structure instead of the plain one. model : a base model with its numbers, as a file names
-        them where it comes from one: first the wrong ones are reported, with the gain of correcting them;
-        effects are looked for on top of the same model refitted, and their gains counted over it.
-    simulations : output of another simulator for the same commands, one per run. It is modelled itself first;
-        that model takes its place, and the plain model's numbers are compared.
-    effects : slugs to try; all there are when None.
-    progress : called with a stage, how much of it is done, and how much there is.
-    horizon : seconds a simulation runs freely before it starts again at what was measured, inf for whole runs; None:
-        whole runs, and pieces if no cause helps over whole runs but much is left. A result from pieces is a
-        hypothesis, unless pieces were requested and the model predicts whole runs down to the noise of pieces.
+    unseen : runs to measure the gain on. Without any, parts of *runs* are left out in turn.
+    dof : degrees of freedom to examine, joined by commas. None: all that the file contains.
+    use : signals to compare. None: all measured ones.
+    form : structure of the base model, in place of the plain one.
+    model : a base model with its numbers, named as in its file if it comes from one. Its wrong numbers are reported
+        first, with the gain of correcting them. The model is then refitted, effects are added to it, and their gains
+        are relative to the refitted model.
+    simulations : output of another simulator for the same commands, one per run. A model is first fitted to it. That
+        model becomes the base, and the numbers of the plain model are compared.
+    effects : slugs of the effects to try. None: all.
+    progress : called with a stage, the work done, and the total work of the stage.
+    horizon : seconds that a simulation runs freely before it restarts at the measured state; inf for whole runs. None:
+        whole runs first, then pieces if no cause helps over whole runs but much is unexplained. A result from pieces
+        is a hypothesis, unless pieces were requested and the model also predicts whole runs as well as pieces.
     jobs : number of parallel processes; the result does not depend on it.
-    work : samples that simulations and filters may pass over, see :class:`.Budget`.
-    max_seconds : time limit [s]. A search stopped by either limit reports no cause. Its verdict is
-        ``unfinished``, and it reports what was tried and what is left.
-        Within :func:`.keeping` the same call continues from there.
+    work : maximum number of samples that simulations and filters may process, see :class:`.Budget`.
+    max_seconds : time limit [s]. A search stopped by either limit reports no cause. Its verdict is ``unfinished``, and
+        it reports what was tried and what is left. Within :func:`.keeping` the same call continues from there.
 
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        The runs cannot be used; the message says why and what to try.
+        The runs cannot be used; the message states the reason and what to try.
     UsageError
         Contradictory arguments. UnknownName: there is no such effect.
     """
@@ -110,7 +106,7 @@ def _diagnosed(
     jobs: int,
     effort: Budget,
 ) -> Diagnosis:
-    """Do as :func:`diagnose` within *effort*."""
+    """Run :func:`diagnose` within *effort*."""
     together = [runs] if isinstance(runs, Trial) else list(runs)
     if not together:
         raise UsageError("no run to diagnose. Supply at least one run file")

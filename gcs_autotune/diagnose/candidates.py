@@ -1,4 +1,4 @@
-"""Select the effects that are worth a fit, then fit them roughly and finally.
+"""Select the effects that are promising enough for a fit, then fit them roughly and finally.
 
 Each effect is tried at a few sizes, with the rest of the model adapted to first order. This takes one simulation per
 effect, place and size. Everything that the model itself could adapt (parameters, initial states) is projected out of
@@ -27,7 +27,7 @@ from gcs_autotune.effects import (
     in_order,
 )
 from gcs_autotune.executor import Executor, SerialExecutor
-from gcs_autotune.identify import Fitted, Problem, judged_by
+from gcs_autotune.identify.problems import Fitted, Problem, judged_by
 from gcs_autotune.kept_results import recalled
 
 __all__ = [
@@ -45,24 +45,24 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Promise = tuple[int, EffectInstance, float, Array]
-"""A promising start: which fit to begin at, with which values, the expected cost, and the moves of the fit's own
-numbers."""
+"""A promising start: index of the fit to start from, effect with its values, expected cost, first-order parameter
+changes."""
 
 ALSO = 2
-"""Number of values kept in addition to the most promising ones."""
+"""Number of start values kept per effect, in addition to the most promising one."""
 
 TRACE = 0.02
-"""A small amount of an effect, relative to the size it is tried at. The response is then proportional."""
+"""A small amount of an effect, relative to its trial size, at which the response is still proportional."""
 
 LONGEST_SCALE = 4.0
-"""Largest factor by which a linear effect may exceed the size it was tried at."""
+"""Maximum size of a linear effect, relative to its trial size."""
 
 
 @dataclass(frozen=True, slots=True)
 class EffectCandidate:
-    """An effect at a place, with start values, the fit to begin at, and the expected cost.
+    """An effect at a place, with start values, the fit to start from, and the expected cost.
 
-    ``adapted`` (q,): first-order moves of the numbers of ``begin``, in the order of its Jacobian. ``also``: the next
+    ``adapted`` (q,): first-order changes of the numbers of ``begin``, in the order of its Jacobian. ``also``: the next
     most promising values.
     """
 
@@ -79,8 +79,10 @@ def candidates(
     slugs: Sequence[str],
     starts: Callable[[Effect, str], Sequence[Mapping[str, float]]] | None = None,
 ) -> list[list[EffectInstance]]:
-    """Return start values for every effect and place not *present*; *starts*: values to use instead of the effect's
-    own."""
+    """Return start values for every effect and place that is not *present*.
+
+    starts : values to use instead of the effect's own.
+    """
     taken = {(e.slug, e.place) for e in present}
     found = []
     for slug in slugs:
@@ -122,9 +124,11 @@ def screen(
 def _best_of(
     grounds: Sequence[_TangentSpace], known: Sequence[object], begun: int, choice: Sequence[EffectInstance]
 ) -> list[Promise]:
-    """Return the best promises of one *choice*: from the first *begun* of the *grounds*, errors of the data from all.
+    """Return the best starts of one *choice*, the most promising first.
 
-    known : what the grounds were made of, by which a kept result is found again.
+    Effects of the record are tried from all *grounds*, other effects from the first *begun* only.
+
+    known : what the grounds were made of; it identifies a cached result.
     """
     entry = EFFECTS[choice[0].slug]
 
@@ -144,7 +148,7 @@ def _best_of(
 
 
 class _TangentSpace:
-    """A fit, and the space in which its own numbers can move the prediction."""
+    """A fit and the directions in which its own numbers can move the prediction."""
 
     def __init__(self, problem: Problem, fitted: Fitted) -> None:
         self.problem, self.fitted = problem, fitted
@@ -189,7 +193,7 @@ class _TangentSpace:
         return float(total)
 
     def promise(self, entry: Effect, own: EffectInstance) -> EffectCandidate | None:
-        """Return the expected gain from adding *own*; None if the motion diverges with it.
+        """Return the expected gain from adding *own*; return None if the motion diverges with it.
 
         The effect is tried at its own size. If it grows with its numbers, it is also tried at the size that fits the
         residual best. That size is extrapolated from the full size and from a small amount (the score test).
@@ -222,7 +226,7 @@ class _TangentSpace:
         return EffectCandidate(own, self.fitted, self.cost(self._rest(left)), self.back @ (self.Q.T @ left))
 
     def _scaled(self, entry: Effect, own: EffectInstance, changed: Array, most: float) -> tuple[float, Array]:
-        """Return the factor at which *own* fits the residual best, and the residual then."""
+        """Return the factor at which *own* fits the residual best, and the residual at that factor."""
         moved = self._rest(self.residual - changed)
         power = float(moved @ moved)
         if power <= 0.0:
@@ -263,7 +267,10 @@ class _TangentSpace:
     def _predicted(
         self, simulator: ExtendedSimulator, effects: tuple[EffectInstance, ...], own: EffectInstance, i: int
     ) -> Mapping[str, Array] | None:
-        """Return the signals of a segment with *own* among the effects; what only sensors do needs no simulation."""
+        """Return the predicted signals of a segment with *own* among the effects.
+
+        An effect that acts only on sensors needs no new simulation.
+        """
         passage, initial = self.problem.segments[i].passage_at(self.fitted.shift), self.fitted.initial[i]
         if EFFECTS[own.slug].acts_on - {"sensors"}:
             found = simulator.run(self.fitted.theta, effects, initial, passage)
@@ -276,7 +283,10 @@ class _TangentSpace:
 
 
 def _begun(problem: Problem, fitted: Fitted, own: EffectInstance) -> Fitted:
-    """Return the fit that *own* is added to: the same, but for whole turns of headings it would have read otherwise."""
+    """Return the fit that *own* is added to.
+
+    It differs from *fitted* only in whole turns of the initial heading, if *own* changes how the heading is read.
+    """
     initial = turned(own, problem.form, problem.segments, fitted.initial)
     same = all(new is old for new, old in zip(initial, fitted.initial, strict=True))
     return fitted if same else replace(fitted, initial=initial)
@@ -289,7 +299,7 @@ def _grown(entry: Effect, own: EffectInstance, growing: Sequence[str], share: fl
 
 
 def _two_sided(entry: Effect, own: EffectInstance, ground: _TangentSpace) -> bool:
-    """Whether an effect may act either way."""
+    """Return whether the numbers of an effect may have either sign."""
     bounds = entry.bounds(own.place, ground.problem.data_summary)
     growing = [n for n in entry.grows_with if n in own.values]
     return bool(growing) and all(bounds.get(n, (-np.inf, np.inf))[0] < entry.neutral.get(n, 0.0) for n in growing)
@@ -298,13 +308,13 @@ def _two_sided(entry: Effect, own: EffectInstance, ground: _TangentSpace) -> boo
 Attempt = tuple[EffectCandidate, Fitted]
 
 ROUGH = 8
-"""Maximum number of trials of a rough fit."""
+"""Maximum number of iterations of a rough fit."""
 
 RUNNERS = 5
-"""Number of candidates per step that are fitted until they converge."""
+"""Number of candidates per step that are fitted to convergence."""
 
 MOMENTS, FEW = 6, 3
-"""Moments tried on either side of the estimated one, and trials of each."""
+"""MOMENTS: number of moments tried on either side of the estimated one. FEW: iterations of each of these fits."""
 
 
 def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
@@ -316,10 +326,10 @@ def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
 
 
 def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | None:
-    """Return a rough fit, started at the model adapted to first order.
+    """Return a rough fit, started at the model adapted to first order; return None if the motion diverges.
 
-    If that fails, the fit starts at the model as it is. If it is then no better than without the effect, other values
-    of the effect are tried. None: the motion diverges.
+    If that start fails, the fit starts at the unadapted model. If the fit is then no better than without the effect,
+    other values of the effect are tried.
     """
     begin, fit = candidate.begin, problem.fit
     theta, effects, initial = problem.moved(begin, candidate.adapted)
@@ -336,8 +346,8 @@ def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | Non
 def fitted_to_the_end(problem: Problem, candidate: EffectCandidate, rough: Fitted) -> Fitted:
     """Return the converged fit.
 
-    If the cost has many local minima, other values are tried too: for effects that act on commands, and for moments
-    near the estimated one.
+    The cost has many local minima for effects that act on commands and for effects that happen at a moment. Other start
+    values, or moments near the estimated one, are then tried too.
     """
     best = rough
     if "commands" in EFFECTS[candidate.effect.slug].acts_on and candidate.effect.values:
@@ -360,7 +370,8 @@ def _settled(problem: Problem, best: Fitted) -> Fitted:
 
 
 def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: Fitted) -> Fitted:
-    """Return the best fit with the moment *name* shifted by some of the craft's time constants, earlier or later."""
+    """Return the best fit with the moment *name* shifted earlier or later, by multiples of the craft's time
+    constant."""
     now = best.own(own)
     others = []
     for k in range(1, MOMENTS + 1):
@@ -376,5 +387,5 @@ def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: F
 
 
 def _replaced(effects: Sequence[EffectInstance], own: EffectInstance) -> tuple[EffectInstance, ...]:
-    """Return *effects* with the one of the same slug and place replaced."""
+    """Return *effects* with *own* in place of the effect with the same slug and place."""
     return tuple(own if (e.slug, e.place) == (own.slug, own.place) else e for e in effects)

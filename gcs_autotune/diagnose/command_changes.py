@@ -1,8 +1,8 @@
-"""Commands of a recorded run, and when they change.
+"""Find when the commands of a recorded run change, and by how much.
 
-The changes of a held command are its switches. Rows do not show when a command changed between them, so the midpoint is
-used. A command that is never held comes from a joystick or a controller. Its changes are the segments from one turning
-point to the next.
+A held command changes in steps (switches). The time of a switch is only known to lie between two rows, so the midpoint
+is used. A command that is never held comes from a joystick or a controller. Its changes are the segments from one
+turning point to the next.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ __all__ = ["CHANGE", "Command", "commands_of"]
 Array = NDArray[np.float64]
 
 CHANGE = 0.1
-"""Smallest change of a command that is matched, relative to its range."""
+"""Smallest change of a command that is used for matching, relative to the command's range."""
 
 STEEP = 0.6
-"""Fraction of a command's total movement that its switches must account for if it counts as held."""
+"""Least fraction of a command's total movement that is due to steps, for the command to count as held."""
 
 MOST = 600
-"""Maximum number of changes of one channel that are matched."""
+"""Maximum number of changes of one channel used for matching."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
-    """A command that changes: stamps (n,) and values, scaled to its range (0 at its least).
+    """A command that changes: stamps (n,) and values, scaled to its range (0 at its minimum).
 
     ``times``, ``sizes`` (k,): times [s] and sizes of its changes, relative to the range. ``row`` [s]: interval between
     rows; 0 if the command is stamped when it changes. ``is_held``: whether its changes are switches.
@@ -50,11 +50,11 @@ class Command:
 
     @property
     def usual(self) -> float:
-        """Return the usual time between two changes [s]."""
+        """Return the median time between two changes [s]."""
         return float(np.median(np.diff(self.times))) if len(self.times) > 2 else float(np.ptp(self.t)) / 3.0
 
     def at(self, t: Array) -> Array:
-        """Return its values (n,) relative to the range: held, or interpolated linearly if it is never held."""
+        """Return the command's values at *t* (n,), relative to the range: held, or interpolated if it is never held."""
         if not self.is_held:
             joined: Array = np.interp(t, self.t, self.x)
             return joined
@@ -64,13 +64,13 @@ class Command:
 
 
 def commands_of(trial: Trial) -> dict[str, Command]:
-    """Return the commands of a run that change, by name."""
+    """Return the commands of a run that change: name -> command."""
     found = {name: _command(trial[name]) for name in sorted(COMMANDS) if name in trial}
     return {name: c for name, c in found.items() if c is not None}
 
 
 def _command(channel: Channel) -> Command | None:
-    """Return a command that changes; None for one that does not."""
+    """Return a command that changes; return None for a constant one."""
     good = np.isfinite(channel.t) & np.isfinite(channel.values)
     t, first = np.unique(channel.t[good], return_index=True)
     values = channel.values[good][first]
@@ -94,7 +94,7 @@ def _command(channel: Channel) -> Command | None:
 
 
 def _switches(t: Array, steps: Array, row: float, least: float) -> tuple[Array, Array]:
-    """Return times and sizes of switches: neighbouring steps one way are one."""
+    """Return times and sizes of switches; neighbouring steps in one direction count as one."""
     large = np.flatnonzero(np.abs(steps) > least)
     if not len(large):
         return np.zeros(0), np.zeros(0)
@@ -110,7 +110,7 @@ def _switches(t: Array, steps: Array, row: float, least: float) -> tuple[Array, 
 
 
 def _moves(x: Array, least: float) -> tuple[NDArray[np.intp], Array]:
-    """Return where (middle sample) and by how much a signal moves from one turning point to the next."""
+    """Return the middle sample and the size of each movement of a signal from one turning point to the next."""
     turns, low, high, way = [0], 0, 0, 0
     for k, value in enumerate(x.tolist()):
         high = k if value > x[high] else high

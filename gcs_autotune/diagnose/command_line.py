@@ -1,8 +1,8 @@
-"""Fit the line that relates a simulation's clock to the run's, through the changes of their commands.
+"""Fit the line that relates a simulation's clock to the run's, from the changes of their commands.
 
 Changes of equal size in both files are paired, nearest first, and a line is fitted to their times. Scale and shift have
-the standard errors of that line. These are raised if neighbouring changes deviate in the same direction, as with a
-clock that runs unevenly. Commands that are never held are aligned by least squares.
+the standard errors of that line. The standard errors are raised if neighbouring changes deviate in the same direction,
+which indicates an uneven clock. Commands that are never held are aligned by least squares.
 """
 
 from __future__ import annotations
@@ -40,25 +40,31 @@ __all__ = [
 Array = NDArray[np.float64]
 
 SLOWEST, FASTEST, MARGIN = 0.2, 5.0, 1.05
-"""Range of the clock factor that is searched, and how far the result may lie outside it."""
+"""Lower and upper limit of the clock factor that is searched, and factor by which the result may exceed the limits."""
 
 NEAR, SIZES = 0.4, 0.25
-"""Limits for the first pairing: distance in units of the usual interval between changes, and difference in size."""
+"""Limits for the first pairing of changes.
+
+NEAR: largest distance, relative to the usual interval between changes. SIZES: largest relative difference in size.
+"""
 
 FEWEST, FREE = 3, 4
-"""Minimum number of changes for an offset, and for a scale too: one more than the line has parameters."""
+"""Minimum number of paired changes to fit an offset (FEWEST), and to fit a scale as well (FREE).
+
+Each is one more than the number of parameters of the line, plus one for the check.
+"""
 
 NEIGHBOURS = 5
-"""Number of changes whose median distance from the line predicts where the next one lies."""
+"""Number of neighbouring changes whose median deviation from the line predicts the deviation of the next one."""
 
 ROUNDS = 12
-"""Maximum number of times that pairs and line are updated."""
+"""Maximum number of iterations in which pairs and line are updated."""
 
 WINDOW = 100.0
-"""Number of changes of the run that are searched at once. The line is then extended over the others."""
+"""Number of changes of the run in one search window. The line is then extended to the other changes."""
 
 Pair = tuple[Command, Command]
-"""A simulation's command and the run's."""
+"""A command of the simulation and the matching command of the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +87,12 @@ class Clock:
         return math.isfinite(self.scale_std)
 
     def on_run(self, t: Array) -> Array:
-        """Return stamps (n,) of the simulation on the run's clock."""
+        """Convert stamps (n,) of the simulation to the run's clock."""
         placed: Array = self.ours + (t - self.theirs) / self.scale
         return placed
 
     def in_simulation(self, t: Array) -> Array:
-        """Return stamps (n,) of the run on the simulation's clock."""
+        """Convert stamps (n,) of the run to the simulation's clock."""
         placed: Array = self.theirs + self.scale * (t - self.ours)
         return placed
 
@@ -104,10 +110,10 @@ class MatchedCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
-    """A clock, the times (n,) of the run's changes it was fitted to, and their deviations from it [s of the
-    simulation].
+    """A fitted clock line with the changes that it was fitted to.
 
-    ``expected`` [s]: deviation that the row interval alone explains.
+    ``t`` (n,): times of the run's changes. ``left``: their deviations from the line [s of the simulation]. ``expected``
+    [s]: deviation that the row interval alone explains.
     """
 
     clock: Clock
@@ -117,16 +123,19 @@ class Line:
 
     @property
     def scatter(self) -> float:
-        """Return the rms distance [s of the simulation] of changes from it."""
+        """Return the rms deviation of changes from the line [s of the simulation]."""
         return max(float(np.sqrt(np.mean(self.left**2))), self.expected)
 
     @property
     def local_scatter(self) -> float:
-        """Return the rms distance of changes from their neighbours; an uneven clock deviates from any line."""
+        """Return the rms deviation of changes from the median deviation of their neighbours [s of the simulation].
+
+        Unlike :attr:`scatter`, it stays small if the clock runs unevenly.
+        """
         return max(float(np.sqrt(np.mean((self.left - self._astray()) ** 2))), self.expected)
 
     def near(self, t: Array) -> Array:
-        """Return the deviation from the line of changes near *t* (n,) [s of the simulation]."""
+        """Return the median deviation from the line of the changes near *t* (n,) [s of the simulation]."""
         astray: Array = np.interp(t, self.t, self._astray())
         return astray
 
@@ -142,7 +151,8 @@ class Line:
 class Guess(NamedTuple):
     """A first guess of the clock: scale, a time of the run, and the simulation's time at that moment [s].
 
-    It also holds whether files are usually aligned in this way, and whether these are stamped so.
+    ``is_usual``: the alignment is one of the usual ones (equal stamps, equal beginnings). ``is_stamped``: it is the
+    alignment of the stamps themselves.
     """
 
     scale: float
@@ -153,18 +163,18 @@ class Guess(NamedTuple):
 
 
 def is_looked_for(scale: float) -> bool:
-    """Whether a ratio of two clocks is within the searched range."""
+    """Return whether a ratio of two clocks is within the searched range."""
     return SLOWEST / MARGIN <= scale <= FASTEST * MARGIN
 
 
 def fitted_line(pairs: Sequence[Pair], guess: Guess, steady: bool) -> Line | None:
-    """Return the line through the changes of *pairs*, started from a guess; None if there is none."""
+    """Return the line through the changes of *pairs*, started from a guess; return None if no line fits."""
     held = [p for p in pairs if p[0].is_held and p[1].is_held]
     return _by_switches(held, guess, steady) if held else _by_shape(pairs, guess, steady)
 
 
 def _by_switches(pairs: Sequence[Pair], guess: Guess, steady: bool) -> Line | None:
-    """Pair changes and fit their line, farther from where the guess begins in every round."""
+    """Pair changes and fit their line, over a wider range around the guess in each iteration."""
     scale, ours, theirs, *_ = guess
     usual = max(ours_.usual for _, ours_ in pairs)
     every = np.concatenate([o.times for _, o in pairs])
@@ -199,9 +209,10 @@ def _paired(
     anchor: float,
     reach: float,
 ) -> tuple[Array, Array]:
-    """Return times of changes (n,) of the simulation and of the run that are one another's nearest of a size.
+    """Return the times (n,) of matching changes in the simulation and in the run.
 
-    They are looked for where the clock *at* has them, as far off it as their neighbours were off the *line* before.
+    Two changes match if each is the other's nearest of equal size. The expected time follows from the clock *at*, plus
+    the deviation of neighbouring changes from the previous *line*.
     """
     scale, here, there = at
     wanted = np.flatnonzero(np.abs(ours.times - anchor) <= reach)
@@ -233,7 +244,10 @@ def _paired(
 
 
 def _line(ts: Array, tr: Array, rows: float, steady: bool) -> Line:
-    """Return the line through pairs of times, a few far off it left out; *rows* [s]: least scatter of one."""
+    """Return the line through pairs of times without outliers.
+
+    rows [s] : smallest scatter of a change, from the row interval.
+    """
     order = np.argsort(tr)
     ts, tr = ts[order], tr[order]
     keep = np.ones(len(tr), dtype=bool)
@@ -269,7 +283,7 @@ def _line(ts: Array, tr: Array, rows: float, steady: bool) -> Line:
 
 
 def _lasting(left: Array) -> float:
-    """Return by how much neighbours that are off the same way raise the variance of a mean."""
+    """Return the factor by which correlated deviations of neighbours raise the variance of a mean."""
     if len(left) < 8 or not float(left @ left):
         return 1.0
     rho = min(max(float(left[1:] @ left[:-1]) / float(left @ left), 0.0), 0.9)
@@ -277,7 +291,10 @@ def _lasting(left: Array) -> float:
 
 
 def _by_shape(pairs: Sequence[Pair], guess: Guess, steady: bool) -> Line | None:
-    """Return the clock under which commands that are never held have the same shape; first near the guess, then all."""
+    """Return the clock for which commands that are never held have the same shape.
+
+    The first fit uses samples near the guess, the second uses all.
+    """
     at = (guess.scale, guess.ours, guess.theirs)
     usual = max(o.usual for _, o in pairs)
     line = None
@@ -291,8 +308,10 @@ def _by_shape(pairs: Sequence[Pair], guess: Guess, steady: bool) -> Line | None:
 
 
 def _same_shape(pairs: Sequence[Pair], t: Array, at: tuple[float, float, float], steady: bool) -> Line | None:
-    """Return the clock, begun with *at*, under which least is left of the run's commands at stamps *t* (n,) when
-    each is regressed on the simulation's."""
+    """Return the clock that minimises the residual of the run's commands regressed on the simulation's.
+
+    at : the clock to start from. t (n,) : stamps of the run to compare at.
+    """
     usual = max(o.usual for _, o in pairs)
     middle, lasts = float(t.mean()), float(np.ptp(t))
     scale, there = at[0], at[2] + at[0] * (middle - at[1])
@@ -326,7 +345,8 @@ def _same_shape(pairs: Sequence[Pair], t: Array, at: tuple[float, float, float],
 
 
 def _grid(pairs: Sequence[Pair], at: tuple[float, float, float], reach: float) -> Array | None:
-    """Return stamps (n,) of the run that both sides of every pair cover, within *reach* of where *at* begins."""
+    """Return stamps (n,) of the run that both commands of every pair cover, within *reach* [s] of the reference time
+    *at*."""
     scale, ours, theirs = at
     start = max(max(o.t[0], ours + (s.t[0] - theirs) / scale) for s, o in pairs)
     end = min(min(o.t[-1], ours + (s.t[-1] - theirs) / scale) for s, o in pairs)
@@ -338,14 +358,17 @@ def _grid(pairs: Sequence[Pair], at: tuple[float, float, float], reach: float) -
 
 
 def _unlike(x: Array, y: Array) -> Array:
-    """Return the residual of *y* (n,) after a straight line in *x* (n,)."""
+    """Return the residual of *y* (n,) after a linear regression on *x* (n,)."""
     x, y = x - x.mean(), y - y.mean()
     left: Array = y - x * (float(x @ y) / max(float(x @ x), 1e-300))
     return left
 
 
 def _colour(left: Array) -> float:
-    """Return by how much residuals that take after one another raise a variance: over lags until they do not."""
+    """Return the factor by which autocorrelation of the residuals raises a variance.
+
+    Lags are summed up to the first negative correlation.
+    """
     left = left - left.mean()
     power = float(left @ left)
     if power <= 0.0:
@@ -359,7 +382,10 @@ def _colour(left: Array) -> float:
 
 
 def compared_commands(theirs: Command, ours: Command, line: Line) -> MatchedCommand | None:
-    """Return the regression of a simulation's command on a run's, away from changes; None if either is constant."""
+    """Return the regression of a simulation's command on a run's, without the samples near changes.
+
+    Return None if either command is constant.
+    """
     clock = line.clock
     t = _grid([(theirs, ours)], (clock.scale, clock.ours, clock.theirs), math.inf)
     if t is None:
@@ -385,5 +411,5 @@ def compared_commands(theirs: Command, ours: Command, line: Line) -> MatchedComm
 
 
 def agreement(found: MatchedCommand | None) -> float:
-    """Return the log-likelihood per sample that two commands are the same."""
+    """Return the log-likelihood per sample that two commands are equal up to factor and offset."""
     return 0.0 if found is None else -math.log(1.001 - min(found.correlation**2, 1.0))

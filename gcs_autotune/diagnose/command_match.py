@@ -1,20 +1,22 @@
 """Match the commands of a simulation's file with the run's: clock, order, sign and unit of the channels.
 
 A simulation driven by the run's commands contains the same changes on its own clock. The times of each change in both
-files give the clock to a fraction of a row. Neither a model nor the motion is needed.
+files determine the clock to a fraction of a row. Neither a model nor the motion is needed.
 
-**Changes.** A held command has switches. Rows do not show when a command changed between them, so the midpoint is used.
-A command that is never held (a joystick, a controller) is compared by its shape.
+**Changes.** A held command changes in steps. The time of a step is only known to lie between two rows, so the midpoint
+is used. A command that is never held (a joystick, a controller) is compared by its shape.
 
-**Search.** The first guesses are the stamps as they are, then equal beginnings, then equal beginnings and ends.
-Otherwise all factors from 1/5 to 5 and all shifts are tried, by correlation over the overlap.
+**Search.** The first guesses are equal stamps, equal beginnings, and equal beginnings and ends. Otherwise all factors
+from 1/5 to 5 and all shifts are tried, by correlation over the overlap.
 
 **Line.** Changes of equal size in both files are paired, nearest first, and a line is fitted to their times. Scale and
-shift have the standard errors of that line. These are raised if neighbouring changes deviate in the same direction, as
-with a clock that runs unevenly. A match is accepted if so many changes would rarely lie so close to one line by chance.
+shift have the standard errors of that line. The standard errors are raised if neighbouring changes deviate in the same
+direction, which indicates an uneven clock. A match is accepted if so many changes would rarely lie so close to one line
+by chance.
 
-**Channels.** With the clock known, each channel is regressed on each of the run's. The result is their order, signs and
-units. Channels that change often enough get their own line and are reported if the lines disagree.
+**Channels.** With the clock known, each channel of the simulation is regressed on each channel of the run. The result
+is their order, signs and units. Each channel that changes often enough also gets its own line. It is reported if its
+line disagrees with the common clock.
 """
 
 from __future__ import annotations
@@ -55,34 +57,34 @@ __all__ = ["CommandMatch", "match_commands"]
 Array = NDArray[np.float64]
 
 FINE = 6.0
-"""Samples per change in the search by correlation."""
+"""Number of samples per change in the search by correlation."""
 
 SHARED = 0.35
-"""Fraction of the shorter record that the overlap must cover."""
+"""Fraction of the shorter record that both records must have in common."""
 
 PAIRED, ALIKE = 0.7, 0.85
-"""Fraction of the changes that must be paired; correlation from which two commands count as the same."""
+"""PAIRED: least fraction of the changes that must be paired. ALIKE: least correlation of two equal commands."""
 
 SURELY_OTHER = 2.0
-"""Log-likelihood per sample and exchanged channel by which another order must be likelier."""
+"""Log-likelihood per sample and exchanged channel by which a different channel order must be likelier."""
 
 CHANCE, CHANCE_USUAL = 1e-3, 1e-2
-"""Probability that unrelated changes lie as close to a line."""
+"""Largest probability that unrelated changes lie as close to a line, for any alignment and for a usual one."""
 
 AT_ONCE = 3.0
-"""Scatter, relative to that of the row interval, up to which a line is accepted without trying others."""
+"""Scatter of a line, relative to that of the row interval, up to which it is accepted without trying others."""
 
 EVEN = 0.15
-"""Median deviation of intervals relative to their median, below which changes count as periodic."""
+"""Limit for periodic changes: the median deviation of their intervals from the median interval, relative to it."""
 
 UNEVEN = 3.0
-"""Scatter of changes about the clock, relative to that of the row interval, from which the clock counts as uneven."""
+"""Scatter of changes about the clock, relative to that of the row interval, above which the clock counts as uneven."""
 
 SAME_RATE = 0.002
-"""Difference of two clock rates that does not matter."""
+"""Difference of two clock rates that is ignored."""
 
 APART = 5.0
-"""Standard errors from which two channels count as contradictory."""
+"""Number of standard errors above which the clocks of two channels contradict each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +93,9 @@ class CommandMatch:
 
     ``kind``: ``absent`` (a file contains no command), ``constant`` (they do not change, or too rarely), ``repeating``
     (periodic in both, so that any clock fits), ``different`` (they change differently), ``matched``. ``scatter`` [s of
-    the run]: deviation of single changes from the clock, beyond the row interval. ``is_uneven``: whether it is several
-    rows. ``changes``: number of paired changes. ``period`` [s of the run]: shifts by it match as well; 0 for none.
-    ``others``: channels whose own changes give another clock.
+    the run]: deviation of single changes from the clock, beyond the row interval. ``is_uneven``: whether the scatter is
+    several row intervals. ``changes``: number of paired changes. ``period`` [s of the run]: shift of the clock that
+    matches equally well; 0 if there is none. ``others``: channels whose own changes indicate another clock.
     """
 
     kind: Literal["absent", "constant", "repeating", "different", "matched"]
@@ -107,8 +109,10 @@ class CommandMatch:
 
 
 def match_commands(simulation: Trial, run: Trial, *, steady: bool = False) -> CommandMatch:
-    """Return how the commands of *simulation* match those of *run*; *steady*: both clocks are known to run at one
-    rate."""
+    """Compare the commands of *simulation* with those of *run*.
+
+    steady : whether both clocks are known to run at one rate.
+    """
     both = [commands_of(trial) for trial in (simulation, run)]
     if not all(any(n in t for n in COMMANDS) for t in (simulation, run)):
         return CommandMatch("absent")
@@ -125,7 +129,10 @@ def match_commands(simulation: Trial, run: Trial, *, steady: bool = False) -> Co
 
 
 def _candidates(theirs: Mapping[str, Command], ours: Mapping[str, Command]) -> Iterator[Pair]:
-    """Yield pairs to look for a clock with: of one name first, then any; those that change often first."""
+    """Yield pairs of commands to derive a clock from, those that change often first.
+
+    Pairs of the same name come before all others.
+    """
 
     def often(pair: Pair) -> int:
         return -min(len(c.times) for c in pair)
@@ -158,7 +165,7 @@ def _natural(simulation: Trial, run: Trial, pair: Pair) -> list[Guess]:
 
 
 def _matched_pair(pair: Pair, natural: Sequence[Guess], steady: bool) -> tuple[Line, Pair] | None:
-    """Return the clock by one channel, and that channel; None where its changes are not the run's."""
+    """Return the clock from one pair of commands, and the pair; return None if the two change differently."""
     lines: list[Line] = []
     for guess in natural:
         line = fitted_line([pair], guess, steady) if not steady or guess.scale == 1.0 else None
@@ -178,7 +185,7 @@ def _matched_pair(pair: Pair, natural: Sequence[Guess], steady: bool) -> tuple[L
 
 
 def _by_correlation(pair: Pair, steady: bool) -> list[Guess]:
-    """Return the likeliest scales and shifts of all, one window of the run after another until some are likely."""
+    """Return the likeliest scales and shifts, from up to three windows of the run."""
     theirs, ours = pair
     usual = ours.usual
     lasts = float(np.ptp(ours.t))
@@ -205,7 +212,7 @@ def _by_correlation(pair: Pair, steady: bool) -> list[Guess]:
 def _in_window(
     theirs: Command, ours: Command, start: float, width: float, step: float, steady: bool
 ) -> list[tuple[float, Guess]]:
-    """Return score and guess of the best shift of every scale."""
+    """Return the score and the guess of the best shift for every scale."""
     t = start + step * np.arange(max(int(width / step), 8), dtype=np.float64)
     y = ours.at(t)
     y = y - y.mean()
@@ -225,15 +232,16 @@ def _in_window(
 
 
 def _busy(times: Array, t: Array) -> Array:
-    """Return how many of *times* come before each of *t* (n,), and before the end, (n + 1,)."""
+    """Return the cumulative number of *times* before each of *t* (n,) and before the end: (n + 1,)."""
     ends = np.append(t, t[-1] + (t[1] - t[0] if len(t) > 1 else 1.0))
     return np.searchsorted(times, ends).astype(float)
 
 
 def _best_lag(x: Array, busy_x: Array, y: Array, busy_y: Array) -> tuple[float, int]:
-    """Return how surely *x* (m,), begun so many samples after *y* (n,), is the same but for a factor and a constant.
+    """Return the score and the lag, in samples, at which *x* (m,) best matches *y* (n,) up to factor and offset.
 
-    The score is the number of changes both cover times minus the logarithm of what correlation leaves.
+    The score is the number of changes in the overlap, times minus the logarithm of the fraction of variance that the
+    correlation leaves.
     """
     m, n = len(x), len(y)
     size = next_fast_len(m + n, real=True)
@@ -263,10 +271,10 @@ def _best_lag(x: Array, busy_x: Array, y: Array, busy_y: Array) -> tuple[float, 
 
 
 def _is_believed(line: Line, pair: Pair, *, is_usual: bool) -> bool:
-    """Whether a match is unlikely to be chance, and the commands between the changes are equal.
+    """Return whether a match is unlikely to be chance, and the commands between the changes are equal.
 
-    Periodic changes lie on some line in any case. They are accepted if both clocks run at one rate, or both files
-    contain the same number. The run's commands have then almost certainly driven the simulation.
+    Periodic changes always lie on some line. They are accepted if both clocks run at one rate, or if all changes of
+    both files are paired. In both cases the run's commands have almost certainly driven the simulation.
     """
     paired, there = _coverage(line, pair)
     if paired < FEWEST or paired < PAIRED * there:
@@ -286,7 +294,10 @@ def _scale_std(clock: Clock) -> float:
 
 
 def _nats(line: Line) -> float:
-    """Return how unlikely the changes lie on one line by chance: intervals that are all alike are no evidence."""
+    """Return how improbable it is that the changes lie on one line by chance, in nats.
+
+    Equal intervals between the changes contribute nothing.
+    """
     between = np.diff(np.unique(line.t))
     if not len(between):
         return 0.0
@@ -297,7 +308,7 @@ def _nats(line: Line) -> float:
 
 
 def _is_even(times: Array) -> bool:
-    """Whether changes at *times* (n,) repeat evenly."""
+    """Return whether changes at *times* (n,) are periodic."""
     between = np.diff(times)
     if len(between) < FEWEST:
         return False
@@ -306,7 +317,7 @@ def _is_even(times: Array) -> bool:
 
 
 def _coverage(line: Line, pair: Pair) -> tuple[int, int]:
-    """Return how many changes were paired, and how many either file has where both do."""
+    """Return the number of paired changes, and the larger number of changes in either file within the overlap."""
     theirs, ours = pair
     placed = line.clock.on_run(theirs.times)
     start = max(ours.t[0], float(line.clock.on_run(theirs.t[:1])[0]))
@@ -317,8 +328,10 @@ def _coverage(line: Line, pair: Pair) -> tuple[int, int]:
 
 
 def _nearest_shift(line: Line, pair: Pair, natural: Sequence[Guess]) -> Line:
-    """Return of the shifts that match as well that which is nearest to how the files lie, one without a change of sign
-    first: half a period and a change of sign look alike."""
+    """Return the line nearest to the natural alignment of the files, of all shifts that match equally well.
+
+    Lines without a change of sign come first, because half a period and a change of sign look alike.
+    """
     own = [g for g in natural if g.is_stamped]
     every = [line, *_equals(line, pair)]
     upright = [shifted for shifted in every if _sign(shifted, pair) > 0.0]
@@ -336,7 +349,7 @@ def _sign(line: Line, pair: Pair) -> float:
 
 
 def _equals(line: Line, pair: Pair) -> list[Line]:
-    """Return lines of other shifts that pair as large a share of the changes that both files cover, nearest first."""
+    """Return lines of other shifts that pair as large a fraction of the common changes, nearest first."""
     theirs, ours = pair
     if not (theirs.is_held and ours.is_held):
         return []
@@ -370,7 +383,7 @@ def _equals(line: Line, pair: Pair) -> list[Line]:
 def _whole(
     found: tuple[Line, Pair], theirs: Mapping[str, Command], ours: Mapping[str, Command], steady: bool
 ) -> CommandMatch:
-    """Return the match of all channels, begun with the clock of one."""
+    """Return the match of all channels, starting from the clock of one channel."""
     line, pair = found
     channels = _ordered(theirs, ours, line)
     pairs = [(theirs[c.theirs], ours[c.ours]) for c in channels] or [pair]
@@ -408,8 +421,10 @@ def _on_other_clocks(
     ours: Mapping[str, Command],
     steady: bool,
 ) -> dict[str, tuple[Line, str]]:
-    """Return channels of the simulation with the line of their own, and what they hold of the run, where it is not
-    that of most."""
+    """Return the channels of the simulation whose own clock disagrees with that of most channels.
+
+    Each has its own line and the name of the run's channel that it matches.
+    """
     told = {name for p in pairs for name in (p[0].name, p[1].name)}
     rest = [(theirs[n], ours[n]) for n in theirs if n in ours and n not in told]
     own = [(p, _own(p, line, steady)) for p in [*pairs, *rest]]
@@ -422,7 +437,8 @@ def _on_other_clocks(
 
 
 def _own(pair: Pair, line: Line, steady: bool) -> Line:
-    """Return the line of one channel, begun at that of another; that itself where it has none."""
+    """Return the line of one channel, started from *line*; return *line* if the channel has no credible line of its
+    own."""
     clock = line.clock
     guess = Guess(clock.scale, clock.ours, clock.theirs)
     own = fitted_line([pair], guess, steady)
@@ -432,12 +448,12 @@ def _own(pair: Pair, line: Line, steady: bool) -> Line:
 
 
 def _beyond_rows(line: Line) -> float:
-    """Return the squared deviation [s^2 of the simulation] of changes from a line, less that of the row interval."""
+    """Return the squared deviation of changes from a line, beyond that of the row interval [s^2 of the simulation]."""
     return max(float(np.mean(line.left**2)) - line.expected**2, 0.0)
 
 
 def _disagrees(own: Line, other: Line, pair: Pair) -> bool:
-    """Whether two channels' clocks differ by more than a clock that runs unevenly strays from a line."""
+    """Return whether the clocks of two channels differ by more than an uneven clock deviates from a line."""
     a, b = own.clock, other.clock
     strays = math.sqrt(max(_beyond_rows(own), _beyond_rows(other)))
     lasts = max(min(float(np.ptp(own.t)), float(np.ptp(other.t))), 1e-9)
@@ -451,7 +467,10 @@ def _disagrees(own: Line, other: Line, pair: Pair) -> bool:
 
 
 def _ordered(theirs: Mapping[str, Command], ours: Mapping[str, Command], line: Line) -> list[MatchedCommand]:
-    """Return the run's channel for each of the simulation's: the one of the same name, unless others fit far better."""
+    """Return the matching channel of the run for each channel of the simulation.
+
+    Channels of the same name match, unless another order fits far better.
+    """
     rows, columns = list(theirs), list(ours)
     found = {(s, o): compared_commands(theirs[s], ours[o], line) for s in rows for o in columns}
     nats = {k: agreement(c) for k, c in found.items()}

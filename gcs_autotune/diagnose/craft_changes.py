@@ -1,8 +1,9 @@
 """Compare two identifications of a craft: changes of inertia, drag, thrust and trim.
 
-If the input is a command, a model contains inertia and drag per thrust. More mass raises only the inertia, fouling only
-the drag, and a weaker thruster raises both in proportion. Trim changes the constant force. Generalised least squares
-with both covariances finds which single change explains all differences. If none does, pairs of changes are tried.
+If the input is a command, a model contains inertia and drag per thrust. More mass raises only the inertia, and fouling
+only the drag. A weaker thruster raises both in proportion. Trim changes the constant force. Generalised least squares
+with both covariances finds the single change that explains all differences. If no single change does, pairs of changes
+are tried.
 """
 
 from __future__ import annotations
@@ -24,19 +25,22 @@ __all__ = ["CHANGES", "CraftChange", "CraftComparison", "compare_craft"]
 Array = NDArray[np.float64]
 
 FALSE_ALARM = 0.01
-"""Probability per comparison that an unchanged craft is reported as changed."""
+"""Probability, per comparison, of reporting an unchanged craft as changed."""
 LEAST_KNOWN = 0.5
-"""Standard error of a logarithm above which a number counts as unknown."""
+"""Standard error of the logarithm of a number above which the number counts as unknown."""
 MODERATE = 0.02
-"""Usual difference between two runs of an unchanged craft (water, load, battery).
+"""Standard deviation of the usual difference between two runs of an unchanged craft (water, load, battery).
 
-It is a standard deviation, of logarithms and relative to the force. Standard errors include noise only.
+It applies to logarithms of inertia and drag, and to trim relative to the force. Standard errors include noise only.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class CraftChange:
-    """One kind of change: its effect on (ln inertia, ln drag, trim); ``slug`` is the effect that diagnosis uses."""
+    """One kind of change: its effect on (ln inertia, ln drag, trim).
+
+    ``slug``: the corresponding effect in a diagnosis.
+    """
 
     name: str
     direction: tuple[float, float, float]
@@ -57,15 +61,16 @@ CHANGES: Sequence[CraftChange] = (
 
 @dataclass(frozen=True, slots=True)
 class CraftComparison:
-    """A fit against the reference of the same motion.
+    """Comparison of a fit with the reference fit of the same motion.
 
     Attributes
     ----------
-    ratios : inertia and drag as multiples of the reference's, with standard errors; trim as a change of the constant
-        force [input unit]; only what both fits know.
-    changed : whether they differ more than noise makes them.
-    causes : the changes that explain it, each with its size (a factor; trim: a change of force [input unit]).
-    outside : which of ``ratios`` have left their own interval.
+    ratios : inertia and drag as multiples of the reference's, with standard errors. Trim is a change of the constant
+        force [input unit]. Quantities that one of the fits does not determine are omitted.
+    changed : whether the fits differ by more than noise explains.
+    causes : the changes that explain the difference, each with its size (a factor; trim: a change of force [input
+        unit]).
+    outside : the ``ratios`` that are outside their own interval.
     """
 
     dof: str
@@ -77,7 +82,7 @@ class CraftComparison:
 
     @property
     def told(self) -> str:
-        """Summary in one sentence."""
+        """Return a summary of the comparison in one sentence."""
         if not self.changed:
             return "unchanged"
         if not self.causes:
@@ -106,7 +111,7 @@ NAMES = ("inertia", "drag", "trim")
 
 
 def compare_craft(reference: AxisFit, now: AxisFit) -> CraftComparison:
-    """Return how *now* differs from *reference*, with drag compared at a speed that both reached.
+    """Compare *now* with *reference*; drag is compared at a speed that both reached.
 
     Raises
     ------
@@ -152,7 +157,7 @@ def _speed(fit: AxisFit) -> float:
 
 
 def _numbers(fit: AxisFit, speed: float, scale: float) -> tuple[Array, Array]:
-    """Return (ln inertia, ln drag, constant force in shares of *scale*) with their covariance (3, 3)."""
+    """Return (ln inertia, ln drag, constant force relative to *scale*) with their covariance (3, 3)."""
     m, P = fit.model, fit.craft_covariance[:4, :4]
     drag, slope = m.equivalent_drag(speed), 8.0 / (3.0 * math.pi) * abs(speed)
     if not (m.alpha > 0.0 and drag > 0.0):
@@ -162,7 +167,10 @@ def _numbers(fit: AxisFit, speed: float, scale: float) -> tuple[Array, Array]:
 
 
 def _causes(y: Array, weight: Array, index: NDArray[np.intp], scale: float) -> tuple[tuple[CraftChange, float], ...]:
-    """Return the fewest changes that explain *y*, the best of as many; none when even two do not."""
+    """Return the smallest set of changes that explains *y*; empty if even two changes do not.
+
+    Of several sets of that size, the one that fits best is returned.
+    """
     usable = [c for c in CHANGES if np.any(np.array(c.direction)[index])]
     for count in (1, 2):
         best: tuple[float, tuple[CraftChange, ...], Array] | None = None

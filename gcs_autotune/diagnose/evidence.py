@@ -1,6 +1,6 @@
-"""Decide what supports a cause: its own held-out gain, and hints, which are causes with too little support.
+"""Decide what supports a cause, and list hints, which are causes with too little support.
 
-The evidence is the gained log-likelihood. A cause needs more than noise could produce in any of the tried candidates.
+The evidence is the gain in log-likelihood. A cause needs more than noise could produce in any of the tried candidates.
 It also needs a gain on every left-out part, and a smaller held-out prediction error. A candidate is a hint if it gains
 three to ten nats, or more without meeting the other conditions. In addition, noise must produce such a gain in at most
 one search of twenty. Hints within three nats of each other form one group, because the runs do not distinguish them.
@@ -19,7 +19,7 @@ from gcs_autotune.diagnose.result import Hint, Lack
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.effects import EFFECTS, EffectInstance, name_of
-from gcs_autotune.identify import Segment
+from gcs_autotune.identify.signals import Segment
 
 __all__ = [
     "ENOUGH",
@@ -32,42 +32,48 @@ __all__ = [
 ]
 
 FAINT, ENOUGH = 3.0, 10.0
-"""Log-likelihood gained by one number for a hint, and for a cause that also holds on held-out data.
+"""Log-likelihood gain per number that makes a hint (FAINT), and that supports a cause (ENOUGH).
 
-They correspond to odds of twenty to one, and of twenty thousand to one.
+The cause must also improve the prediction of held-out data. The gains correspond to odds of twenty to one, and of
+twenty thousand to one.
 """
 
 RARE = 0.05
-"""Probability that noise produces the gain, above which a candidate is not a hint.
+"""Largest probability that noise produces the gain of a hint.
 
 Of 31 rough-water cases in which three nats alone made a hint, the first hint was right in 17. With this limit and the
-rule for external effects it was right in 13 of 17 (seeds 1 to 20 and 100 to 149). In 16 the right cause is in its
-group.
+rule for external effects it was right in 13 of 17 (seeds 1 to 20 and 100 to 149). In 16 of these the right cause is in
+the group of the first hint.
 """
 
 ALIKE = 3.0
-"""Log-likelihood within which two hints are not distinguished: odds of twenty to one."""
+"""Difference of log-likelihood within which two hints are not distinguished: odds of twenty to one."""
 
 MOST_HINTS = 3
 
 
 def chance_of(gained: float, numbers: int, tried: int) -> float:
-    """Return the probability that noise gives the best of *tried* candidates with *numbers* numbers this gain."""
+    """Return the probability that noise alone gives the best of *tried* candidates this gain.
+
+    numbers : number of parameters of the candidate.
+    """
     one = chi_square.exceeded_by_chance(2.0 * max(gained, 0.0), max(numbers, 1))
     return float(-math.expm1(max(tried, 1) * math.log1p(-min(one, 1.0 - 1e-12))))
 
 
 def worth(gained: float, numbers: int) -> float:
-    """Return the gain of one number that is as improbable by chance as a gain of *gained* by *numbers*."""
+    """Return the gain by one number that is as improbable by chance as the gain *gained* by *numbers* numbers."""
     p = chi_square.exceeded_by_chance(2.0 * max(gained, 0.0), max(numbers, 1))
     return 0.5 * chi_square.threshold(p, 1) if p > 0.0 else gained
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeakCandidate:
-    """A candidate that is a hint: ``size`` of its evidence in nats of one number, its ``chance``, and what it lacks.
+    """A candidate that is a hint.
 
-    ``alike``: slugs of the others within :data:`ALIKE`, whether hints or not.
+    ``size``: its evidence in nats, converted to one number. ``chance``: probability that noise produces it. ``lacks``:
+    the condition of a cause that it does not meet. ``alike``: slugs of the other candidates within :data:`ALIKE`,
+    whether hints or not.
     """
 
     one: CandidateScore[Any]
@@ -78,7 +84,10 @@ class WeakCandidate:
 
 
 def hints_of(search: Search, causes: Sequence[EffectInstance], segments: Sequence[Segment]) -> tuple[Hint, ...]:
-    """Return the hints of a finished search over *segments*, the likeliest first; *causes*: the identified ones."""
+    """Return the hints of a finished search over *segments*, the likeliest first.
+
+    causes : the identified causes.
+    """
     known = {key_of(e) for e in causes}
     weak = [w for w in weak_among(search) if key_of(w.one.effect) not in known][:MOST_HINTS]
     return tuple(_hint(search, w, segments) for w in weak)
@@ -87,8 +96,8 @@ def hints_of(search: Search, causes: Sequence[EffectInstance], segments: Sequenc
 def weak_among(search: Search) -> list[WeakCandidate]:
     """Return the hints among the candidates of the last step and the causes rejected at the end.
 
-    Candidates whose 95 % interval includes no effect are left out. Rejected causes come first, because they passed on
-    the left-out parts.
+    Candidates whose 95 % interval includes no effect are left out. Rejected causes come first, because they passed the
+    test on the left-out parts.
     """
     last = search.steps[-1].judged if search.steps and search.steps[-1].accepted is None else ()
     beside = [a for a in last if name_of(a.effect) not in search.names]
@@ -103,7 +112,7 @@ def weak_among(search: Search) -> list[WeakCandidate]:
 
 
 def _ranked(found: Sequence[WeakCandidate]) -> list[WeakCandidate]:
-    """Return those of enough evidence, the strongest first, of equals the more usual cause."""
+    """Return the candidates with enough evidence, the strongest first; of equals, the more common cause first."""
     slugs = {w.one.effect.slug for w in found}
     enough = []
     for own in (w for w in found if w.size >= _least(w.one.effect) and w.chance <= RARE):
@@ -114,9 +123,9 @@ def _ranked(found: Sequence[WeakCandidate]) -> list[WeakCandidate]:
 
 
 def _least(effect: EffectInstance) -> float:
-    """Return the evidence from which on an effect is a hint.
+    """Return the least evidence that makes an effect a hint.
 
-    What goes with the heading, the place or the time from outside is much like a drifting force, so it takes more.
+    External effects that depend on heading, position or time resemble a drifting force. They need more evidence.
     """
     outside = EFFECTS[effect.slug].family == "environment" and effect.slug not in CONSTANT
     return ENOUGH if outside else FAINT

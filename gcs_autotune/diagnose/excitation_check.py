@@ -1,4 +1,7 @@
-"""Check whether runs can distinguish causes: enough samples, commands that change, motion coherent with them."""
+"""Check whether runs can distinguish causes.
+
+They need enough samples, commands that change, and motion that is coherent with the commands.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import INPUTS, THRUSTERS, signals_of
+from gcs_autotune.identify.problems import THRUSTERS
+from gcs_autotune.identify.signals import INPUTS, signals_of
 from gcs_autotune.models import Form
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import DOFS
@@ -25,7 +29,7 @@ COMMANDS = frozenset(n for names in INPUTS.values() for n in names) | set(THRUST
 MOTIONS = frozenset(n for d in DOFS.values() for n in (d.velocity, d.position))
 
 FEWEST = 50
-"""Minimum number of samples of all runs together to distinguish causes: twelve per left-out block."""
+"""Minimum number of samples of all runs together: twelve per left-out block."""
 
 BINS, DWELL, MOVE = 10, 0.03, 0.2
 """Constants for the levels of an input.
@@ -35,7 +39,7 @@ by at least the fraction MOVE of its range.
 """
 
 ANSWER = 0.02
-"""Least fraction of a signal's variance that some input must explain. Noise alone reaches about 10 / samples."""
+"""Least fraction of a signal's variance that an input must explain. Noise alone reaches about 10 / samples."""
 
 
 def check_alive(runs: Sequence[Trial]) -> None:
@@ -65,12 +69,14 @@ def _vary(runs: Sequence[Trial], names: Sequence[str]) -> bool:
 
 
 def check_excitation(runs: Sequence[Trial], form: Form, signals: Sequence[str] | None = None) -> None:
-    """Reject *runs* with too little information to diagnose *form*; *signals*: those to compare, all when None.
+    """Reject *runs* with too little information to diagnose *form*.
+
+    signals : those to compare; None: all.
 
     Raises
     ------
     NotInformative
-        Too few samples; inputs that never change, or once; motion that is unrelated to the inputs.
+        There are too few samples, the inputs change once or never, or the motion is unrelated to the inputs.
     """
     there = [n for n in (signals or signals_of(form)) if any(n in run for run in runs)]
     samples = max((sum(len(run[n]) for run in runs if n in run) for n in there), default=0)
@@ -98,7 +104,7 @@ def _check_commands(runs: Sequence[Trial], form: Form) -> None:
 
 
 def _changes(channels: Sequence[Channel]) -> tuple[int, int]:
-    """Return how often an input moves by a good part of its range, and at how many levels it dwells, in all runs."""
+    """Return the number of large moves of an input, and the number of levels it stays at, over all runs."""
     low = min(float(c.values.min()) for c in channels)
     swing = max(float(c.values.max()) for c in channels) - low
     if not swing > 0.0:
@@ -114,7 +120,7 @@ def _changes(channels: Sequence[Channel]) -> tuple[int, int]:
 
 
 def _moves(share: Array) -> int:
-    """Return how many times a record (n,) in 0..1 goes up or down by more than ``MOVE`` before it turns."""
+    """Return the number of movements of a record (n,) in 0..1 by more than ``MOVE`` in one direction."""
     extreme, direction, count = float(share[0]), 0, 0
     for value in share.tolist():
         beyond = value - extreme
@@ -147,11 +153,14 @@ GRID = 2000
 """Maximum number of samples of the common grid."""
 
 LAGS = np.geomspace(0.3, 300.0, 13)
-"""Time constants tried, in grid steps."""
+"""Time constants tried, in steps of the common grid."""
 
 
 def on_grid(*channels: Channel) -> tuple[float, list[Array]] | None:
-    """Return a common step [s] and all channels held on it over their overlap; None if they hardly overlap."""
+    """Return a common time step [s] and all channels sampled on it by zero-order hold.
+
+    The grid covers the overlap of the channels. Return None if they hardly overlap.
+    """
     if any(len(c) < 2 for c in channels):
         return None
     start, end = max(float(c.t[0]) for c in channels), min(float(c.t[-1]) for c in channels)
@@ -165,8 +174,9 @@ def on_grid(*channels: Channel) -> tuple[float, list[Array]] | None:
 def coherence(follower: Array, leader: Array, *, integrated: bool = False) -> float:
     """Return the fraction of *follower*'s variance (n,) that the best first-order lag of *leader* (n,) explains.
 
-    Gain, offset and initial state are free; what they explain without the leader does not count. *integrated*: the
-    follower is the integral of such a lag (a position).
+    Gain, offset and initial state are free. The variance that offset and initial state explain alone does not count.
+
+    integrated : compare with the integral of such a lag (a position).
     """
     best = 0.0
     n = len(follower)
@@ -183,7 +193,7 @@ def coherence(follower: Array, leader: Array, *, integrated: bool = False) -> fl
 
 
 def _left(table: Array, y: Array) -> float:
-    """Return the sum of squares of *y* (n,) that the columns of *table* (n, k) leave."""
+    """Return the sum of squares of *y* (n,) after regression on the columns of *table* (n, k)."""
     norms = np.linalg.norm(table, axis=0)
     Q, R = np.linalg.qr(table[:, norms > 0.0] / norms[norms > 0.0])
     Q = Q[:, np.abs(np.diag(R)) > 1e-9]
@@ -192,5 +202,5 @@ def _left(table: Array, y: Array) -> float:
 
 
 def held_share(values: Array) -> float:
-    """Return the fraction of samples (n,) that repeat the previous one exactly, as a held command does."""
+    """Return the fraction of samples (n,) that repeat the previous one exactly; it is large for a held command."""
     return float(np.mean(np.diff(values) == 0.0)) if len(values) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""Errors on held-out data: folds, the error of a model, and whether another model's error is really smaller."""
+"""Calculate errors on held-out data, and test whether another model's error is really smaller."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from scipy.special import logsumexp
 
 from gcs_autotune.diagnose.result import ErrorReduction
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
-from gcs_autotune.identify import Fitted, Problem, Residual, Segment
+from gcs_autotune.identify.problems import Fitted, Problem, Residual
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = [
@@ -38,18 +39,18 @@ Array = NDArray[np.float64]
 METRIC = "held-out simulation RMSE"
 
 MOST_FOLDS = 4
-"""Maximum number of parts that are left out in turn."""
+"""Maximum number of folds."""
 
 BLOCKS = 24
-"""Number of blocks over which held-out errors are averaged before comparison, because neighbours are correlated."""
+"""Number of blocks that held-out errors are averaged over before comparison, because neighbouring errors correlate."""
 
 FEWEST = 8
-"""Fewest samples of a block."""
+"""Minimum number of samples of a block."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOutFold:
-    """Segments to fit, segments to predict."""
+    """One fold: segments to fit (``train``) and segments to predict (``test``)."""
 
     train: tuple[Segment, ...]
     test: tuple[Segment, ...]
@@ -57,7 +58,7 @@ class HeldOutFold:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOut:
-    """Residuals of a model on held-out data; ``complete`` is False if it diverged somewhere."""
+    """Residuals of a model on held-out data; ``complete`` is False if the motion diverged on a segment."""
 
     rests: tuple[Residual, ...]
     complete: bool
@@ -65,10 +66,10 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parts:
-    """The parts left out in turn: folds, initial states of the fitted and tested segments, and a description
-    (``words``).
+    """The parts left out in turn.
 
     ``kind``: ``"apart"`` for separate runs, ``"runs"`` for whole runs left out, ``"blocks"`` for blocks of runs.
+    ``starts`` and ``tests``: initial states of the fitted and of the tested segments. ``words``: a description.
     """
 
     kind: Literal["apart", "runs", "blocks"]
@@ -78,8 +79,7 @@ class Parts:
     words: str
 
     def set_right(self, problem: Problem, fitted: Fitted) -> Parts:
-        """Return the parts with new initial states, from signals corrected for the data errors that *fitted*
-        contains."""
+        """Return the parts with new initial states, after correction of the data errors that *fitted* contains."""
         segments = {id(s): s for fold in self.folds for s in (*fold.train, *fold.test)}
         right = {at: undo_data_errors(fitted.effects, s) for at, s in segments.items()}
         if all(right[at] is s for at, s in segments.items()):
@@ -93,9 +93,9 @@ class Parts:
 
 
 def parts_of(problem: Problem, unseen: Sequence[Segment] = (), *, in_blocks: bool = False) -> Parts:
-    """Return the parts of a problem's segments that are left out.
+    """Divide a problem's segments into the parts left out in turn.
 
-    These are the *unseen* runs if there are any. With several runs each run (or group of runs) is left out in turn.
+    These are the *unseen* runs if there are any. With several runs, each run (or group of runs) is left out in turn.
     With one run, or *in_blocks*, blocks of every run are left out.
     """
     segments = problem.segments
@@ -124,7 +124,7 @@ def parts_of(problem: Problem, unseen: Sequence[Segment] = (), *, in_blocks: boo
 
 
 def _labelled(pool: Sequence[Segment], label: Sequence[int]) -> list[HeldOutFold]:
-    """Return a fold for every label, which is tested while the others are fitted."""
+    """Return one fold for each label: its segments are tested while the others are fitted."""
     folds = []
     for k in range(max(label) + 1):
         train = tuple(s for s, own in zip(pool, label, strict=True) if own != k)
@@ -147,7 +147,7 @@ def _begun(
 def held_out(problem: Problem, parts: Parts, fitted: Fitted, *, refit: bool) -> HeldOut:
     """Predict each left-out part with a model fitted to the rest.
 
-    refit : whether the model is fitted again on each fold, starting from *fitted*; False: it is used as it is.
+    refit : whether the model is fitted again on each fold, starting from *fitted*. False: it is used unchanged.
     """
     rests: list[Residual] = []
     complete = True
@@ -178,7 +178,10 @@ def rms_of(rests: Sequence[Residual]) -> dict[str, float]:
 
 
 def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[tuple[str, float, float, int]], int]:
-    """Return per block: signal, sums of squares before and after, and samples. Both use the same blocks."""
+    """Return for each block its signal, its sums of squares before and after, and its number of samples.
+
+    Also return the block size. Both models use the same blocks.
+    """
     total = sum(len(r.judged) for r in before)
     size = max(FEWEST, total // BLOCKS)
     found = []
@@ -205,12 +208,14 @@ def p_value(
     """Return the probability that *after* only seems better on held-out data, times the number *tried* (at most 1).
 
     The method is the split likelihood ratio (Wasserman2020). The numerator is the likelihood of held-out data under a
-    model fitted to the rest, with the noise *levels* found there. The denominator is the largest likelihood of the
+    model fitted to the rest, with the noise *levels* of that fit. The denominator is the largest likelihood of the
     model before. The ratio is an e-value. Over folds the mean is an e-value too, and its inverse is a p-value for any
     sample size.
 
-    The largest likelihood of the model before comes from its held-out error, with the gain of its *numbers* if they
-    were fitted there. *raised*: samples equivalent to one independent sample.
+    The largest likelihood of the model before follows from its held-out error. The gain of its *numbers*, if they were
+    fitted to the held-out data, is added.
+
+    raised : number of correlated samples that count as one independent sample.
     """
     if not after.complete or len(before.rests) != len(after.rests):
         return 1.0
@@ -238,7 +243,7 @@ def p_value(
 
 
 def ratio_interval(before: Sequence[Residual], after: Sequence[Residual], seed: int = 0) -> tuple[float, float]:
-    """Return the 95 % interval of the ratio of rms errors, by drawing blocks with replacement."""
+    """Return the 95 % interval of the ratio of rms errors, by bootstrap over blocks."""
     rows, _ = blocks(before, after)
     a, b = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
     if len(a) < 3:
@@ -250,7 +255,10 @@ def ratio_interval(before: Sequence[Residual], after: Sequence[Residual], seed: 
 
 
 def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReduction, ...]:
-    """Return the gain of every signal; *words* describe what was left out. None if a model diverges."""
+    """Return the held-out gain of every signal; return nothing if a model diverges.
+
+    words : description of what was left out.
+    """
     old, new = rms_of(before.rests), rms_of(after.rests)
     found = []
     for name in old:
@@ -265,12 +273,12 @@ def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReductio
 
 
 def own_gain(before: HeldOut, after: HeldOut | None, words: str) -> ErrorReduction | None:
-    """Return the held-out gain of one cause, for the signal that gains most surely; None if unknown."""
+    """Return the held-out gain of one cause, for its most significant signal; None if unknown."""
     if after is None or len(before.rests) != len(after.rests):
         return None
     return surest(gains_of(before, after, words))
 
 
 def surest(gains: Sequence[ErrorReduction]) -> ErrorReduction | None:
-    """Return the gain whose interval has the smallest upper end."""
+    """Return the gain whose interval has the smallest upper limit."""
     return min(gains, key=lambda g: g.ratio if math.isnan(g.ci95[1]) else g.ci95[1], default=None)

@@ -1,4 +1,4 @@
-"""Held-out gain of a cause with process noise modelled: log-likelihood, and error some seconds ahead."""
+"""Held-out gain of a cause with process noise modelled: log-likelihood, and prediction error some seconds ahead."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from scipy.special import stdtrit
 from gcs_autotune.diagnose.heldout import BLOCKS, FEWEST
 from gcs_autotune.diagnose.result import ErrorReduction
 from gcs_autotune.diagnose.sampling_interval import horizons, prediction_horizon, refitted
-from gcs_autotune.identify import NoisyFit, NoisyProblem, Segment
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.sname import SIGNALS
 
 __all__ = ["Folds", "densities_of", "gains_ahead", "interval_of", "unseen_of"]
@@ -20,31 +21,34 @@ __all__ = ["Folds", "densities_of", "gains_ahead", "interval_of", "unseen_of"]
 Array = NDArray[np.float64]
 
 Folds = tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
-"""The folds: segments to fit, segments to predict."""
+"""For each fold, the segments to fit and the segments to predict."""
 
 Unseen = Sequence[NoisyFit | None]
-"""A model refitted without each fold and evaluated on that fold; None where it diverges."""
+"""For each fold, a model refitted without it and evaluated on it; None if the filter diverges."""
 
 REFIT = 4
-"""Maximum number of scoring rounds of a refit without one run."""
+"""Maximum number of scoring iterations of a refit without one run."""
 
 RUNS_AWAY = -1e6
-"""Log density of a sample for a model that diverges."""
+"""Log density assigned to the samples of a model that diverges."""
 
 FAR_ROUGHER = 2.0
-"""Ratio of squared held-out innovations to those expected, from which a part has another level of process noise."""
+"""Limit for unusual process noise in a left-out part.
+
+It is the ratio of squared held-out innovations to their expected size. Above it the part has its own noise level.
+"""
 
 FEWEST_WHOLES = 4
-"""Minimum number of left-out parts whose scatter is used. Two or three are similar by chance."""
+"""Minimum number of left-out parts to estimate their scatter. Two or three are often similar by chance."""
 
 SURE = 0.95
-"""Quantile for a 90 % interval: one gain in twenty is by chance."""
+"""Quantile of the 90 % interval of a gain: 5 % lie above its upper limit."""
 
 
 def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFit) -> Unseen:
-    """Return *fit*, refitted without each fold and evaluated on that fold.
+    """Refit *fit* without each fold and evaluate it on that fold.
 
-    plain : the model without any cause. It determines how far ahead refits are compared.
+    plain : the model without any cause. It determines the prediction horizon at which refits are compared.
     """
     seconds, found = prediction_horizon(problem, plain), []
     for train, test in folds:
@@ -56,8 +60,8 @@ def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFi
 def densities_of(fits: Unseen, plain: Unseen) -> list[Array]:
     """Return the log densities (samples,) of each left-out part, with the noise level that *plain* shows there.
 
-    A part may be far rougher than the other runs (a gust, a glitch, a rougher run). Its noise level is then raised for
-    every candidate. Otherwise a few samples would outweigh all others, in either direction.
+    The noise of a part may be far larger than that of the other runs (a gust, a glitch, a rougher run). Its noise level
+    is then raised for every candidate. Otherwise a few samples would outweigh all others, in either direction.
     """
     found = []
     for fit, base in zip(fits, plain, strict=True):
@@ -67,11 +71,11 @@ def densities_of(fits: Unseen, plain: Unseen) -> list[Array]:
 
 
 def interval_of(before: Sequence[Array], after: Sequence[Array]) -> tuple[float, float]:
-    """Return the 90 % interval of the held-out log-likelihood gain: the narrower of two.
+    """Return the 90 % interval of the held-out log-likelihood gain: the narrower of two intervals.
 
-    One comes from the scatter over blocks, because a single gust or manoeuvre may cause the whole gain. The other comes
-    from the scatter over left-out parts. A refitted noise level shifts gain from lively blocks to quiet ones, in every
-    run alike.
+    The first follows from the scatter over blocks, because a single gust or manoeuvre may cause the whole gain. The
+    second follows from the scatter over left-out parts. A refitted noise level shifts gain from lively blocks to quiet
+    ones, in all runs alike, which widens the first interval only.
     """
     size = max(FEWEST, sum(map(len, before)) // BLOCKS)
     wholes, sums = [], []
@@ -86,22 +90,23 @@ def interval_of(before: Sequence[Array], after: Sequence[Array]) -> tuple[float,
 
 
 def _half_width(parts: Sequence[float]) -> float:
-    """Return half the 90 % interval of the sum of *parts*, by Student's law of their scatter."""
+    """Return half the 90 % interval of the sum of *parts*, from their scatter by Student's distribution."""
     n = len(parts)
     return float(stdtrit(n - 1, SURE)) * math.sqrt(n * float(np.var(parts, ddof=1))) if n > 1 else math.inf
 
 
 SEED, DRAWS = 0, 400
-"""Seed and number of draws for the interval of an error ratio, by drawing parts with replacement."""
+"""Seed and number of resamples for the bootstrap interval of an error ratio."""
 
 
 def gains_ahead(
     problem: NoisyProblem, plain: NoisyFit, folds: Folds, before: Unseen, after: Unseen, words: str
 ) -> Iterator[tuple[float, ErrorReduction]]:
-    """Yield each horizon [s] and the held-out error there, before and after, for each of :func:`.horizons`.
+    """Yield each horizon [s] of :func:`.horizons` with the held-out error there, before and after.
 
-    plain : the model without any cause, which determines the horizons. words : what is left out. A model that diverges
-    has an infinite error. If *before* diverges, nothing is known.
+    plain : the model without any cause, which determines the horizons. words : description of what is left out.
+
+    A model that diverges has an infinite error. If *before* diverges, no result is yielded for that horizon.
     """
     signal = next(iter(problem.segments[0].signals))
     for seconds in horizons(problem, plain):
@@ -126,7 +131,10 @@ def gains_ahead(
 
 
 def _ratio_interval(squares: Sequence[Array]) -> tuple[float, float]:
-    """Return the 95 % interval of the ratio of rms errors, from the squares (2, k) of either model on each part."""
+    """Return the 95 % interval of the ratio of rms errors.
+
+    squares : for each part, the squared errors (2, k) of both models.
+    """
     draws = np.random.default_rng(SEED)
     ratios = []
     for _ in range(DRAWS):

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.excitation_check import MOTIONS, coherence, held_share, on_grid
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, UsageError
-from gcs_autotune.identify import INPUTS, MIN_SAMPLES, Doubt, check_axes, clock_jump, left_out, parts_of
+from gcs_autotune.identify import MIN_SAMPLES, Doubt
+from gcs_autotune.identify.signals import INPUTS, check_axes, clock_jump, left_out, parts_of
 from gcs_autotune.models import FORCES
 from gcs_autotune.sname import DOFS, SIGNALS, Dof
 from gcs_autotune.trial import Channel, Trial
@@ -27,44 +28,51 @@ Array = NDArray[np.float64]
 
 
 SLOW, FAST = 5.0, 5e-4
-"""Shortest and longest sample intervals [s] of a marine craft's telemetry, unless another column confirms the clock."""
+"""Longest (SLOW) and shortest (FAST) sample interval [s] of a marine craft's telemetry.
+
+An interval outside this range is accepted if another column confirms the clock.
+"""
 
 CONFIRMED = 3.0
-"""Factor within which a position's change must match its rate to confirm the clock."""
+"""Largest ratio, either way, of a position's rate of change to its measured rate, for the clock to be confirmed."""
 
 TORN, ISOLATED, NEIGHBOURS = 0.5, 8.0, 5
-"""Limits for a jump of the heading: larger than TORN [rad], and ISOLATED times any of NEIGHBOURS steps on either
-side."""
+"""Limits for a jump of the heading.
+
+A jump exceeds TORN [rad], and ISOLATED times each of the NEIGHBOURS steps on either side.
+"""
 
 TURNS = (2.0 * math.pi, 360.0)
-"""A full turn, also in degrees, because a wrong unit of the heading is an effect."""
+"""A full turn in radians and in degrees; degrees count too, because a wrong unit of the heading is an effect."""
 
 SAME = 0.1
-"""Relative difference up to which a jump is a full turn."""
+"""Relative difference from a full turn up to which a jump counts as one."""
 
 LEADS, ALONE, HELD = 0.9, 0.25, 0.5
-"""Limits for an exchanged input and output.
+"""Limits for exchanged input and output columns.
 
-The "input" follows the "output" at least this well (LEADS), and the residual is below the fraction ALONE of that in the
-other direction. More than the fraction HELD of the output's samples is held like a command; the input is not.
+LEADS: least fraction of the input's variance that the output explains by a first-order lag. ALONE: upper limit of the
+unexplained fraction, relative to that of the output explained by the input. HELD: the output repeats its previous value
+in at least this fraction of its samples, and the input in at most this fraction.
 """
 
 
 STEADY, GRID, LEAST_LEFT = 0.25, 1000, 0.5
 """Limits for the manoeuvre within a run.
 
-STEADY: deviation, relative to the usual value, within which another axis' command counts as steady. GRID: points along
-a run at which the usual value is read. LEAST_LEFT: least fraction of a run that is its manoeuvre.
+STEADY: largest deviation of another axis' command from its usual value, relative to that value, that counts as steady.
+GRID: number of points along a run from which the usual value (median) is calculated. LEAST_LEFT: least fraction of a
+run that must remain.
 """
 
 
 def check_clock(run: Trial) -> None:
-    """Reject a clock in milliseconds whose column header says seconds, or the reverse.
+    """Reject a clock in milliseconds whose column header states seconds, or the reverse.
 
     Raises
     ------
     BadFile
-        Samples are absurdly far apart, or close, and no position with its rate confirms it.
+        The sample interval is implausibly long or short, and no position with its rate confirms it.
     """
     steps = [float(np.median(np.diff(c.t))) for c in run.channels.values() if len(c) > 2]
     steps = [s for s in steps if s > 0.0]
@@ -85,7 +93,7 @@ def check_clock(run: Trial) -> None:
 
 
 def _confirmed(run: Trial) -> bool:
-    """Whether some position changes at about its measured rate, on this clock."""
+    """Return whether some position changes at about its measured rate, on this clock."""
     for dof in DOFS.values():
         if dof.name in ("surge", "sway") or dof.position not in run or dof.velocity not in run:
             continue
@@ -108,7 +116,7 @@ def check_heading(run: Trial) -> None:
     Raises
     ------
     BadFile
-        It was wrapped at another value, or averaged across the wrap.
+        The heading was wrapped at another value, or averaged across the wrap.
     """
     if "psi" not in run or len(run["psi"]) < 4 * NEIGHBOURS:
         return
@@ -122,9 +130,11 @@ def check_heading(run: Trial) -> None:
 
 
 def _tears(x: Array) -> list[float]:
-    """Return the heights of jumps, one or more steps that stand out from those before and after, that are no wraps.
+    """Return the heights of heading jumps that are no wraps.
 
-    One step must be a full turn. Several must not make one, or not all one way: spikes come back and are no tears.
+    A jump is one or more steps that are far larger than their neighbours. A single step is a wrap if it is a full turn.
+    Several steps are a jump if they add up to a full turn in one direction. Spikes return to their start and do not
+    count.
     """
     d = np.diff(x)
     large = np.flatnonzero(np.abs(d) > TORN)
@@ -146,7 +156,9 @@ def _tears(x: Array) -> list[float]:
 
 
 def check_roles(run: Trial) -> None:
-    """Reject exchanged input and output columns: the "input" follows the "output", which is held.
+    """Reject exchanged input and output columns.
+
+    The "input" then follows the "output", and the "output" is held like a command.
 
     Raises
     ------
@@ -189,7 +201,7 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
     Raises
     ------
     BadFile, MissingChannel
-        No run can be used; the error is that of the first one.
+        No run can be used; the error is that of the first run.
     """
     found: list[Trial] = []
     doubts: list[Doubt] = []
@@ -205,11 +217,11 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
 
 
 def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:
-    """Return a run flown by this program without its approach and its clean-up.
+    """Return a run flown by this program without its approach and its final stretch.
 
-    The craft differs while the command of another axis is far from its usual value (throttle being applied, thrust
-    off). For example, a rudder acts through the propeller's wash. Those stretches at both ends are left out. The inputs
-    *driven* are kept whole, because an actuator lag depends on earlier commands.
+    The craft behaves differently while the command of another axis is far from its usual value, as when throttle is
+    applied. A rudder, for example, acts through the propeller's wash. Such stretches at both ends are left out. The
+    inputs *driven* are kept whole, because an actuator lag depends on earlier commands.
     """
     if "manoeuvre" not in run.meta:
         return run
@@ -232,21 +244,22 @@ def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:
 
 
 def is_one_flight(runs: Sequence[Trial]) -> bool:
-    """Whether *runs* come from one flight of this program: a step, and relays of several sizes, each flown once.
+    """Return whether *runs* come from one flight of this program: a step, and relays of several sizes, each flown
+    once.
 
-    None of them predicts another: each contains one size of command, or none that is steady.
+    No such run can predict another, because each contains one size of command, or none that is steady.
     """
     flown = [(run.meta.get("manoeuvre"), run.meta.get("C", run.meta.get("size"))) for run in runs]
     return len(runs) > 1 and all("manoeuvre" in run.meta for run in runs) and len(set(flown)) == len(flown)
 
 
 def without_repeats(runs: Sequence[Trial], unseen: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
-    """Return each of *runs* once, and a doubt for duplicates.
+    """Return *runs* without duplicates, and a doubt for each duplicate.
 
     Raises
     ------
     UsageError
-        A run is also among the *unseen* ones. It would be tested on the data it was fitted to.
+        A run is also among the *unseen* ones. The model would be tested on the data it was fitted to.
     """
     kept: list[Trial] = []
     doubts: list[Doubt] = []
@@ -291,7 +304,7 @@ def _usable(run: Trial, doubts: list[Doubt]) -> list[Trial]:
 
 
 def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
-    """Return *run* without samples that are no numbers, and without motions that stand still while others move."""
+    """Return *run* without invalid samples, and without motions that are constant while others change."""
     channels: dict[str, Channel] = {}
     for name, channel in run.channels.items():
         good = np.isfinite(channel.t) & np.isfinite(channel.values)

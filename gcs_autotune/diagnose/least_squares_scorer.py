@@ -1,4 +1,4 @@
-"""Fit and score candidates by least squares: simulation compared with the runs, and with held-out runs."""
+"""Fit and score candidates by least squares: simulations are compared with the fitted runs and with held-out runs."""
 
 from __future__ import annotations
 
@@ -41,31 +41,32 @@ from gcs_autotune.diagnose.score import (
 from gcs_autotune.diagnose.starting_points import merged, permuted_channels
 from gcs_autotune.effects import EFFECTS, EffectInstance, EffectResidual
 from gcs_autotune.executor import SerialExecutor
-from gcs_autotune.identify import Fitted, Problem
+from gcs_autotune.identify.problems import Fitted, Problem
 
 __all__ = ["SHORT_LIST", "LeastSquares", "delay_equivalence", "is_alike", "mistaken_for", "values_of"]
 
 BRIEF = 0.4
-"""Time constant of an effect, in samples of the record, below which it may come from how commands are held.
+"""Time constant of an effect, in samples of the record, below which it may be an artefact of how commands are held.
 
 An autopilot that writes its outputs 50 times a second and logs them 10 times shows a lag of 0.02 s. The limit is below
 one half, because stamps that are half a sample early are a delay of exactly that.
 """
 
 SHORT_LIST = 18
-"""Number of candidates fitted roughly."""
+"""Number of candidates that are fitted roughly after the screening."""
 
 FOLLOWING = 12
-"""Maximum number of trials of a fit in which an effect follows a command."""
+"""Maximum number of iterations of a fit in which an effect is driven by a recorded command."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastSquares:
-    """Fit and score candidates added to the model ``present``, of ``tried`` in all.
+    """Scorer that adds candidates to the model ``present`` and fits them by least squares.
 
-    ``unseen``: held-out residuals of the model that gains are measured against, on the left-out ``parts``. ``quick``:
-    score by the likelihood of the fitted runs only. ``begun``: starting fits; ``others``: further ones for errors of
-    the data. ``exchanges``: whether exchanged channels are tried. ``most``: number of candidates fitted roughly.
+    ``tried``: total number of candidates. ``unseen``: held-out residuals, on the left-out ``parts``, of the model that
+    gains are relative to. ``quick``: score by the likelihood of the fitted runs only. ``begun``: fits to start from.
+    ``others``: further ones, used for errors of the data only. ``exchanges``: whether exchanged channels are tried.
+    ``most``: number of candidates fitted roughly.
     """
 
     question: Question
@@ -115,7 +116,7 @@ class LeastSquares:
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
-        """Fit the roughly fitted candidates until they converge."""
+        """Fit the roughly fitted candidates to convergence."""
 
         def told(done: int, total: int) -> None:
             self.question.say(self.stage + ": final fits", done, total)
@@ -124,13 +125,13 @@ class LeastSquares:
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def rebased(self, ends: Sequence[Attempt]) -> LeastSquares:
-        """Return itself: a better base is looked for only after a candidate is accepted."""
+        """Return this scorer unchanged: a better base is looked for only after a candidate is accepted."""
         return self
 
     def scores(self, ends: Sequence[Attempt]) -> list[CandidateScore[Fitted]]:
         """Return the scores of the converged candidates, the best first.
 
-        All are compared with the best one's number of samples per independent sample.
+        All use the number of samples per independent sample of the best candidate.
         """
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, self.present), default=self.present)
         silent = replace(self, question=replace(self.question, progress=None))
@@ -143,7 +144,10 @@ class LeastSquares:
         return ordered(list(executor.map(score, [(c.effect, fit) for c, fit in ends], told)))
 
     def score(self, effect: EffectInstance, fit: Fitted, common: float | None = None) -> CandidateScore[Fitted]:
-        """Return the score of a fit; *common*: samples per independent sample, for comparison with its rivals."""
+        """Return the score of a fit.
+
+        common : samples per independent sample, equal for all rivals.
+        """
         present, raised = self.present, correlation_of(fit)
         lower = present.cost - fit.cost
         found = CandidateScore(
@@ -165,18 +169,21 @@ class LeastSquares:
         return replace(found, lacks=lack_by_error(found, brief=brief))
 
     def winner(self, scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
-        """Return the winner, unless it happens at a moment that a recorded command explains as well."""
+        """Return the best candidate that may be accepted; return None if there is none.
+
+        An effect at a moment is passed over if a recorded command explains the runs as well.
+        """
         left = [] if self.quick else list(scores)
         while (winner := winner_of(left)) is not None and self.follows_a_command(winner.effect, winner.fit):
             left.remove(winner)
         return winner
 
     def alike(self, scores: Sequence[CandidateScore[Fitted]], winner: CandidateScore[Fitted]) -> tuple[str, ...]:
-        """Return nothing: it depends on the causes found later, so the report calculates it."""
+        """Return an empty tuple: the alternatives depend on causes found later, so the report calculates them."""
         return ()
 
     def follows_a_command(self, effect: EffectInstance, fitted: Fitted) -> bool:
-        """Return whether *effect* of *fitted* explains the runs as well when driven by a recorded command."""
+        """Return whether *effect* explains the runs equally well when a recorded command drives it."""
         others = fitted.without(effect)
         for own in EFFECTS[effect.slug].followers(effect, self.problem.data_summary):
             if any((e.slug, e.place) == (own.slug, own.place) for e in others):
@@ -188,8 +195,10 @@ class LeastSquares:
 
 
 def mistaken_for(effect: EffectInstance, passed_over: Sequence[EffectCandidate]) -> list[EffectCandidate]:
-    """Return those of *passed_over* that are easily confused with *effect* at its place; screening may misjudge
-    them."""
+    """Return the candidates of *passed_over* that are easily mistaken for *effect* at its place.
+
+    The screening may have underestimated them.
+    """
     rivals = EFFECTS[effect.slug].mistaken_for
     return [c for c in passed_over if c.effect.slug in rivals and c.effect.place == effect.place]
 
@@ -226,10 +235,11 @@ def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[st
 
 
 def is_alike(problem: Problem, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:
-    """Whether these runs do not distinguish *other* from *best*.
+    """Return whether these runs do not distinguish *other* from *best*.
 
-    It must help on held-out data, and its evidence must be as good. Between two effects that delay, a difference at the
-    start of the runs is ignored. So is the cost of numbers that the runs contain no information on.
+    *other* must help on held-out data, and its evidence must be equally good. If both effects cause a delay, a
+    difference at the start of the runs is ignored. The cost of numbers that the runs contain no information on is
+    ignored too.
     """
     if other is best or other.gain <= 0.0 or other.p >= LUCK:
         return False
@@ -241,7 +251,7 @@ def is_alike(problem: Problem, other: CandidateScore[Fitted], best: CandidateSco
 
 
 def _is_vague(problem: Problem, judged: CandidateScore[Fitted]) -> bool:
-    """Whether some number of a candidate is less certain than its whole range."""
+    """Return whether the standard error of some number exceeds the number's whole range."""
     entry, data_summary = EFFECTS[judged.effect.slug], problem.data_summary
     bounds = entry.bounds(judged.effect.place, data_summary)
     numbers = values_of(problem, judged.fit)[key_of(judged.effect)]
@@ -250,13 +260,13 @@ def _is_vague(problem: Problem, judged: CandidateScore[Fitted]) -> bool:
 
 
 LATE: Mapping[str, str] = {"input-delay": "delay", "measurement-delay": "delay", "time-offset": "offset"}
-"""Slug -> the delay it causes [s]."""
+"""Slug of an effect -> name of the number that is its delay [s]."""
 
 
 def delay_equivalence(one: CandidateScore[Fitted], other: CandidateScore[Fitted], slowest: float) -> bool:
-    """Whether both effects cause a delay and fit equally well after the start of each run.
+    """Return whether both effects cause a delay and fit equally well after the start of each run.
 
-    The start lasts for the delay and a time constant *pace* [s] of the craft, after which the initial state no longer
+    The start lasts for the delay plus the craft's time constant *slowest* [s]. After that, the initial state no longer
     matters.
     """
     if one.effect.slug not in LATE or other.effect.slug not in LATE:
@@ -267,7 +277,10 @@ def delay_equivalence(one: CandidateScore[Fitted], other: CandidateScore[Fitted]
 
 
 def _left_after(fitted: Fitted, late: float, levels: Mapping[str, float]) -> float:
-    """Return the sum of squares, over *levels*, of the residuals from *late* [s] after the start of each run."""
+    """Return the sum of squares of the residuals, relative to *levels*, without the start of each run.
+
+    late [s] : length of the start.
+    """
     total = 0.0
     for rest in fitted.rests:
         known = np.isfinite(rest.judged) & (rest.t > rest.t[0] + late)

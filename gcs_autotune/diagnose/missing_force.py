@@ -1,4 +1,5 @@
-"""Estimate the force that no cause explains from the filter: a curve over related quantities, and a description."""
+"""Estimate the force that no cause explains, with the filter: its dependence on related quantities, and a
+description."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from gcs_autotune.diagnose.result import MissingCurve, MissingForce, Waves
 from gcs_autotune.diagnose.run_to_run import days_of
 from gcs_autotune.diagnose.score import CandidateScore, key_of
 from gcs_autotune.effects import force_unit
-from gcs_autotune.identify import NoisyFit, ProcessNoise, moves
+from gcs_autotune.identify.kalman import NoisyFit, ProcessNoise
+from gcs_autotune.sensor import moves
 from gcs_autotune.sname import DOFS, SIGNALS
 
 __all__ = ["missing_of", "next_of", "words_of", "words_of_noise"]
@@ -22,21 +24,21 @@ __all__ = ["missing_of", "next_of", "words_of", "words_of_noise"]
 Array = NDArray[np.float64]
 
 BINS, FEWEST = 9, 8
-"""Number of points of a curve of the missing force, and the least number of samples at each."""
+"""BINS: number of points of a curve of the missing force. FEWEST: minimum number of samples at each point."""
 
 WAY_ON = 0.1
-"""Fraction of the largest speed that a craft must always exceed for a drift angle to be defined."""
+"""Least surge speed in a run, relative to the largest, for which a drift angle is calculated."""
 
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
 """Quantity that the missing force is plotted over -> its unit."""
 
 TOLD = 0.1
-"""Fraction of the missing force that a quantity must explain, predicted from other runs, to be reported."""
+"""Least fraction of the missing force that a quantity must predict in other runs to be reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Estimate:
-    """The missing force (n,) of one run at stamps (n,), its standard deviation, and what it may go with."""
+    """The missing force (n,) of one run at stamps (n,), its standard deviation, and the quantities it may depend on."""
 
     run: str
     t: Array
@@ -46,7 +48,10 @@ class _Estimate:
 
 
 def missing_of(search: NoiseSearch) -> MissingForce | None:
-    """Return the force that drifts in addition to the model, in the base model's units, over the whole record."""
+    """Return the drifting force beside the model, in the base model's units, over the whole record.
+
+    Return None if it cannot be estimated.
+    """
     data = search.problem.data_summary if search.whole is None else search.whole.data_summary
     unit, inertia = force_unit(search.dof, data), search.inertia
     estimates = _estimated(search, inertia)
@@ -119,7 +124,10 @@ def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
 
 
 def _places(x: Array) -> tuple[Array, Array]:
-    """Return the middles (b,) and the edges (b + 1,) of the places along *x*: its values, where they are few."""
+    """Return the centres (b,) and the edges (b + 1,) of bins along *x*.
+
+    If *x* has at most BINS different values, each of them is a centre.
+    """
     values = np.unique(x)
     if len(values) <= BINS:
         between = 0.5 * (values[1:] + values[:-1])
@@ -129,7 +137,10 @@ def _places(x: Array) -> tuple[Array, Array]:
 
 
 def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> MissingCurve | None:
-    """Return the mean missing force over *name*, and the fraction of it that the other runs (or halves) predict."""
+    """Return the mean missing force over *name*, and the fraction of it that the curve of the other runs predicts.
+
+    For a single run, each half predicts the other.
+    """
     pieces = [(e.beside[name], e.force, e.std) for e in estimates]
     alone = len(pieces) == 1
     if alone:
@@ -191,11 +202,11 @@ TELLING: Mapping[str, str] = {
     "psi": "two slow full turns, one each way: what depends on the heading is wind, current or the compass",
     "time": "the first manoeuvre again at the end of the run: what changes with time is battery, fouling or wind",
 }
-"""Quantity related to the missing force -> the manoeuvre that identifies the cause."""
+"""Quantity that the missing force depends on -> the manoeuvre that identifies the cause."""
 
 
 def words_of_noise(search: NoiseSearch) -> str:
-    """Return a description of size and time constant of the drifting force."""
+    """Return a description of the size and correlation time of the drifting force."""
     noise = search.fit.noise
     unit = "rad/s^2" if DOFS[search.dof].angular else "m/s^2"
     bursts = "" if math.isinf(noise.freedom) else ", in bursts"
@@ -203,7 +214,7 @@ def words_of_noise(search: NoiseSearch) -> str:
 
 
 def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
-    """Return a description of the missing force, and the causes that were rejected."""
+    """Return a description of the missing force, and why causes that fit the runs were rejected."""
     found = []
     if missing is not None:
         kind = "moment" if DOFS[missing.dof].angular else "force"
@@ -237,12 +248,12 @@ def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ..
 
 
 def _sure_of(missing: MissingForce) -> str:
-    """Return the 95 % intervals in words, and whether the force may be a constant; nothing where none is known."""
+    """Return the 95 % intervals in words, and whether the force may be a constant; empty if no interval is known."""
     (low, high), (soon, late) = missing.size95, missing.memory95
     if not math.isfinite(high):
         return ""
     until = f"{late:.3g} s" if math.isfinite(late) else "no limit"
-    words = f" (95 %: {low:.2g} to {high:.2g}, and {soon:.2g} s to {until})"
+    words = f" (95 %: size {low:.2g} to {high:.2g}, time {soon:.2g} s to {until})"
     return words + "; these runs do not distinguish it from a constant force" * (late > missing.longest)
 
 
@@ -262,7 +273,7 @@ def _of(missing: MissingForce) -> str:
 
 
 def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
-    """Return, in words, why a candidate that fits the given runs is not reported."""
+    """Return, in words, why a candidate that fits the supplied runs is not reported."""
     candidate = f"{unnamed.effect.slug} of {unnamed.effect.place}"
     fits = f"{candidate} improves the log-likelihood of the fitted runs by {unnamed.gained:.1f}"
     if unnamed.unsound:
@@ -280,7 +291,7 @@ def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
 
 
 def next_of(missing: MissingForce | None) -> str | None:
-    """Return the manoeuvre that would identify the missing force."""
+    """Return the manoeuvre that would identify the missing force; None if there is no missing force to identify."""
     if missing is None or not missing.curves:
         return None
     best = next((c for c in missing.curves.values() if c.varies), None)

@@ -1,4 +1,4 @@
-"""Fit and score candidates with process noise modelled: each sample is predicted from those before it."""
+"""Fit and score candidates with process noise modelled: each sample is predicted from the samples before it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gcs_autotune.diagnose.score import (
     plainest,
 )
 from gcs_autotune.effects import EFFECTS, DataSummary, Effect, EffectInstance, columns_of, name_of, twins_of
-from gcs_autotune.identify import NoisyFit, NoisyProblem, Tangent
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, Tangent
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["EVEN", "WithProcessNoise", "answers_heading", "choices_of", "may_be_told", "may_be_weighed"]
@@ -41,51 +41,55 @@ BRIEF = 1.0
 """Time constant of an effect, in samples of the record, below which it may be a filter of the sensor."""
 
 AGAINST = 4.0
-"""Rank correlation, in standard deviations, from which a command counts as fed back.
+"""Rank correlation, in standard deviations, above which a command counts as feedback.
 
-The correlation is between innovations and the next changes of the command. Open loops of the blind suite reached at
-most 2.
+The correlation is between innovations and the next changes of the command. In the open loops of the blind suite it was
+at most 2.
 """
 
 RUNNERS = 6
-"""Number of candidates that are fitted until they converge."""
+"""Number of candidates that are fitted to convergence."""
 
 SLOWER_THAN_FOUND = 2.0
-"""Factor by which the craft may be slower than estimated by a fit that lacks a delay or a lag.
+"""Factor by which the craft may be slower than in a fit without a delay or a lag.
 
-The range of delays and lags that are tried scales with it.
+The range of delays and lags that are tried is scaled by it.
 """
 
 EVEN = 16
-"""Number of evenly spaced times to try in addition, for effects whose only number is a time.
+"""Number of evenly spaced start values, for effects whose only number is a time.
 
-Where commands change often, a fit finds a delay only if it starts near the right value.
+If commands change often, a fit converges to the right delay only from a start value near it.
 """
 
 DOZEN = 12.0
-"""Samples of the record up to which such times are tried at least; the effect's own bounds may extend the range.
+"""Minimum upper end of these start values, in samples of the record; the effect's own bounds may extend the range.
 
-A fit without the delay may make a fast craft look faster still. In rough water, seed 232 case 2, the range otherwise
-ended below a delay of two time constants. Seed 463 has a delay of 0.39 s, nearly three time constants, which improves
-the log-likelihood by 338.
+A fit without the delay may estimate too small a time constant for a fast craft. In rough water, seed 232 case 2, the
+range otherwise ended below a delay of two time constants. Seed 463 has a delay of 0.39 s, nearly three time constants,
+which improves the log-likelihood by 338.
 """
 
 LATE = ("input-delay", "actuator-lag")
-"""Effects that a late sensor, or a one-way filter of the sensor, mimics. With one signal only their noise differs."""
+"""Effects that are similar to a late sensor, or to a one-way filter of the sensor.
+
+With one signal, they differ from these only in their noise.
+"""
 
 FAR_AHEAD = 0.85
-"""Ratio of errors ahead, to that of the likeliest candidate, below which another candidate is reported in its place."""
+"""Ratio of prediction errors ahead, to that of the likeliest candidate, below which another candidate is preferred."""
 
 TRACE = 0.1
-"""A small amount of an effect, relative to the size it is tried at."""
+"""A small amount of an effect, relative to its trial size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithProcessNoise:
-    """Fit and score candidates added to the model ``present``, of ``tried`` in all.
+    """Scorer that adds candidates to the model ``present`` and fits them with process noise modelled.
 
-    ``folds``: the parts left out in turn. ``left_out``: the present model, refitted to the rest and evaluated on each
-    part. ``plain``: the model without any cause. ``hint``: a fit with one cause, as a further start.
+    ``tried``: total number of candidates. ``folds``: the parts left out in turn. ``left_out``: the present model,
+    refitted to the rest and evaluated on each part. ``plain``: the model without any cause. ``hint``: a fit with one
+    cause, as a further start.
     """
 
     problem: NoisyProblem
@@ -117,7 +121,7 @@ class WithProcessNoise:
         return sorted(rough, key=lambda f: -(f[1].total - f[1].price(f[1].unknowns - self.present.unknowns)))
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
-        """Fit the roughly fitted candidates until they converge, from several starts of the process noise."""
+        """Fit the roughly fitted candidates to convergence, from several starts of the process noise."""
         problem, ends = self.problem, []
         for k, (tried_one, fit) in enumerate(rough):
             self.say(f"{self.stage}: final fits", k, RUNNERS)
@@ -136,8 +140,7 @@ class WithProcessNoise:
     def _or_hinted(self, tried: EffectInstance, best: NoisyFit) -> NoisyFit:
         """Return the fit of a candidate, or the local minimum near the hint if that predicts far better.
 
-        If the time constant of the craft came out too small, a candidate may stay in the local minimum of the plain
-        model.
+        If the craft's time constant was underestimated, a candidate may stay in the local minimum of the plain model.
         """
         hint, problem, present = self.hint, self.problem, self.present
         if hint is None or [(e.slug, e.place) for e in hint.effects] != [(tried.slug, tried.place)]:
@@ -152,7 +155,7 @@ class WithProcessNoise:
         return other if far or other.total > best.total else best
 
     def rebased(self, ends: Sequence[Attempt]) -> WithProcessNoise:
-        """Return this scorer on a better fit of the present model, if the best of *ends* leads to one."""
+        """Return this scorer with a better fit of the present model, if a refit from the best of *ends* gives one."""
         present = self.present
         if ends:
             best = max(ends, key=lambda e: e[1].total)[1]
@@ -162,11 +165,11 @@ class WithProcessNoise:
         return replace(self, present=present, left_out=self.unseen(present) if ends else ())
 
     def unseen(self, fit: NoisyFit) -> Unseen:
-        """Return *fit*, refitted without each fold and evaluated on that fold."""
+        """Refit *fit* without each fold and evaluate it on that fold."""
         return unseen_of(self.problem, self.plain, self.folds, fit)
 
     def scores(self, ends: Sequence[Attempt]) -> list[Score]:
-        """Return the scores of the converged candidates, the likeliest on the fitted runs first."""
+        """Return the scores of the converged candidates, the candidate likeliest on the fitted runs first."""
         found = []
         for k, (effect, fit) in enumerate(ends):
             self.say(f"{self.stage}: held-out runs", k, len(ends))
@@ -198,10 +201,9 @@ class WithProcessNoise:
         return replace(found, lacks=lacks)
 
     def _sound(self, found: Score) -> Score:
-        """Return *found* with its error some seconds ahead, relative to the present model, and why it is rejected, if
-        it is.
+        """Return the score *found* with its error some seconds ahead, relative to the present model.
 
-        It is rejected if the fit is not a model of the craft, or if it predicts no better at that horizon.
+        It is marked as rejected, with the reason, if the fit is not a model of the craft or does not reduce that error.
         """
         if found.lacks is not None:
             return found
@@ -224,7 +226,7 @@ class WithProcessNoise:
         return replace(found, lacks="no-gain", unsound=why)
 
     def winner(self, scores: Sequence[Score]) -> Score | None:
-        """Return the candidate that is accepted; None for none."""
+        """Return the accepted candidate; None if there is none."""
         paid = [a for a in scores if a.lacks is None]
         if not paid:
             return None
@@ -248,7 +250,7 @@ class WithProcessNoise:
 def choices_of(
     data: DataSummary, slugs: Sequence[str], present: Sequence[EffectInstance]
 ) -> list[list[EffectInstance]]:
-    """Return starting values for every effect and place not *present*, including evenly spaced times."""
+    """Return start values for every effect and place that is not *present*, with evenly spaced times."""
     slower = replace(data, time_constant=SLOWER_THAN_FOUND * data.time_constant)
 
     def starts(entry: Effect, place: str) -> Sequence[Mapping[str, float]]:
@@ -265,7 +267,7 @@ def choices_of(
 
 
 def may_be_told(slug: str) -> bool:
-    """Whether a search with process noise considers an effect.
+    """Return whether a search with process noise considers an effect.
 
     It considers effects that act all the time, on commands or in the equation of motion.
     """
@@ -274,10 +276,10 @@ def may_be_told(slug: str) -> bool:
 
 
 def may_be_weighed(effect: EffectInstance, inputs: Container[str]) -> bool:
-    """Whether a filter can score an effect that another search found.
+    """Return whether a filter can score an effect that another search found.
 
-    This includes effects that happen at a time and, at a column of *inputs*, errors of the records. The filter cannot
-    find the time itself, but it can score the effect once the time is known.
+    This includes effects that happen at a moment, and errors of the record at a column of *inputs*. The filter cannot
+    find the moment itself, but it can score the effect once the moment is known.
     """
     if EFFECTS[effect.slug].family == "data errors":
         return all(n in inputs for n in columns_of(effect.place))
@@ -290,8 +292,10 @@ def _is_motion(slug: str) -> bool:
 
 
 def _is_brief(problem: NoisyProblem, effect: EffectInstance, fit: NoisyFit) -> bool:
-    """Whether an effect's time is so short that it may as well be a smoother of the recorded signal, or the craft's
-    inertia; or shorter than the interval judged where commands answer the heading.
+    """Return whether an effect is too fast for these runs to identify.
+
+    Its time may then be a filter of the recorded signal, or the craft's inertia. If commands react to the heading, its
+    time must also exceed the interval between judged samples.
     """
     time, short = lasts(effect, problem.data_summary), BRIEF * problem.data_summary.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
@@ -301,10 +305,11 @@ def _is_brief(problem: NoisyProblem, effect: EffectInstance, fit: NoisyFit) -> b
 
 
 def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
-    """Whether commands react to the disturbance just before them: an operator or a controller holds a course.
+    """Return whether commands react to the disturbance just before them, because an operator or controller holds a
+    course.
 
-    Between two judged samples such commands react to disturbances that the filter has not yet seen. The commands then
-    look as if they acted late. The test is a rank correlation between innovations and the next changes of the commands.
+    Between two judged samples such commands react to disturbances that the filter has not yet processed. They then look
+    delayed. The test is a rank correlation between innovations and the next changes of the commands.
     """
     pushed, turned = [], []
     for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
@@ -321,8 +326,10 @@ def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
 
 
 def _as_likely(judged: Sequence[Score], winner: Score) -> list[Score]:
-    """Return those that explain the given runs as well as *winner* and predict others too, if not surely, or are too
-    brief to be named, and those that explain them better: these runs do not distinguish them.
+    """Return the candidates that these runs do not distinguish from *winner*.
+
+    They explain the fitted runs as well, and also improve the held-out likelihood, even if it is not significant or the
+    effect is too brief. Candidates that explain the fitted runs better are included too.
     """
     enough = winner.gained - 0.5 * ALIKE
     return [
@@ -336,10 +343,10 @@ def _as_likely(judged: Sequence[Score], winner: Score) -> list[Score]:
 def _rough(
     problem: NoisyProblem, present: NoisyFit, choices: Sequence[EffectInstance], tangent: Tangent
 ) -> NoisyFit | None:
-    """Return the better end of the most promising of the values to begin from, and of small amounts of them, all else
-    adapted.
+    """Return the better of two rough fits, with everything else adapted.
 
-    Both are gone on from: a trace changes little and so looks well, where the whole has yet to find its pace.
+    One starts at the most promising start values, the other at small amounts of them. A small amount changes the fit
+    little and therefore looks promising. The full amount may first need another time constant.
     """
     entry = EFFECTS[choices[0].slug]
     growing = [n for n in entry.grows_with if n in choices[0].values]

@@ -1,17 +1,19 @@
-"""Compare the numbers of a given model with the runs: which are wrong, by how much, and what correcting them gains.
+"""Compare the numbers of a user-supplied model with the runs.
 
-Numbers are compared with all identified causes in the model, because a missing effect biases a refit. A number is wrong
-under three conditions:
+The result is which numbers are wrong, by how much, and what correcting them gains. All identified causes are in the
+model during the comparison, because a missing effect biases a refit. A number is wrong under three conditions:
 
-1. *As a whole*: with its own numbers and the identified causes the model is less likely than with refitted numbers,
-   by more than chance, and it predicts held-out data less well.
-2. *Each*: numbers are reset to the model's values one by one, the least contradicted first, as long as the runs
-   permit it (backward elimination by Wald's statistic). The remaining ones differ by three standard errors. These
-   include the ones stated in the model's file.
-3. *It matters*: it differs by a fiftieth, and without correction the simulation's error grows by as much.
+1. *All numbers together*: the model with its own numbers and the identified causes is less likely than with refitted
+   numbers, by more than chance. It also predicts held-out data less well.
 
-Of another simulator only the output is known. The plain model is fitted to it and to the runs. Gain, time constant,
-delay and trim are compared.
+2. *Each number*: numbers are reset to the model's values one by one, the least contradicted first. This continues as
+   long as the runs permit it (backward elimination by Wald's statistic). The remaining numbers differ by three standard
+   errors. These include the standard errors stated in the model's file.
+
+3. *It matters*: the number differs by a fiftieth, and without correction the simulation's error grows by as much.
+
+For another simulator only the output is known. The plain model is fitted to that output and to the runs. Gain, time
+constant, delay and trim are compared.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ from gcs_autotune.diagnose.result import Number, Numbers
 from gcs_autotune.diagnose.score import LUCK, MATERIAL, error_ratio, is_needed
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
-from gcs_autotune.identify import SIGNS, Fitted, ModelFile, Problem, derivative_names, label_of
+from gcs_autotune.identify import ModelFile
+from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.models import RIGID_BODY, SPECIAL, CoupledModel, Form, unit_of
 from gcs_autotune.sname import DOFS
 
@@ -41,26 +44,30 @@ __all__ = ["ModelInQuestion", "if_told", "judge_numbers", "model_in_question"]
 Array = NDArray[np.float64]
 
 SURE, BORNE = 3.0, 2.0
-"""Standard errors by which a wrong number differs; limit up to which the runs permit the model's own value."""
+"""Limits in standard errors.
+
+SURE: difference from which a number counts as wrong. BORNE: difference up to which the runs permit the model's value.
+"""
 
 HALF_WIDTH = 1.96
 """Half-width of a 95 % interval in standard errors."""
 
 OFF = 0.02
-"""Least relative difference of a wrong number."""
+"""Least relative difference from which a number counts as wrong."""
 
 
 def model_in_question(model: ExtendedModel | ModelFile) -> ModelInQuestion:
-    """Return a model in its owner's terms: a file of one degree of freedom calls its inertia ``alpha``, positive."""
+    """Return a model with the names of its owner's file.
+
+    A file of one degree of freedom calls the inertia ``alpha``, with positive sign.
+    """
     if isinstance(model, ExtendedModel):
         return ModelInQuestion(_to_be_judged(model))
     std = {n: math.sqrt(max(v, 0.0)) for n, v in zip(model.names, np.diag(model.covariance).tolist(), strict=True)}
     if model.axis is None:
         return ModelInQuestion(_to_be_judged(model.model), {}, std)
-    theirs = ("alpha", "beta", "beta_quadratic", "delta")
-    own = derivative_names(model.axis.axis)
     names: dict[Key, tuple[str, float]] = {
-        ("", "", mine): (name, sign) for mine, name, sign in zip(own, theirs, SIGNS, strict=False)
+        ("", "", own): written for own, written in model.written_as.items() if own != "delay"
     }
     names |= {(e.slug, e.place, "delay"): ("delay", 1.0) for e in model.model.effects}
     return ModelInQuestion(model.model, names, std)
@@ -69,7 +76,7 @@ def model_in_question(model: ExtendedModel | ModelFile) -> ModelInQuestion:
 def _to_be_judged(model: ExtendedModel) -> ExtendedModel:
     """Return a model whose file fixes every number with all of them free, because all are in question.
 
-    Only the sum of rigid-body and added mass acts. The former stays fixed if there is any of the latter.
+    Only the sum of rigid-body and added mass acts. The rigid-body mass stays fixed if the file has an added mass.
     """
     form = model.base.form
     if form.free:
@@ -83,7 +90,7 @@ def _to_be_judged(model: ExtendedModel) -> ExtendedModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weighing:
-    """Numbers in question: the model's values (``old``), with the causes of a finished search."""
+    """The comparison of the model's values (``old``) with the runs, given the causes of a finished search."""
 
     state: SearchState
     given: ModelInQuestion
@@ -91,7 +98,7 @@ class _Weighing:
     raised: float
 
     def values(self, fit: Fitted) -> dict[Key, tuple[float, float]]:
-        """Return the numbers fitted that the model has too, each with its standard error."""
+        """Return the fitted numbers that the model in question also has, each with its standard error."""
         std = np.sqrt(np.maximum(np.diag(fit.covariance(self.raised)), 0.0)).tolist()
         keys: list[Key] = [("", "", n) for n in fit.free]
         keys += [(fit.effects[i].slug, fit.effects[i].place, n) for i, n in fit.free_effects]
@@ -99,7 +106,7 @@ class _Weighing:
         return {key: (value, s) for key, value, s in found if key in self.old}
 
     def fitted(self, free: Sequence[Key], begin: Fitted) -> tuple[Problem, Fitted | None]:
-        """Fit with all numbers but *free* as the model has them; the causes found are always free."""
+        """Fit with all numbers except *free* held at the model's values; identified causes are always fitted."""
         problem = self.state.problem
         held = [key for key in self.old if key not in free]
         names = [n for n in problem.free if ("", "", n) not in held]
@@ -113,9 +120,9 @@ class _Weighing:
         return alone, alone.fit(theta, effects, begin.initial, shift=begin.shift)
 
     def contradicted(self) -> tuple[Problem, Fitted, dict[Key, float]]:
-        """Return the fit in which only the numbers that the runs contradict have the runs' values.
+        """Return the fit in which only the numbers that the runs contradict are fitted.
 
-        Also return by how much minus twice the log-likelihood rises when one of these is reset and the others are
+        Also return by how much minus twice the log-likelihood rises if one of these is reset and the others are
         refitted. For a number determined only by curvature, Wald's statistic is not reliable.
         """
         problem, fit = self.state.problem, self.state.fitted
@@ -134,7 +141,10 @@ class _Weighing:
                 return problem, fit, rises
 
     def row(self, key: Key, value: float, std: float, rise: float) -> Number:
-        """Return how a number compares; *rise* of minus twice the log-likelihood when the model's own is kept."""
+        """Return the comparison of one number.
+
+        rise : increase of minus twice the log-likelihood if the model's own value is kept.
+        """
         data_summary, fit = self.state.problem.data_summary, self.state.fitted
         name, sign = self.given.names.get(key, (_label(key), 1.0))
         stated, old = self.given.std.get(name, 0.0), self.old[key]
@@ -145,9 +155,9 @@ class _Weighing:
 
 
 def judge_numbers(state: SearchState) -> SearchState | None:
-    """Compare the numbers of the model in question with the runs; None if no model was given.
+    """Compare the numbers of the model in question with the runs; return None if no model was supplied.
 
-    If some are wrong, they are corrected in the present model. Its other numbers keep their given values.
+    Wrong numbers are corrected in the present model. The other numbers keep their given values.
     """
     given = state.question.given
     if given is None:
@@ -191,9 +201,9 @@ _FITTED: _Over = "fitted"
 
 
 def _set_right(state: SearchState, problem: Problem) -> HeldOut | None:
-    """Return what the model without any cause leaves of data left out, with no other numbers fitted than *problem* has.
+    """Return the held-out residuals of the model without any cause, with only the numbers that are free in *problem*.
 
-    All of them fitted to runs that something else bends may foretell worse than the few that are wrong.
+    If an unmodelled effect distorts the runs, a fit of all numbers may predict worse than a fit of the few wrong ones.
     """
     base = state.base
     alone = problem.fit(base.theta, base.effects, base.initial, shift=base.shift)
@@ -207,8 +217,10 @@ def _better(one: HeldOut, other: HeldOut | None) -> HeldOut:
 
 
 def _counted_over(state: SearchState, right: HeldOut) -> tuple[SearchState, _Over]:
-    """Let causes be credited with no more than they gain over the better of the model as given and with its numbers set
-    *right*; return the state, and which that is.
+    """Limit the gain of the causes to their improvement over the better of two models.
+
+    These are the model as given, and the model with corrected numbers (*right*). Return the state and which of the two
+    is better.
     """
     given = state.given_unseen
     unseen = right if given is None else _better(right, given)
@@ -216,7 +228,7 @@ def _counted_over(state: SearchState, right: HeldOut) -> tuple[SearchState, _Ove
 
 
 def _with_own_numbers(weighing: _Weighing, problem: Problem, fit: Fitted) -> HeldOut | None:
-    """Return what *fit* leaves of data left out, where the model's own numbers do worse beyond chance; else None."""
+    """Return the held-out residuals of *fit* if the model's own numbers are significantly worse; otherwise None."""
     state = weighing.state
     free = weighing.values(fit)
     if not free:
@@ -237,10 +249,10 @@ def _with_own_numbers(weighing: _Weighing, problem: Problem, fit: Fitted) -> Hel
 
 
 def _less_of_all(before: HeldOut, after: HeldOut) -> bool:
-    """Whether the 95 % interval of the error ratio lies below one for every signal.
+    """Return whether the 95 % interval of the error ratio lies below one for every signal.
 
     If causes fit the runs better than they predict them, the likelihood at the fit's noise levels cannot show a
-    reduction of much larger errors. Blocks drawn with replacement can.
+    reduction of much larger errors. A bootstrap over blocks can.
     """
     ratios = [g.ci95[1] for g in gains_of(before, after, "")]
     return bool(ratios) and all(r < 1.0 - MATERIAL for r in ratios)
@@ -248,7 +260,7 @@ def _less_of_all(before: HeldOut, after: HeldOut) -> bool:
 
 def _label(key: Key) -> str:
     slug, place, name = key
-    return label_of(EffectInstance(slug, place, {}), name) if slug else name
+    return EffectInstance(slug, place, {}).label_of(name) if slug else name
 
 
 def _unit(key: Key, data_summary: DataSummary, form: Form) -> str:
@@ -280,10 +292,10 @@ def _number(
 
 
 def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
-    """Return gain, time constant, delay and trim of the simulator and of the runs; then what both have of effects.
+    """Compare gain, time constant, delay and trim of the simulator with the runs, then the effects that both have.
 
-    A number is wrong if it differs both with and without the causes found. A difference that a cause explains belongs
-    to the cause.
+    A number is wrong if it differs both with and without the identified causes. A difference that a cause explains is
+    attributed to the cause.
     """
     state, given = weighing.state, weighing.given
     if given.theirs is None:
@@ -322,18 +334,19 @@ def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
 
 
 READ_OFF = frozenset({"input-delay", "input-bias", "net-buoyancy", "quadratic-drag"})
-"""Effects of the stand-in model that are described by gain, time constant, delay and trim."""
+"""Effects of the stand-in model that gain, time constant, delay and trim already describe."""
 
 
 def if_told(value: float, std: float, scale: float) -> tuple[float, float]:
-    """Return a number and its standard error; NaN if its interval is wider than its possible range."""
+    """Return a number and its standard error; NaN if its interval is wider than *scale*."""
     return (value, std) if HALF_WIDTH * std <= scale else (math.nan, math.nan)
 
 
 def _off(old: PlainNumber, value: float, std: float, least: float) -> int:
-    """Return whether the simulator's number is too large (1) or too small (-1) for the runs, 0 where neither is sure.
+    """Return whether the simulator's number is too large (1) or too small (-1) for the runs; 0 if neither is certain.
 
-    Where the causes set aside leave nothing that stops the craft, any gain and time constant are too small.
+    Without the causes the craft may have no drag, and so no finite gain or time constant. The simulator's number then
+    counts as too small.
     """
     if not math.isfinite(value):
         return -1

@@ -1,8 +1,8 @@
-"""Gain, time constant, delay and trim of a fitted model, with standard errors, from its step response.
+"""Calculate gain, time constant, delay and trim of a fitted model, with standard errors, from its step response.
 
-The step is as large as the runs' commands (rms), from rest, in both directions. With quadratic drag or nonlinear
-thrust, the gain depends on that size. Effects count if they produce drag, a constant force, or a curve between command
-and force. Drifting forces, forces that depend on the heading, and sensor errors do not count.
+The step starts from rest and is as large as the runs' commands (rms); both directions are averaged. With quadratic drag
+or nonlinear thrust, the gain depends on that size. Effects count if they produce drag, a constant force, or a curve
+between command and force. Drifting forces, forces that depend on the heading, and sensor errors do not count.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import correlation_of
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance, columns_of, in_order
-from gcs_autotune.identify import Fitted, Problem, Segment
+from gcs_autotune.identify.problems import Fitted, Problem
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.sname import DOFS
 
@@ -30,23 +31,23 @@ PLAIN: Mapping[str, str] = {
     "delay": "from command to force",
     "trim": "command that holds the craft still",
 }
-"""Numbers of the plain model and their meaning."""
+"""Number of the plain model -> its meaning."""
 
 LATE = frozenset({"input-delay", "actuator-lag", "measurement-delay", "time-offset"})
 CONSTANT = frozenset({"input-bias", "net-buoyancy", "tether-pull", "gyro-bias"})
 CURVED = frozenset({"dead-zone", "saturation", "quadratic-actuator", "asymmetric-thrust", "rudder-stall"})
-"""Effects that are a delay, a trim, a curve between command and force."""
+"""Effects of three kinds: a delay (LATE), a trim (CONSTANT), a curve between command and force (CURVED)."""
 
 SETTLED = 1.0 - math.exp(-1.0)
 _START = 0.3
-"""Starting delay relative to the craft's time constant."""
+"""Start value of the delay, relative to the craft's time constant."""
 
 Key = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
 class PlainNumber:
-    """One number with its standard error; ``beside``: its value without the identified causes."""
+    """One number with its standard error; ``beside``: its value and standard error without the identified causes."""
 
     unit: str
     value: float
@@ -55,7 +56,7 @@ class PlainNumber:
 
 
 def command_sizes(form: Form, segments: Sequence[Segment]) -> dict[str, float]:
-    """Return the root mean square over time of every input, while it is on."""
+    """Return the root mean square of every input over the time in which it is not zero."""
     found = {}
     for channel in form.inputs:
         square = held = 0.0
@@ -69,7 +70,8 @@ def command_sizes(form: Form, segments: Sequence[Segment]) -> dict[str, float]:
 
 
 def driven_by(form: Form) -> dict[str, tuple[str, float | str]]:
-    """Return the degrees of freedom that an input drives, with its channel and gain (the first of several)."""
+    """Return for each driven degree of freedom the input channel and its gain; the first channel if there are
+    several."""
     found: dict[str, tuple[str, float | str]] = {}
     for dof in form.dofs:
         for channel, pairs in form.inputs.items():
@@ -84,8 +86,9 @@ def plain_numbers(
 ) -> dict[Key, PlainNumber]:
     """Return (kind, where) -> number of a fitted model, with delay and trim fitted in addition.
 
-    sizes : of the step of every input. causes : effects (slug, place) that ``beside`` leaves out. A craft without drag
-    has neither gain nor time constant.
+    sizes : step size of every input. causes : effects (slug, place) that ``beside`` leaves out.
+
+    A craft without drag has neither gain nor time constant.
     """
     driven = driven_by(fitted.form)
     fit = _with_delay_and_trim(problem, fitted, driven)
@@ -111,7 +114,7 @@ def plain_numbers(
 def _with_delay_and_trim(
     problem: Problem, fitted: Fitted, driven: Mapping[str, tuple[str, float | str]]
 ) -> Fitted | None:
-    """Return the fit with a delay of every input and a constant force in every equation that has none of its kind."""
+    """Return the fit with a delay of every input and a constant force in every equation, where these are missing."""
     form = fitted.form
     constant = {e.place for e in fitted.effects if e.slug in CONSTANT}
     trims = [n for d in driven if d not in constant and (n := f"{DOFS[d].force}_0") not in form.parameters]
@@ -140,7 +143,7 @@ Quantity = Callable[["_Numbers"], float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Numbers:
-    """A model's numbers: of its base by name, its effects, and the size of a step of every input."""
+    """A model's numbers: base parameters by name, effects, and the step size of every input."""
 
     form: Form
     base: Mapping[str, float]
@@ -148,7 +151,7 @@ class _Numbers:
     sizes: Mapping[str, float]
 
     def force(self, name: str) -> float:
-        """Return a derivative including the contribution of the effects."""
+        """Return a hydrodynamic derivative or constant force, including the contribution of the effects."""
         total = self.base.get(name, 0.0)
         for e in self.effects:
             if EFFECTS[e.slug].acts_on <= {"motion"}:
@@ -156,7 +159,7 @@ class _Numbers:
         return total
 
     def acting(self, channel: str) -> float:
-        """Return the command that acts for a step of a channel's size, the mean of both ways."""
+        """Return the effective command for a step of the channel's size, averaged over both directions."""
         size = self.sizes.get(channel, 0.0)
         both = []
         for way in (size, -size):
@@ -169,14 +172,14 @@ class _Numbers:
         return 0.5 * (both[0] - both[1])
 
     def shared(self, effect: EffectInstance) -> tuple[str, ...]:
-        """Return the two thrusters that have an effect in common; none where it mixes steering and throttle."""
+        """Return the two thrusters that an effect has in common; empty if the effect mixes steering and throttle."""
         names = columns_of(effect.place)
         alike = len({frozenset((f, str(g).lstrip("-")) for f, g in self.form.inputs.get(n, ())) for n in names}) == 1
         return names if alike else ()
 
 
 class _Reading:
-    """Quantities of a fit with their standard errors, by the slopes over everything that was fitted."""
+    """Quantities of a fit with standard errors, by linear propagation from the fitted numbers."""
 
     def __init__(self, fit: Fitted, sizes: Mapping[str, float], causes: frozenset[Key]) -> None:
         self.fit, self.sizes, self.causes = fit, sizes, causes
@@ -184,7 +187,7 @@ class _Reading:
         self.covariance = fit.covariance(correlation_of(fit))[:width, :width]
 
     def add(self, found: dict[Key, PlainNumber], key: Key, unit: str, of: Quantity) -> None:
-        """Add a quantity, if this model has it."""
+        """Calculate a quantity and add it to *found*, unless this model does not determine it."""
         value, std = self._uncertain(of, frozenset())
         if math.isfinite(value):
             beside = self._uncertain(of, self.causes) if self.causes and key[0] != "delay" else (value, std)
@@ -217,7 +220,7 @@ class _Reading:
 
 
 def _delays(effect: EffectInstance, channel: str, problem: Problem) -> bool:
-    """Whether an effect makes all that is seen of a command late."""
+    """Return whether an effect delays all measured responses to a command."""
     if effect.slug == "measurement-delay":
         return set(effect.place.split("+")) >= set(problem.data_summary.signals)
     return effect.slug == "time-offset" or (effect.slug == "input-delay" and channel in columns_of(effect.place))
@@ -232,7 +235,10 @@ def _delay_of(channel: str, problem: Problem) -> Quantity:
 
 
 def _step_of(dof: str, channel: str, gain: float | str, which: int) -> Quantity:
-    """Return how to read gain (0), time constant (1) or trim (2) off a model's numbers; NaN where it has none."""
+    """Return a function that calculates gain (0), time constant (1) or trim (2) from a model's numbers.
+
+    The function returns NaN if the model does not determine the quantity.
+    """
     axis = DOFS[dof]
     damps = f"{axis.force}_{axis.velocity}"
 
@@ -261,7 +267,10 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 def _answer(push: float, linear: float, quadratic: float) -> tuple[float, float]:
-    """Return speed held and time [s] to 63 % of it of ``v' = push - linear v - quadratic v^2``; NaN if it never is."""
+    """Return the final speed of ``v' = push - linear v - quadratic v^2`` and the time [s] to 63 % of it.
+
+    Both are NaN if there is no final speed.
+    """
     root = linear**2 + 4.0 * quadratic * push
     below = linear + math.sqrt(root) if root >= 0.0 else -1.0
     if push <= 0.0 or below <= 0.0:

@@ -1,9 +1,9 @@
 """Search for causes with process noise modelled, in one degree of freedom.
 
-Wind and wakes push a craft. In a free run their effects add up until no simulation follows the record, whatever its
-model, and all candidates look alike. Here they are part of the model (:class:`.NoisyProblem`): a force whose size and
-time constant are fitted. Each sample is predicted from those before it. A candidate is fitted to all runs, and again
-with each run (or block of one) left out in turn. It must gain on both.
+Wind and wakes push a craft. In a free simulation their effects add up, so that no model follows the record and all
+candidates look alike. Here they are part of the model (:class:`.NoisyProblem`), as a force whose size and time constant
+are fitted. Each sample is predicted from the samples before it. A candidate is fitted to all runs, and again with each
+run (or block of one) left out in turn. It must improve the likelihood in both cases.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, 
 from gcs_autotune.diagnose.score import FAR_MORE, WORTH, CandidateScore, SearchStep, key_of, may_be_none
 from gcs_autotune.diagnose.search import add_one_by_one, fits_of, judge
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
-from gcs_autotune.identify import Fitted, NoisyFit, NoisyProblem, Problem, Segment, thinned_to
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, thinned_to
+from gcs_autotune.identify.problems import Fitted, Problem
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
@@ -41,13 +43,13 @@ __all__ = [
 ]
 
 PRESENT = 8.0
-"""Log-likelihood that a drifting force, with waves, must gain to be accepted."""
+"""Log-likelihood that a drifting force, together with waves, must gain to be accepted."""
 
 CONSTANT = ("input-bias", "net-buoyancy")
-"""The slugs of a constant force for each degree of freedom."""
+"""Slugs of the effects that are a constant force."""
 
 SHRUNK = 0.3
-"""Fraction of its size and time constant at which the process noise starts once a constant is added."""
+"""Factor on size and time constant of the process noise, at the start of a fit with a constant force added."""
 
 FOLLOWED = 2
 """Number of candidates to which a second cause is added if none is accepted alone."""
@@ -60,10 +62,10 @@ MOST_BLOCKS = 4
 class NoiseSearch:
     """Result of a search with process noise.
 
-    ``plain``: the model without any cause; ``fit``: with the accepted ones. ``steps``: every candidate that was fitted
-    until it converged. ``calm``: log-likelihood gained by the drifting force and waves. ``still``: the same with the
-    accepted causes, inf if the search was stopped before; ``cut``: where it was stopped, in words. ``words``: what was
-    left out in turn.
+    ``plain``: the model without any cause. ``fit``: the model with the accepted causes. ``steps``: every candidate that
+    was fitted to convergence. ``calm``: log-likelihood gained by the drifting force and waves. ``still``: the same with
+    the accepted causes; inf if the search was stopped before. ``cut``: where it was stopped, in words. ``words``: what
+    was left out in turn.
     """
 
     problem: NoisyProblem
@@ -78,19 +80,19 @@ class NoiseSearch:
     still: float = math.inf
     cut: tuple[str, ...] = ()
     hint: NoisyFit | None = None
-    """A fit with one cause, as a start in addition to the search's own."""
+    """A fit with one cause, used as an additional start."""
     whole: Problem | None = None
-    """The runs as given, with the base model's form and units."""
+    """The supplied runs with the base model's form and units."""
     refused: tuple[CandidateScore[NoisyFit], ...] = ()
-    """Causes that were accepted first but are not :func:`supported`."""
+    """Causes that were accepted first and later rejected by :func:`supported`."""
     own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     """Held-out gain of each cause over the model without it."""
     interval: str = ""
-    """How the result changes with the interval between the judged samples, in words; empty if it does not."""
+    """Description of how the result changes with the interval between the judged samples; empty if it does not."""
 
     @property
     def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
-        """The causes of the model, in the order found."""
+        """Accepted causes, in the order found."""
         found: dict[tuple[str, str], CandidateScore[NoisyFit]] = {}
         for one in (s.accepted for s in self.steps if s.accepted is not None):
             found.pop(key_of(one.effect), None)  # accepted again, it was not before
@@ -99,13 +101,13 @@ class NoiseSearch:
         return tuple(one for key, one in found.items() if key in there)
 
     def alike(self, order: Sequence[EffectInstance] = ()) -> tuple[tuple[str, ...], ...]:
-        """Return groups of causes that these runs do not distinguish, that of the accepted cause first."""
+        """Return groups of causes that these runs do not distinguish; each starts with an accepted cause."""
         known = self.accepted
         return tuple(s.alike for s in self.steps if len(s.alike) > 1 and s.accepted in known)
 
     @property
     def names(self) -> set[str]:
-        """The accepted causes, and those that these runs do not distinguish from them."""
+        """Names of the accepted causes, and of the causes that these runs do not distinguish from them."""
         return {name for group in self.alike() for name in group} | {name_of(a.effect) for a in self.accepted}
 
     def stopped(self, over: OutOfTime) -> NoiseSearch:
@@ -114,7 +116,7 @@ class NoiseSearch:
 
     @property
     def inertia(self) -> float:
-        """Inertia that the model represents, in the base model's units."""
+        """Inertia of the model in the base model's units; its own equation is per unit of inertia."""
         d, gain = DOFS[self.dof], float(self.fit.theta[0])
         for pairs in () if self.whole is None else self.whole.form.inputs.values():
             for force, share in pairs:
@@ -123,11 +125,14 @@ class NoiseSearch:
         return 1.0
 
     def in_base_units(self, effect: EffectInstance) -> EffectInstance:
-        """Return an effect of this search in the base model's units."""
+        """Convert an effect of this search to the base model's units."""
         return scaled(effect, self.inertia, math.copysign(1.0, self.inertia))
 
     def values(self, effect: EffectInstance, fit: NoisyFit | None = None) -> dict[str, Value]:
-        """Return the numbers of an effect in *fit* (of all causes when None), in the base model's units."""
+        """Return the numbers of an effect in the base model's units.
+
+        fit : the fit to read them from; None: the fit with all causes.
+        """
         assert self.whole is not None
         fit = self.fit if fit is None else fit
         here, errors, found = fit.own(effect), fit.errors_of(effect), {}
@@ -138,7 +143,7 @@ class NoiseSearch:
         return found
 
     def shares(self, order: Sequence[EffectInstance]) -> dict[tuple[str, str], float]:
-        """Return the relative reduction of the drifting force's variance by each cause."""
+        """Return for each cause the relative reduction of the drifting force's variance."""
         found, before = {}, self.plain
         first = before.noise.size
         for a in self.accepted:
@@ -150,14 +155,14 @@ class NoiseSearch:
     def gain_over(self, other: NoisyFit) -> ErrorReduction | None:
         """Return the held-out error ahead of *other* and of the model with all causes; None if unknown.
 
-        The horizon is the one of :func:`.horizons` at which the error falls more.
+        The horizon is the one of :func:`.horizons` with the larger reduction.
         """
         before, after = (unseen_of(self.problem, self.plain, self.folds, fit) for fit in (other, self.fit))
         found = gains_ahead(self.problem, self.plain, self.folds, before, after, self.words)
         return min((gain for _, gain in found), key=lambda g: g.ratio, default=None)
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
-        """Return the held-out error ahead, before and after all causes."""
+        """Return the held-out error some seconds ahead, without causes and with all causes."""
         if len(order) < 2:  # of a single cause what it gains is known
             return tuple(self.own_gains.values())[: len(order)]
         found = self.gain_over(self.plain)
@@ -171,14 +176,14 @@ class NoiseSearch:
 
     @property
     def momentary(self) -> bool:
-        """Whether the drifting force has so short a time constant that it is not a disturbance."""
+        """Whether the drifting force has too short a time constant to be a disturbance."""
         return momentary(self.problem, self.plain)
 
 
 def form_alone(form: Form, dof: str) -> Form | None:
     """Return the equation of *dof* alone, per unit of its inertia.
 
-    None if it is not an uncoupled equation with linear damping, or if no input drives it.
+    Return None if it is not an uncoupled equation with linear damping, or if no input drives it.
     """
     d = DOFS[dof]
     gain = f"k_{d.force}"
@@ -198,7 +203,7 @@ def form_alone(form: Form, dof: str) -> Form | None:
 
 
 def asked_of(problem: Problem) -> tuple[Form, str] | None:
-    """Return the equation that a search with process noise examines, and its signal; None if there is none."""
+    """Return the equation that a search with process noise uses, and its signal; None if there is none."""
     dof = "yaw" if "yaw" in problem.form.dofs else problem.form.dofs[0]
     form = form_alone(problem.form, dof)
     d = DOFS[dof]
@@ -215,11 +220,12 @@ def search_with_process_noise(
     *,
     in_blocks: bool = False,
 ) -> NoiseSearch | None:
-    """Search for causes in the degree of freedom that these runs show best.
+    """Search for causes in one degree of freedom: yaw if the model has it, otherwise the first.
 
-    Return None if that is impossible, or if no model of the craft with process noise is found. problem, base : the
-    plain model from the usual fit, as a start. slugs : effects to try. unseen : separate runs, used only for scoring.
-    in_blocks : leave out blocks of every run in turn instead of whole runs.
+    Return None if that is impossible, or if no model of the craft with process noise is found.
+
+    problem, base : the plain model from the usual fit, as a start. slugs : effects to try. unseen : separate runs, used
+    only for scoring. in_blocks : leave out blocks of every run in turn instead of whole runs.
     """
     asked = asked_of(problem)
     begun = None if asked is None else plain_with_process_noise(problem, base, *asked, say)
@@ -287,8 +293,8 @@ def _curve_for_constant(search: NoiseSearch, slugs: Sequence[str], say: Say) -> 
 def _without_idle(search: NoiseSearch) -> NoiseSearch:
     """Return the search without the causes that explain nothing once the last one is present.
 
-    Example: on a stock sub, thrust that falls with speed was replaced by quadratic drag, found after it; 0.149 +- 0.2
-    remained.
+    Example: on a stock sub, quadratic drag was found after thrust that falls with speed and explained the same. Of the
+    latter, 0.149 +- 0.2 remained.
     """
     for cause in search.accepted[:-1]:
         rest = search.fit.without(cause.effect)
@@ -299,12 +305,11 @@ def _without_idle(search: NoiseSearch) -> NoiseSearch:
 
 
 def supported(search: NoiseSearch) -> NoiseSearch:
-    """Return the search without the causes that do not help on held-out data, and with the held-out gains of the
-    others.
+    """Return the search without unsupported causes, and with the held-out gains of the others.
 
-    A cause is rejected if its 95 % interval includes no effect once later causes are present. It is also rejected if
-    the held-out error ahead is no smaller with it. The weakest cause is removed first, because it may make another seem
-    to help. No cause is accepted if the drifting force exceeds the commands.
+    A cause is rejected if its 95 % interval includes no effect once later causes are present. It is also rejected if it
+    does not reduce the held-out error ahead. The weakest cause is removed first, because another cause may seem to help
+    only in its presence. All causes are rejected if the drifting force exceeds the commanded force.
     """
     refused: list[CandidateScore[NoisyFit]] = []
     while True:
@@ -334,7 +339,7 @@ def supported(search: NoiseSearch) -> NoiseSearch:
 
 
 def _is_none(cause: CandidateScore[NoisyFit], fit: NoisyFit) -> bool:
-    """Whether the 95 % interval of a cause's numbers in *fit* contains no effect."""
+    """Return whether the 95 % interval of a cause's numbers in *fit* includes zero effect."""
     now = next(e for e in fit.effects if key_of(e) == key_of(cause.effect))
     return may_be_none(now, fit.errors_of(now))
 
@@ -346,7 +351,7 @@ def above_the_command(search: NoiseSearch) -> float:
 
 
 def scaled(effect: EffectInstance, factor: float, sense: float) -> EffectInstance:
-    """Return an effect with its forces times *factor*."""
+    """Return an effect with its forces multiplied by *factor*."""
     entry = EFFECTS[effect.slug]
     if "motion" not in entry.acts_on:
         return effect
@@ -358,11 +363,11 @@ def scaled(effect: EffectInstance, factor: float, sense: float) -> EffectInstanc
 
 
 def _over_constants(problem: NoisyProblem, fit: NoisyFit) -> float:
-    """Return the log-likelihood that the noise and waves of *fit* gain over the plainer laws of their family.
+    """Return the log-likelihood gained by the noise and waves of *fit* over simpler models of the disturbance.
 
-    These are no force, one constant, and a constant of each run: with a long memory, a drifting force is a constant.
-    Beside the noise there may be a constant, too. Its number is paid for (Schwarz). inf where none of the plainer laws
-    can be evaluated.
+    The simpler models are no force, one constant force, and a constant force for each run. A drifting force with a long
+    time constant is nearly a constant. The noisy model may have a constant force too, at the cost of one parameter
+    (Schwarz). Return inf if none of the simpler models can be evaluated.
     """
     still = fit.noise.still
     constants = _constants(problem, fit)
@@ -382,14 +387,14 @@ def _over_constants(problem: NoisyProblem, fit: NoisyFit) -> float:
 
 
 def _beside(problem: NoisyProblem, fit: NoisyFit, own: EffectInstance) -> NoisyFit | None:
-    """Return *fit* again with a constant force. Its process noise starts smaller and with a shorter time constant."""
+    """Refit *fit* with a constant force, also from smaller process noise with a shorter time constant."""
     shorter = replace(fit.noise, size=SHRUNK * fit.noise.size, memory=SHRUNK * fit.noise.memory)
     tries = [problem.fit(fit.theta, (*fit.effects, own), noise) for noise in (fit.noise, shorter)]
     return max((f for f in tries if f is not None), key=lambda f: f.total, default=None)
 
 
 def _constants(problem: NoisyProblem, fit: NoisyFit) -> list[EffectInstance]:
-    """Return the constant force of this degree of freedom, to begin from; none where *fit* has one."""
+    """Return start values of the constant force in this degree of freedom; empty if *fit* has one."""
     dof = problem.form.dofs[0]
     present = {(e.slug, e.place) for e in fit.effects}
     return [
@@ -400,9 +405,9 @@ def _constants(problem: NoisyProblem, fit: NoisyFit) -> list[EffectInstance]:
 
 
 def _with_constant(search: NoiseSearch, slugs: Sequence[str]) -> NoiseSearch:
-    """Return the search with a constant force as a cause, if it is supported with process noise; else unchanged.
+    """Return the search with a constant force as a cause, if it is supported with process noise; otherwise unchanged.
 
-    A constant and a drifting force are nested laws, and a drifting force can approximate a constant. The constant is
+    A constant and a drifting force are nested models, and a drifting force can approximate a constant. The constant is
     therefore tried before any other cause, and as a single trial.
     """
     problem = search.problem
@@ -425,7 +430,7 @@ def _scorer_of(search: NoiseSearch, present: NoisyFit, tried: int, say: Say) -> 
 
 
 def _one_more(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearch:
-    """Return the search one step further."""
+    """Return the search after one more step."""
     present = differing(search.problem, search.fit)
     choices = choices_of(search.problem.data_summary, slugs, present.effects)
     scorer = _scorer_of(search, present, max(search.tried, len(choices)), say)

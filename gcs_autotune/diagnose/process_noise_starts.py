@@ -1,8 +1,8 @@
 """Starting points of a search with process noise: the plain model, fitted from several starts.
 
 In rough water a fit without process noise may converge to a wrong gain and time constant. The fit with process noise
-therefore starts at several time constants as well, each with the gain that fits the record there. If the result differs
-much from the start, the runs are thinned again to suit it.
+therefore starts at several time constants as well, each with the gain that fits the record best. If the fitted time
+constant differs much from the start, the runs are thinned again to a suitable interval.
 """
 
 from __future__ import annotations
@@ -16,19 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.sampling_interval import Plain, judged_at
 from gcs_autotune.diagnose.score import WORTH
-from gcs_autotune.identify import (
-    LEAST_DAMPING,
-    LONGEST_WAVE,
-    MOST_DAMPING,
-    Fitted,
-    Limits,
-    NoisyFit,
-    NoisyProblem,
-    Problem,
-    ProcessNoise,
-    data_summary_of,
-    thinned_to,
-)
+from gcs_autotune.identify.kalman import LONGEST_WAVE, NoisyFit, NoisyProblem, ProcessNoise, thinned_to
+from gcs_autotune.identify.problems import Fitted, Limits, Problem, data_summary_of
 from gcs_autotune.models import Form
 from gcs_autotune.sname import DOFS
 
@@ -49,81 +38,87 @@ Array = NDArray[np.float64]
 Say = Callable[[str, int, int], None]
 
 ROUGH = 2
-"""Scoring rounds of a rough fit."""
+"""Scoring iterations of a rough fit."""
 
 PACE = 5.0
-"""Judged samples per time constant of the craft. Closer samples mainly show the sensor's filter."""
+"""Number of judged samples per time constant of the craft. Closer samples mainly show the sensor's filter."""
 
 FEWEST = 60
-"""Minimum number of samples that a run keeps, if it has that many."""
+"""Minimum number of samples that a run keeps when thinned, if it has that many."""
 
 FREEDOMS = (math.inf, 8.0, 4.0)
-"""Degrees of freedom of the innovations' distribution to choose from: normal, and two with bursts."""
+"""Degrees of freedom of Student's distribution for the innovations: normal (inf), and two with heavy tails."""
 
 OWN = 4.0
-"""Ratio of squared innovations just after a command to others, above which the craft itself causes the bursts.
+"""Ratio of squared innovations just after a command to the others, above which the craft itself causes the bursts.
 
-A distribution with bursts would then give less weight to the samples that identify the craft.
+A distribution with heavy tails would then give less weight to the samples that identify the craft.
 """
 
 STIRRED = 0.05
-"""Step of a command, relative to its range, after which the craft counts as excited."""
+"""Step of a command, relative to its range, after which samples count as just after a command."""
 
 BLUR = 4.0
-"""Spacing of judged samples, in time constants of a sensor's smoother.
+"""Spacing of judged samples in time constants of a sensor's smoother, if errors are large just after commands.
 
 Closer samples depend on the shape of the smoother, of which the model knows only the width.
 """
 
 WIDEST = 2.0
-"""Upper limit of that spacing, in time constants of the craft."""
+"""Upper limit of that spacing, in time constants of the craft. The lower limit is one time constant."""
 
 SPACED, NARROWEST = 5.0, 0.4
-"""Spacing of judged samples if a smoother is found, in samples of the record, and its limit in time constants of the
-craft.
+"""Spacing of judged samples if a smoother is found: the smaller of two limits.
 
-Closer samples depend on the shape of the smoother. Of seven smoothed craft of the blind suite judged at every sample,
-damping came out at 0.62 to 1.4 times the truth. Quadratic drag then gained 5 in log-likelihood; at every fourth sample
-it gained 28.
+SPACED is in samples of the record, NARROWEST in time constants of the craft. Closer samples depend on the shape of the
+smoother. Seven smoothed craft of the blind suite were judged at every sample. Their damping was 0.62 to 1.4 times the
+true value. Quadratic drag then gained 5 in log-likelihood; at every fourth sample it gained 28.
 """
 
 FEWEST_TO_COMPARE = 30
-"""Minimum number of samples to compare innovations just after commands with others, or with the commands."""
+"""Minimum number of samples just after commands, and of other samples, for a comparison of their innovations."""
 
 SLOWER = (1.0, 0.3, 3.0)
-"""Fractions of the numbers fitted without process noise at which a fit with it starts."""
+"""Factors on gain and damping of the fit without process noise, at which fits with process noise start."""
 
 PACES = (3.0, 10.0, 40.0)
-"""Further starting time constants, in samples of the record, because a fit without process noise may be far off."""
+"""Additional starting time constants, in samples of the record, because a fit without process noise may be far off."""
 
 NOISES = ((2.0, 1.0), (20.0, 1.0), (20.0, 10.0))
-"""Starting time constants of the force, in those of the craft, and sensor noise relative to the usual.
+"""Start values of the process noise, in pairs.
 
-Waves that turn the bow are noise far above any sensor's. Without the last entry a craft of 18 s came out as one of 0.7
-s, 17 nats worse (rough water, seed 275, quadratic actuator).
+The first is the time constant of the force, relative to the craft's. The second is the sensor noise, relative to its
+usual start value. Waves that turn the bow act as noise far above any sensor's. Without the last pair, the time constant
+of one craft was fitted as 0.7 s instead of 18 s. That fit was 17 nats worse (rough water, seed 275, quadratic
+actuator).
 """
 
 MOMENTARY = 2.0
-"""Time constant of a force, in samples of the record, up to which it is not a disturbance.
+"""Time constant of a drifting force, in samples of the record, up to which it is not a disturbance.
 
-Such a force comes from commands that took effect at other moments than recorded, or from the sensor's own filter.
+Such a force comes from commands that acted at other times than recorded, or from the sensor's own filter.
 """
 
 FREQUENCIES = 8
-"""Wave frequencies at which a fit with waves starts."""
+"""Number of wave frequencies at which fits with waves start."""
 
 PERIODS = 10.0
-"""Number of periods in the longest run from which a wave is distinguished from a drifting force."""
+"""Minimum number of wave periods in the longest run. A longer wave is not distinguished from a drifting force."""
 
 WAVES = 8.0
-"""Log-likelihood that waves must gain: they add four numbers, and the best of several frequencies is taken."""
+"""Log-likelihood that waves must gain to be accepted.
+
+They add four numbers, and several frequencies are tried.
+"""
 
 LOOKS = 3
-"""Maximum number of times the runs are thinned again. The first fit may be far off, and a smoother may affect the
-second."""
+"""Maximum number of times the runs are thinned again.
+
+The first fit may be far off, and a smoother may change the interval once more.
+"""
 
 FAR_OFF = 1.5
-"""Ratio of the suitable sampling intervals with and without process noise, from which the runs are thinned again."""
+"""Ratio of the new and the present sampling interval, either way, above which the runs are thinned again."""
 
 
 def plain_with_process_noise(
@@ -131,7 +126,9 @@ def plain_with_process_noise(
 ) -> tuple[NoisyProblem, NoisyFit] | None:
     """Return the runs with *signal* only, at a suitable interval, and the plain model with process noise.
 
-    form : of the degree of freedom of *signal*, per unit of inertia. None if no such model was found.
+    form : equation of the degree of freedom of *signal*, per unit of inertia.
+
+    Return None if no such model was found.
     """
     theta = per_inertia_of(base, form)
     pace = _pace_of(theta)
@@ -173,7 +170,8 @@ def at_the_right_interval(
 ) -> tuple[Plain, NoisyFit | None, str]:
     """Return the result of :func:`plain_with_process_noise`, at another interval if necessary.
 
-    The result includes the best fit with one more term, if that was tried, and a description. See :func:`.judged_at`.
+    Also return the best fit with one more term, if that was tried, and a description. See :func:`.judged_at`.
+
     slugs : effects that may be tried.
     """
     theta = begun[1].theta
@@ -189,12 +187,15 @@ def at_the_right_interval(
 
 
 def _limits(form: Form) -> Limits:
-    """Return the limits of gain and damping: behind a rudder either sign, else damping damps."""
+    """Return the limits of gain and damping.
+
+    With a rudder as input, damping may have either sign. Otherwise it must be stable.
+    """
     return Limits({}, {} if "delta" in form.inputs else {form.free[1]: 0.0})
 
 
 def _inertia_shown(look: tuple[NoisyProblem, NoisyFit]) -> float:
-    """Return the craft's time constant in intervals between the samples judged."""
+    """Return the craft's time constant in units of the interval between judged samples."""
     problem, plain = look
     return 1.0 / (abs(float(plain.theta[1])) * problem.interval + 1e-12)
 
@@ -208,8 +209,11 @@ def _thinned(
     limits: Limits,
     interval: float,
 ) -> NoisyProblem | None:
-    """Return the runs with *signal* alone, no closer than *interval* [s] where they are long enough; None where none
-    has it. pace : the craft's time constant [s].
+    """Return the runs with *signal* only, thinned to *interval* [s] if they are long enough.
+
+    pace : the craft's time constant [s].
+
+    Return None if no run has the signal.
     """
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
     segments = thinned_to(problem.segments, signal, min(interval, longest / FEWEST))
@@ -240,7 +244,7 @@ def per_inertia_of(base: Fitted, form: Form) -> Array:
 
 
 def _best_of_starts(problem: NoisyProblem, theta: Array, pace: float, say: Say) -> NoisyFit | None:
-    """Return the best fit without any effect, from several starts, with the law that suits its innovations."""
+    """Return the best fit without any effect, from several starts, with a suitable distribution of its innovations."""
     own = [next(iter(s.signals.values())) for s in problem.segments]
     rate = float(np.median([np.sqrt(np.mean(np.diff(c.values) ** 2) / np.mean(np.diff(c.t)) ** 2) for c in own]))
     sensor = 0.02 * rate * problem.interval
@@ -262,7 +266,7 @@ def _best_of_starts(problem: NoisyProblem, theta: Array, pace: float, say: Say) 
 
 
 def _to_the_end(problem: NoisyProblem, rough: list[NoisyFit], say: Say) -> NoisyFit | None:
-    """Return the best of the two most promising, fitted to the end."""
+    """Fit the two most promising rough fits to convergence and return the better one."""
     ends = []
     for k, f in enumerate(sorted(rough, key=lambda f: -f.total)[:2]):
         say("process noise: final fits", k, 2)
@@ -271,7 +275,7 @@ def _to_the_end(problem: NoisyProblem, rough: list[NoisyFit], say: Say) -> Noisy
 
 
 def _shaped(problem: NoisyProblem, best: NoisyFit, say: Say) -> NoisyFit:
-    """Return *best* with the law that suits its innovations, and a smoother of the signal, where these pay."""
+    """Return *best* with heavy-tailed innovations and a smoother of the signal, if the log-likelihood supports them."""
     for k, freedom in enumerate(FREEDOMS[1:]):
         say("process noise: distribution of the innovations", k, len(FREEDOMS))
         tailed = problem.fit(best.theta, (), replace(best.noise, freedom=freedom))
@@ -284,10 +288,10 @@ def _shaped(problem: NoisyProblem, best: NoisyFit, say: Say) -> NoisyFit:
 
 
 def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:
-    """Return *calm*, or the fit with waves where it is likelier by :data:`WAVES`.
+    """Return *calm*, or the fit with waves if its log-likelihood is higher by :data:`WAVES`.
 
-    It begins at several frequencies, and at several paces: waves that turn the bow may have had a fit without them lose
-    the craft.
+    The fit with waves starts at several frequencies and several time constants of the craft. If waves turn the bow, the
+    fit without waves may have a wrong time constant.
     """
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
     slowest = 2.0 * math.pi / min(LONGEST_WAVE, longest / PERIODS)
@@ -308,21 +312,20 @@ def _with_waves(problem: NoisyProblem, calm: NoisyFit, say: Say) -> NoisyFit:
     if found is None:
         return calm
     found = _shaped(problem, found, say)
-    within = 1.01 * LEAST_DAMPING < found.noise.wave_damping < 0.99 * MOST_DAMPING
-    # At a limit these are no waves: a tone in step with the commands, or a drifting force in another way.
-    inside = within and found.noise.wave_frequency > 1.01 * slowest and not momentary(problem, found)
+    # At a limit of their damping these are no waves: a tone in step with the commands, or a drifting force.
+    inside = found.noise.is_band and found.noise.wave_frequency > 1.01 * slowest and not momentary(problem, found)
     return found if inside and found.total > calm.total + WAVES else calm
 
 
 def momentary(problem: NoisyProblem, fit: NoisyFit) -> bool:
-    """Whether the drifting force has so short a time constant that it is not a disturbance."""
+    """Return whether the drifting force has too short a time constant to be a disturbance."""
     return fit.noise.memory <= 1.01 * MOMENTARY * problem.data_summary.interval
 
 
 def _gain_at(problem: NoisyProblem, pace: float) -> float:
     """Return the gain per inertia with which a craft of time constant *pace* [s] best follows the commands from rest.
 
-    The comparison is from one sample to the next, because earlier drifting forces accumulate in the position.
+    Changes from one sample to the next are compared, because a drifting force accumulates in the position.
     """
     told, drawn = 0.0, 0.0
     for segment in problem.segments:
@@ -346,7 +349,7 @@ def _gain_at(problem: NoisyProblem, pace: float) -> float:
 
 
 def errs_after_commands(problem: NoisyProblem, fit: NoisyFit) -> bool:
-    """Whether a model's error is far larger just after commands than elsewhere, which wind would not cause."""
+    """Return whether a model's error is far larger just after commands than elsewhere, which wind would not cause."""
     window = 2.0 * max(_pace_of(fit.theta), problem.interval)
     squares: list[list[Array]] = [[], []]
     for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):

@@ -1,4 +1,4 @@
-"""The input of a diagnosis: runs to explain, a model in question, effects to try."""
+"""The question of a diagnosis: runs to explain, a model in question, effects to try."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from gcs_autotune.clock import check_effort
 from gcs_autotune.diagnose.result import Number
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.executor import Executor, SerialExecutor
-from gcs_autotune.identify import Fitted, Problem, Segment
+from gcs_autotune.identify.problems import Fitted, Problem
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["Key", "ModelInQuestion", "Progress", "Question"]
@@ -17,16 +18,20 @@ __all__ = ["Key", "ModelInQuestion", "Progress", "Question"]
 Progress = Callable[[str, int, int], None]
 
 Key = tuple[str, str, str]
-"""A number of an effect: slug, place and name. For the base model: two empty strings and the derivative."""
+"""Key of a number: slug of the effect, place, and name of the number.
+
+For a number of the base model: two empty strings and the name of the derivative.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelInQuestion:
-    """The model in question, in its owner's terms.
+    """The model in question, with the names and signs of its owner's file.
 
-    ``names``: number -> (name in the owner's file, sign relative to ours). ``std``: standard errors stated in the file,
-    by its names. ``theirs``: how the plain model fits the simulator that this model represents; None for a model that
-    was given itself. ``records``: errors of the simulator's file (clock, signs, units), corrected before.
+    ``names``: number -> (name in the owner's file, sign relative to this program's). ``std``: standard errors stated in
+    the file, by the file's names. ``theirs``: fit of the plain model to the simulator that this model represents; None
+    for a model that was supplied itself. ``records``: errors of the simulator's file (clock, signs, units), already
+    corrected.
     """
 
     model: ExtendedModel
@@ -38,12 +43,14 @@ class ModelInQuestion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Question:
-    """The question: runs to explain, separate runs, the model in question, effects to try.
+    """The question of a diagnosis: runs to explain, separate runs, the model in question, effects to try.
 
-    ``whole``: runs that a model found in pieces must fit. ``horizon`` [s]: length of pieces set by the user; None
-    leaves it to the search. ``progress``: called with a stage, the work done, and the total. ``executor``: runs tasks
-    in parallel. ``with_noise``: whether process noise may explain the rest. ``one_flight``: the runs complete each
-    other (a step and a relay of one tune), so none of them predicts another. Blocks of all are then left out in turn.
+    ``whole``: whole runs that a model found in pieces must also fit. ``horizon`` [s]: length of pieces set by the user;
+    None: the search decides. ``progress``: called with a stage, the work done, and the total. ``executor``: runs tasks
+    in parallel. ``with_noise``: whether process noise may explain the rest.
+
+    ``one_flight``: the runs are a step and relays of one tune, so none of them predicts another. Blocks of all runs are
+    then left out in turn.
     """
 
     form: Form

@@ -1,4 +1,7 @@
-"""Build the report of a finished search: verdict, numbers with errors, gains, ties, next manoeuvre."""
+"""Build the report of a finished search.
+
+It contains the verdict, numbers with errors, gains, causes that the runs do not distinguish, and the next manoeuvre.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,8 @@ from gcs_autotune.diagnose.score import ALIKE, key_of
 from gcs_autotune.diagnose.search import Search
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.effects import EFFECTS, VELOCITY_PRODUCT, EffectInstance
-from gcs_autotune.identify import Doubt, Fitted, reversed_input
+from gcs_autotune.identify import Doubt, reversed_input
+from gcs_autotune.identify.problems import Fitted
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
@@ -39,18 +43,21 @@ VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
     (True, False, False): "partly-explained",
     (True, False, True): "wrong-numbers",
 }
-"""(The given model has wrong numbers, a cause was accepted, the residual is white and beats any generic law) ->
-verdict."""
+"""Three conditions -> verdict.
+
+The conditions are: the given model has wrong numbers; a cause was accepted; the residual is white and no generic law is
+likelier.
+"""
 
 
 ONE_SIDED = 1.645
-"""Standard errors above which one in twenty lies."""
+"""Quantile of the normal distribution for a one-sided 95 % limit, in standard errors."""
 
 SEEN_TO_SETTLE = 3.0
-"""Samples that a rate must take to follow a step by two thirds, for the inertia to be observable."""
+"""Minimum time constant of a rate, in samples, for the inertia to be observable."""
 
 LIKE_SAMPLES = 10.0
-"""Time in samples below which a drifting force and the craft's own time constant may be confused."""
+"""Time in samples below which the time constants of a drifting force and of the craft may be confused."""
 
 
 def build_report(
@@ -61,12 +68,14 @@ def build_report(
     *,
     sure: bool = True,
 ) -> Diagnosis:
-    """Return the report of a finished search; *sure*: its causes hold over whole runs.
+    """Return the report of a finished search.
+
+    sure : whether its causes hold over whole runs.
 
     Raises
     ------
     OutOfTime
-        Within an :class:`.Budget` that is used up.
+        An :class:`.Budget` around the call is used up.
     """
     state = _without_useless(state)
     problem, final, numbers = state.problem, state.fitted, state.numbers
@@ -132,9 +141,10 @@ def build_report(
 
 
 def _without_useless(state: SearchState) -> SearchState:
-    """Return the state without causes, where all of them together lower no error on data left out.
+    """Return the state without causes if all of them together reduce no held-out error.
 
-    Each paid when it came; second thoughts, or other data left out since, may have taken that away.
+    Each cause reduced the error when it was accepted. Later changes of the model, or of the held-out data, may have
+    removed that gain.
     """
     if state.with_noise is not None or not state.causes:
         return state
@@ -171,7 +181,7 @@ def _reversed(state: SearchState) -> list[Doubt]:
 
 
 def _weightless(state: SearchState) -> list[Doubt]:
-    """Return a doubt for every degree of freedom that follows its commands faster than the record could show."""
+    """Return a doubt for each degree of freedom that responds to its commands faster than the record can show."""
     model, interval = state.fitted.model.base, state.problem.data_summary.interval
     found = []
     for i, dof in enumerate(model.form.dofs):
@@ -206,7 +216,7 @@ def _weightless(state: SearchState) -> list[Doubt]:
 
 
 def _by_interval(state: SearchState) -> list[Doubt]:
-    """Return a doubt where the answer changes with the interval between the samples judged."""
+    """Return a doubt if the result changes with the interval between judged samples."""
     search = None if state.noise_search is None else state.noise_search[1]
     if search is None or not search.interval:
         return []
@@ -221,7 +231,7 @@ def _by_interval(state: SearchState) -> list[Doubt]:
 
 
 def _relative_error(fitted: Fitted, *names: str) -> float:
-    """Return the standard error of the ratio of two numbers of the base over that ratio, of one where one is fitted."""
+    """Return the relative standard error of the ratio of two base parameters; a fixed parameter has no error."""
     covariance = fitted.covariance(correlation_of(fitted))
     at = [
         (fitted.free.index(n), sign / fitted.model.base[n])
@@ -236,8 +246,10 @@ def unfinished_report(
 ) -> Diagnosis:
     """Return the report of a stopped search: what was tried, what is left, and no cause.
 
-    A complete search may reject any cause that is likely so far, because of a rival tried later, a drifting force, or
-    whole runs. effort : the work used.
+    No cause is reported, because a complete search may still reject it. A rival, a drifting force, or the test on whole
+    runs may come later.
+
+    effort : the work used.
     """
     problem, base = state.problem, state.base if state.given is None else state.given
     search = None if state.noise_search is None else state.noise_search[1]
@@ -268,7 +280,7 @@ def unfinished_report(
 
 
 def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> Doubt:
-    """Return the doubt that states where a search was stopped, what was tried and what is left."""
+    """Return a doubt that states where a search was stopped, what was tried and what is left."""
     later = [s.removeprefix(NOT_BEGUN) for s in dict.fromkeys(state.cut) if s.startswith(NOT_BEGUN)]
     tried = list(dict.fromkeys(r.cause for r in ranking))
     at = "" if effort.stopped.startswith(NOT_BEGUN) else f" during: {effort.stopped}"
@@ -283,7 +295,10 @@ def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> D
 
 
 def _found_order(state: SearchState) -> list[EffectInstance]:
-    """Return the effects of the final model in the order found; second thoughts take the place of what they replace."""
+    """Return the effects of the final model in the order found.
+
+    An effect that replaced an earlier one takes its position.
+    """
     search: Search = state if state.with_noise is None else state.with_noise
     order: list[tuple[str, str]] = []
     for step in search.steps:
@@ -320,7 +335,7 @@ def _ranked(search: Search) -> tuple[Ranked, ...]:
 
 
 def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[Doubt]:
-    """Return a doubt for every cause of *order* that would explain the runs as well at another place.
+    """Return a doubt for each cause of *order* that explains the runs equally well at another place.
 
     Example: a heading in degrees, or a turn rate divided by 57.3. The runs show only that the two columns disagree.
     """
@@ -350,7 +365,7 @@ def _digits(effect: EffectInstance) -> str:
 
 
 def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdict: Verdict) -> str:
-    """Return the manoeuvre worth flying next."""
+    """Return the next manoeuvre to fly."""
     if alike:
         return EFFECTS[alike[0][0] if alike[0][0] in EFFECTS else VELOCITY_PRODUCT].separated_by
     if verdict in ("unexplained", "partly-explained"):

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.adequacy import Test, tests_of, whiteness_of
 from gcs_autotune.diagnose.result import Portrait, Signature
-from gcs_autotune.identify import Fitted, Problem, Residual, Trace, autocorrelation
+from gcs_autotune.identify import Trace
+from gcs_autotune.identify.problems import Fitted, Problem, Residual
+from gcs_autotune.identify.signals import autocorrelation
 from gcs_autotune.slow_imports import scipy_signal
 from gcs_autotune.sname import SIGNALS
 
@@ -28,7 +30,7 @@ LAGS = 60
 
 
 def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test]]:
-    """Return a description of the residuals, and the tests it rests on."""
+    """Return a description of the residuals, and the tests that support it."""
     tests = tests_of(problem, fitted)
     told = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
     lines: dict[str, None] = {}
@@ -124,7 +126,7 @@ def _against(problem: Problem, fitted: Fitted, name: str) -> Mapping[str, tuple[
 
 
 def _one_step(rests: Sequence[Residual]) -> tuple[Array, Array]:
-    """Return the one-step residual: how far each sample is from where the one before it was heading."""
+    """Return the times and the changes of the residual from one sample to the next, of the longest segment."""
     longest = max(rests, key=lambda r: len(r.t))
     steps: Array = np.diff(_left(longest))
     return longest.t[1:], steps

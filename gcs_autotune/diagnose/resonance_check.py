@@ -1,16 +1,17 @@
 """Decide whether an apparent wave is ringing of the craft itself, after its commands.
 
 A filter that predicts each sample treats any oscillation at one frequency as a wave. It leaves white noise, so tests of
-the residuals find nothing. The two are therefore compared as models of the same runs. The phase of a wave is
-unpredictable. The phase of a spring and mass excited by the command follows from the commands.
+the residuals find nothing. The two explanations are therefore compared as models of the same runs. The phase of a wave
+is unpredictable. The phase of a spring and mass excited by the command follows from the commands.
 
 The ringing model is the model without the wave, with two more forces: position and speed of the spring. It is first
-evaluated to first order in its parameters, which is enough in most cases. If it does not beat the wave there, the whole
-model is fitted: if the craft is as slow as its spring, its other parameters change a lot.
+evaluated to first order in its parameters, which is enough in most cases. If it is not clearly likelier than the wave,
+the whole model is fitted. A fit of the whole model is needed if the craft is as slow as its spring, because its other
+parameters then change a lot.
 
-Both use modified commands. The response to a small modification is a difference of two simulations. :func:`memories`
-uses them to test whether past commands show in the residuals. One test uses earlier commands (a linear system of higher
-order). Another uses the direction of the last change (up or down).
+Both steps modify the commands. The response to a small modification is a difference of two simulations.
+:func:`memories` uses such responses to test whether the residuals depend on past commands. One test uses earlier
+commands (a linear system of higher order). Another uses the direction of the last change (up or down).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from scipy.optimize import minimize
 from gcs_autotune.clock import check_effort
 from gcs_autotune.diagnose.score import ALIKE
 from gcs_autotune.effects import EffectResidual, ExtendedSimulator, Passage, rung
-from gcs_autotune.identify import Fitted, Problem, judged_by
+from gcs_autotune.identify.problems import Fitted, Problem, judged_by
 
 __all__ = ["memories", "resonance_checks"]
 
@@ -36,14 +37,14 @@ Array = NDArray[np.float64]
 Bend = Callable[[Array, Array], Array]
 
 LAGS = (1, 2, 4, 8, 16)
-"""Time shifts in samples of the run."""
+"""Delays of the command, in samples of the run, that are tested."""
 
 STEP = 1e-3
-"""Relative modification of the command, for difference quotients."""
+"""Relative modification of the command for difference quotients."""
 
 
 def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
-    """Yield a kind of memory (in words) and its effect on the residual: columns (n, k)."""
+    """Yield for each input a kind of memory (in words) and its effect on the residual: columns (n, k)."""
     sample = float(np.median([np.median(np.diff(s.passage.stamps)) for s in problem.segments]))
     for channel, pairs in fitted.form.inputs.items():
         if not pairs:
@@ -56,9 +57,9 @@ def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
 
 
 def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend]) -> Array | None:
-    """Return (n, k), the effect of a small modification of the command on the residual, relative to the noise levels.
+    """Return the effect (n, k) of small modifications of a command on the residual, relative to the noise levels.
 
-    None if the motion diverges.
+    Return None if the motion diverges.
     """
     check_effort()
     simulator = ExtendedSimulator(fitted.form, fitted.effects)
@@ -83,8 +84,10 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
 
 
 def dense(passage: Passage) -> Passage:
-    """Return the passage with its inputs at every sample instead of at changes only, because a modification changes
-    all."""
+    """Return the passage with its inputs at every sample.
+
+    A modified command changes at every sample, not only where the command itself changes.
+    """
     t = np.union1d(passage.t_in, passage.stamps)
     at = np.maximum(np.searchsorted(passage.t_in, t, side="right") - 1, 0)
     return replace(passage, t_in=t, commands={name: told[at] for name, told in passage.commands.items()})
@@ -98,7 +101,7 @@ def _ago(seconds: float) -> Bend:
 
 
 def _direction(command: Array) -> Array:
-    """Return (j,) +1 where the command last grew, -1 where it last shrank; +1 before any change."""
+    """Return the direction (j,) of the last change of a command: +1 up, -1 down, +1 before any change."""
     change = np.sign(np.diff(command, prepend=command[:1]))
     last = np.maximum.accumulate(np.where(change != 0.0, np.arange(len(command)), 0))
     found = change[last]
@@ -107,27 +110,32 @@ def _direction(command: Array) -> Array:
 
 WAVE = "wave-disturbance"
 NEAR = np.linspace(-0.45, 0.45, 13)
-"""Logarithms of the frequency of the spring over that of the wave; the craft around it shifts the peak."""
+"""Trial frequencies of the spring: logarithm of the ratio to the wave's frequency.
+
+A range is needed, because the craft shifts the spectral peak of the spring.
+"""
 DAMPING = (0.02, 0.08, 0.25)
 LEAST, MOST = 0.003, 0.6
-"""Damping ratios of a spring: those tried first, and the bounds."""
+"""Bounds of the damping ratio of a spring. DAMPING contains the values tried first."""
 NUMBERS = 4
 """Number of parameters of the ringing: frequency, damping and two gains."""
 AT, SPEED = "spring's place", "spring's speed"
-"""Names of the inputs a spring adds."""
+"""Names of the two inputs that a spring adds: its position and its speed."""
 FEW_NEAR, FEW_DAMPING = (-0.35, 0.0, 0.35, 0.7), (0.04, 0.15)
-"""NEAR and DAMPING for fits of the whole model. A filter that follows the spring underestimates its frequency."""
+"""Trial frequencies and damping ratios (as NEAR and DAMPING) for fits of the whole model.
+
+They extend to higher frequencies, because a filter that follows the spring underestimates its frequency.
+"""
 TRIALS = 20
 ROUNDS = 4
-"""Rounds of weighting the signals by their residuals."""
+"""Number of iterations in which the signals are weighted by their residuals."""
 
 
 def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, float]]:
-    """Yield, for every input of a model with a wave, a description and the likelihood ratio of wave over ringing, at
-    most 1.
+    """Yield, for every input of a model with a wave, a description and the likelihood ratio of wave over ringing.
 
-    The ratio includes Schwarz's cost for the numbers of the ringing. It is small if the commands predict the
-    oscillation better than a filter that follows it.
+    The ratio is at most 1 and includes Schwarz's cost for the parameters of the ringing. It is small if the commands
+    predict the oscillation better than a filter that follows it.
     """
     waves = [e for e in fitted.effects if e.slug == WAVE]
     if not waves:
@@ -148,7 +156,7 @@ def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, fl
 
 
 def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> float:
-    """Return the same as :func:`_gain` of a fit of craft and spring together."""
+    """Return the same as :func:`_gain`, from a joint fit of craft and spring."""
 
     def cost(p: Array) -> float:
         if abs(p[0]) > 2.0 * NEAR[-1] or not LEAST < math.exp(p[1]) < MOST:
@@ -173,9 +181,10 @@ def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> 
 
 
 def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: float) -> Fitted | None:
-    """Fit the craft with a spring of this frequency and damping, excited by *channel*; None if the motion diverges.
+    """Fit the craft together with a spring of this frequency and damping, excited by *channel*.
 
-    The spring's state at the start of a segment does not depend on commands and is fitted too.
+    The spring's state at the start of each segment does not depend on commands and is fitted too. Return None if the
+    motion diverges.
     """
     swings = [_swings(s.passage, channel, omega, zeta) for s in problem.segments]
     own = [AT, SPEED, *(f"{word} at the start of segment {i}" for i in range(len(swings)) for word in (AT, SPEED))]
@@ -195,7 +204,7 @@ def _sprung(problem: Problem, plain: Fitted, channel: str, omega: float, zeta: f
 
 
 def _swings(passage: Passage, channel: str, omega: float, zeta: float) -> tuple[Passage, list[Array], list[Array]]:
-    """Return a passage with enough samples, and the position and speed of the spring, both excited and free."""
+    """Return a passage with enough samples, and the spring's forced and free response (position and speed)."""
     passage = _finer(dense(passage), 0.5 / omega)
     command = passage.commands[channel]
     at, speed = rung(omega, zeta, passage.t_in, command)
@@ -207,7 +216,7 @@ def _swings(passage: Passage, channel: str, omega: float, zeta: float) -> tuple[
 
 
 def _finer(passage: Passage, longest: float) -> Passage:
-    """Return the passage with an input at least every *longest* [s]."""
+    """Return the passage with an input sample at least every *longest* [s]."""
     steps = np.diff(passage.t_in)
     counts = np.maximum(np.ceil(steps / longest).astype(int), 1)
     starts = np.repeat(passage.t_in[:-1], counts)
@@ -218,12 +227,12 @@ def _finer(passage: Passage, longest: float) -> Passage:
 
 
 def _midway(x: Array) -> Array:
-    """Return (n,) between each value and the next: what is held from one to the other is then right on average."""
+    """Return (n,) the mean of each value and the next, so that a zero-order hold is right on average."""
     return np.append(0.5 * (x[1:] + x[:-1]), x[-1:])
 
 
 def _gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> float:
-    """Return by how much a spring rung by *channel*, at its best, lowers minus twice the log-likelihood of *plain*."""
+    """Return the reduction of minus twice the log-likelihood by the best spring that *channel* excites."""
     starts = [np.array([a, math.log(z)]) for a in NEAR for z in DAMPING]
     table = bent_by(problem, plain, channel, [bend for p in starts for bend in _springs(omega, p)])
     if table is None:
@@ -248,7 +257,7 @@ def _gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> float:
 
 
 def _springs(omega: float, p: Array) -> list[Bend]:
-    """Return position and speed of a spring of frequency *omega* exp(p[0]) and damping ratio exp(p[1])."""
+    """Return position and speed of a spring with frequency *omega* exp(p[0]) and damping ratio exp(p[1])."""
 
     def bend(which: int) -> Bend:
         return lambda t, command: rung(omega * math.exp(p[0]), math.exp(p[1]), t, command)[which]
@@ -257,7 +266,7 @@ def _springs(omega: float, p: Array) -> list[Bend]:
 
 
 def _left(plain: Fitted, columns: Array) -> float:
-    """Return minus twice the log-likelihood with *columns* (n, k) added to the fit, up to a constant."""
+    """Return minus twice the log-likelihood, up to a constant, of the fit with *columns* (n, k) added."""
     signal = np.concatenate([np.full(int(np.isfinite(r.judged).sum()), r.signal) for r in plain.rests])
     error, X = plain.residual, np.column_stack([plain.jacobian, columns])
     size = np.linalg.norm(X, axis=0)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectCurve, EffectInstance, ExtendedModel
-from gcs_autotune.identify import Doubt, RunOffset, Trace
+from gcs_autotune.identify import Doubt, Trace
+from gcs_autotune.identify.kalman import RunOffset
 from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
 from gcs_autotune.rounding import format_number, format_value
@@ -47,14 +48,14 @@ Verdict = Literal[
 ]
 """Verdicts of a diagnosis.
 
-``wrong-numbers``: the given model is complete once its numbers are corrected. ``...-and-effect``: it is complete with
-corrected numbers and the causes found. ``partly-explained``: numbers or causes help on held-out data, but more than
-noise remains. ``unfinished``: the search was stopped and reports no cause.
+``wrong-numbers``: the given model is complete once its numbers are corrected. ``wrong-numbers-and-effect``: it is
+complete with corrected numbers and the identified causes. ``partly-explained``: corrected numbers or causes improve the
+prediction of held-out data, but more than noise remains. ``unfinished``: the search was stopped and reports no cause.
 """
 
 
 FELT = 0.95
-"""Ratio of held-out errors with and without a cause, below which a user notices the difference."""
+"""Ratio of held-out errors with and without a cause, below which a user notices the cause."""
 
 Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "no-model", "uncertain"]
 """What a hint lacks to be identified as a cause.
@@ -97,18 +98,20 @@ class ErrorReduction:
 
     @property
     def is_felt(self) -> bool:
-        """Whether the error is significantly below :data:`FELT` times its former value; by the ratio if no interval is
-        known."""
+        """Whether the error is significantly below :data:`FELT` times its former value.
+
+        If no interval is known, the ratio itself is compared.
+        """
         upper = self.ci95[1]
         return (self.ratio if math.isnan(upper) else upper) < FELT
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number of the given model compared with the runs; name, sign and unit as the owner has them.
+    """One number of the given model compared with the runs, with name, sign and unit of the owner's file.
 
     ``given``: the model's value. ``given_std``: its standard error if the model states one, else 0. ``value``: the
-    value from the runs, with ``std`` and 95 % interval. ``wrong``: whether they contradict each other. NaN: unknown.
+    value from the runs, with ``std`` and 95 % interval. ``wrong``: whether the two contradict each other. NaN: unknown.
     """
 
     name: str
@@ -125,7 +128,8 @@ class Number:
 
     @property
     def of_record(self) -> bool:
-        """Whether it belongs to a simulation's file (clock, sign, unit), where the right value is known exactly."""
+        """Whether the number describes a simulation's file (clock, sign, unit), where the right value is known
+        exactly."""
         return self.ci95[0] == self.ci95[1]
 
 
@@ -135,7 +139,7 @@ class Numbers:
 
     ``of``: numbers of a ``"model"``, or of the plain model fitted to a ``"simulation"`` and to the runs. ``gains``:
     held-out error of the model as given (``before``) and with corrected numbers (``after``), before any cause is added.
-    Empty if no number is wrong, or if the model as given diverges.
+    It is empty if no number is wrong, or if the model as given diverges.
     """
 
     of: Literal["model", "simulation"]
@@ -146,23 +150,24 @@ class Numbers:
 
     @property
     def wrong(self) -> tuple[Number, ...]:
-        """Those that are wrong."""
+        """The rows whose number is wrong."""
         return tuple(r for r in self.rows if r.wrong)
 
     @property
     def gain(self) -> ErrorReduction | None:
-        """The gain of the signal that gains most."""
+        """The gain of the signal with the largest error reduction."""
         return min(self.gains, key=lambda g: g.ratio, default=None)
 
 
 @dataclass(frozen=True, slots=True)
 class Ranked:
-    """One candidate compared with the base model, or with the model that has the earlier causes.
+    """One candidate compared with the base model and the causes found before it.
 
     ``gain``: relative reduction of the held-out error, all signals together (0.3: by 30 %). ``p_value``: corrected for
-    the number tried. ``evidence``: twice the log-likelihood gained, less the cost of its parameters. ``step``: 1 for
-    the first cause, 2 for the second, and so on. With process noise ``unseen`` is the log-likelihood gained on each
-    left-out part. ``ci90`` is the 90 % interval of their sum, half the ``evidence``.
+    the number of candidates tried. ``evidence``: twice the log-likelihood gained, less the cost of its parameters.
+    ``step``: 1 for the first cause, 2 for the second, and so on. With process noise, ``unseen`` is the log-likelihood
+    gained on each left-out part. ``ci90`` is the 90 % interval of the sum of these gains, which is half the
+    ``evidence``.
     """
 
     cause: str
@@ -178,7 +183,7 @@ class Ranked:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """An accepted effect, in the order found, and how to distinguish it from similar ones."""
+    """An accepted effect with its numbers and its gain."""
 
     effect: EffectInstance
     parameters: Mapping[str, Value]
@@ -196,19 +201,21 @@ class Cause:
 
     @property
     def is_structural(self) -> bool:
-        """Whether a first model of such a craft merely omits it. Otherwise the craft or the record has a fault."""
+        """Whether a first model of such a craft usually omits the effect. Otherwise it is a fault of the craft or the
+        record."""
         return self.effect.slug in EFFECTS and EFFECTS[self.effect.slug].is_structural
 
 
 @dataclass(frozen=True, slots=True)
 class Hint:
-    """A cause that the runs support too weakly to identify it.
+    """A possible cause that the runs support too weakly to identify it.
 
-    ``gained``: log-likelihood gained on the fitted runs. ``unseen``: gained on each left-out part, if measured;
-    ``held_out`` describes the parts. ``chance``: probability that noise makes some candidate look as strong, counting
-    all tried. ``lacks``: what it lacks. ``alike``: other hints that these runs do not distinguish from it. ``seconds``:
-    length of the runs. ``needed`` [s]: total length of the same manoeuvres that would make the evidence large enough.
-    ``separated_by``: the manoeuvre that decides.
+    ``gained``: log-likelihood gained on the fitted runs. ``unseen``: log-likelihood gained on each left-out part, if
+    measured. ``held_out`` describes the parts. ``chance``: probability that noise makes some candidate look as strong,
+    counting all tried. ``lacks``: the condition of a cause that it does not meet. ``alike``: other hints that these
+    runs do not distinguish from it. ``seconds``: length of the runs. ``needed`` [s]: total length of the same
+    manoeuvres that would make the evidence large enough. ``separated_by``: the manoeuvre that would confirm or reject
+    it.
     """
 
     cause: str
@@ -228,7 +235,7 @@ class Hint:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Description of the residuals: one finding per line, the strongest first, with the number it rests on."""
+    """Description of the residuals: one finding per line, the strongest first, with its test statistic."""
 
     findings: tuple[str, ...] = ()
     whiteness_p: float = math.nan
@@ -260,9 +267,9 @@ class Portrait:
 class MissingCurve:
     """The missing force (n,) over ``over`` with a 95 % band between runs.
 
-    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: fraction of its power about its mean
-    that the other runs' curve predicts. It is negative if that curve predicts less than their mean does. ``others``:
-    the data that predict it, the other ``runs`` or the other ``half`` of a single run.
+    ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: fraction of the force's power about
+    its mean that the other runs' curve predicts. It is negative if that curve predicts less than the other runs' mean
+    does. ``others``: the data used for this prediction, the other ``runs`` or the other ``half`` of a single run.
     """
 
     over: str
@@ -275,12 +282,12 @@ class MissingCurve:
 
     @property
     def predicted_by(self) -> str:
-        """Return what of the data predicts the share, in words."""
+        """Return which data predict the fraction ``share``, in words."""
         return "the other runs" if self.others == "runs" else "the other half of the run"
 
     @property
     def varies(self) -> bool:
-        """Whether no constant lies within the band everywhere; otherwise the force does not depend on the quantity."""
+        """Whether the force depends on the quantity: no constant lies within the band everywhere."""
         return bool(np.max(self.force - self.band) > np.min(self.force + self.band))
 
 
@@ -300,12 +307,13 @@ class Waves:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissingForce:
-    """The force or moment that the model lacks in one degree of freedom, without a cause.
+    """The force or moment that the model lacks in one degree of freedom and that no cause explains.
 
     ``size`` [unit]: its standard deviation. ``memory`` [s]: its time constant. ``share``: its size relative to the
-    commanded force (both rms). ``curves``: over related quantities, the most informative first. ``days``: offsets of
-    each run, empty if runs are alike. ``waves``: waves during the runs, or None. ``size95`` and ``memory95``: 95 %
-    intervals. ``longest`` [s]: the longest run. If the time constant may be longer, the force may be constant.
+    commanded force (both rms). ``curves``: the force over related quantities, the most informative first. ``days``:
+    offsets of each run, empty if runs are alike. ``waves``: waves during the runs, or None. ``size95`` and
+    ``memory95``: 95 % intervals. ``longest`` [s]: duration of the longest run. If the time constant may be longer than
+    that, the force may be constant.
     """
 
     dof: str
@@ -341,11 +349,14 @@ class MissingForce:
 class Diagnosis:
     """What the simulation gets wrong.
 
-    ``causes`` in the order found; ``ranking`` best first within each step; ``indistinguishable`` groups of slugs that
-    these runs do not distinguish, with ``next_manoeuvre`` that would. ``before`` and ``after`` hold one portrait per
-    signal. ``noise``: remaining level of each signal. ``tried``: candidates examined. ``gain`` and ``gains`` are those
-    of the causes alone. For a given model they are relative to the same model with fitted numbers, whose own gain is in
-    ``numbers`` (None if no model was given). ``base_model`` is the model as given.
+    ``causes`` are in the order found, ``ranking`` is best first within each step. ``indistinguishable``: groups of
+    slugs that these runs do not distinguish. ``next_manoeuvre``: the manoeuvre that would distinguish them. ``before``
+    and ``after`` contain one portrait per signal. ``noise``: remaining level of each signal. ``tried``: candidates
+    examined.
+
+    ``gain`` and ``gains`` are those of the causes alone. For a given model they are relative to the same model with
+    fitted numbers. The gain of fitting its numbers is in ``numbers`` (None if no model was given). ``base_model`` is
+    the model as given.
     """
 
     verdict: Verdict
@@ -371,7 +382,7 @@ class Diagnosis:
     doubts: tuple[Doubt, ...] = ()
     numbers: Numbers | None = None
     missing: MissingForce | None = None
-    """The remaining force, if the runs show one that drifts."""
+    """The remaining force, if the runs show one that varies slowly."""
     hints: tuple[Hint, ...] = ()
     """Causes supported too weakly to be identified, the likeliest first."""
 

@@ -1,7 +1,7 @@
 """Retry the search if it found nothing although much is unexplained.
 
-:func:`search_all_runs` searches all runs together if the separate runs show what the others do not.
-:func:`search_in_pieces` searches pieces of the runs if free runs diverge and no cause helps over whole runs.
+:func:`search_all_runs` searches all runs together if the fitted runs show no cause but do not predict the separate
+runs. :func:`search_in_pieces` searches pieces of the runs if free runs diverge and no cause helps over whole runs.
 """
 
 from __future__ import annotations
@@ -18,31 +18,33 @@ from gcs_autotune.diagnose.score import LUCK, SearchStep, is_material
 from gcs_autotune.diagnose.search_with_noise import NO_MODEL, model_process_noise, no_model_with_noise
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.diagnose.strategies import SEARCH, follow
-from gcs_autotune.identify import Doubt, Fitted, Segment, within_horizon
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.problems import Fitted
+from gcs_autotune.identify.signals import Segment, within_horizon
 from gcs_autotune.sname import DOFS
 
 __all__ = ["improves_prediction", "search_all_runs", "search_in_pieces"]
 
 PACES = 30.0
-"""Length of a piece in the base model's slowest time constants. Everything it can show then settles many times."""
+"""Length of a piece in the base model's slowest time constants. The motion settles many times within it."""
 
 FAR = 1.5
-"""Ratio of the error on other runs to the noise of the fitted runs, beyond which a model does not hold for them."""
+"""Ratio of the error on other runs to the noise of the fitted runs, above which a model does not predict them."""
 
 ANOTHER_CRAFT = 100.0
-"""Ratio of the base's first and present time constants, from which they count as different craft."""
+"""Ratio of the base model's first and present time constants, above which they describe different craft."""
 
 FEWEST_PIECES = 2
-"""Minimum number of pieces in the longest run for a retry."""
+"""Minimum number of pieces in the longest run for a search in pieces."""
 
 
 def search_in_pieces(state: SearchState) -> SearchState | None:
-    """Search pieces that start at the measured state; the causes must hold over whole runs.
+    """Search pieces of the runs that start at the measured state; the causes must also hold over whole runs.
 
-    On real water a free run diverges within minutes, whatever the model: gusts and eddies add up in the heading. If the
-    plain model diverges, every candidate does, and none seems to improve it. Cut into pieces, the same runs may show
-    causes. These are hypotheses. They are kept only if together they clearly improve the prediction of held-out pieces
-    and of whole runs.
+    On real water a free simulation diverges within minutes, whatever the model: gusts and eddies add up in the heading.
+    If the plain model diverges, every candidate does, and none seems to improve it. Cut into pieces, the same runs may
+    show causes. These are hypotheses. They are kept only if together they clearly improve the prediction of held-out
+    pieces and of whole runs.
     """
     question = state.question
     seconds = PACES * state.problem.data_summary.time_constant
@@ -76,7 +78,10 @@ def search_in_pieces(state: SearchState) -> SearchState | None:
 
 
 def search_all_runs(state: SearchState) -> SearchState | None:
-    """Search all runs together, leaving out parts in turn, if the separate runs show what the others do not."""
+    """Search all runs together, if the fitted runs alone show no cause but do not predict the separate runs.
+
+    Parts of all runs are left out in turn.
+    """
     question = state.question
     if not question.unseen or question.given is not None or not _contradicted(state):
         return None
@@ -94,7 +99,7 @@ def search_all_runs(state: SearchState) -> SearchState | None:
 
 
 def _is_another_craft(state: SearchState) -> bool:
-    """Whether the base differs so much from its first fit that a cause added to it is meaningless."""
+    """Return whether the base differs so much from its first fit that causes added to it mean nothing."""
     model, first = state.base.model.base, state.problem.data_summary.time_constant
     now = []
     for i, dof in enumerate(model.form.dofs):
@@ -105,16 +110,16 @@ def _is_another_craft(state: SearchState) -> bool:
 
 
 def _is_lost(state: SearchState) -> bool:
-    """Whether nothing was found although much is left."""
+    """Return whether no cause was found although the residuals are not white."""
     if state.fitted.effects != state.base.effects:
         return False
     return whiteness_of(tests_of(state.problem, state.fitted)) <= WHITE
 
 
 def _contradicted(state: SearchState) -> bool:
-    """Whether the fitted runs show no cause, while the separate runs are predicted far worse.
+    """Return whether the fitted runs show no cause, but their model predicts the separate runs far worse.
 
-    The fitted runs show no cause if their residuals are noise, or if only causes explain them that do not predict other
+    The fitted runs show no cause if their residuals are noise, or if all causes that explain them predict no other
     runs.
     """
     if state.fitted.effects or not state.base_unseen.complete:
@@ -126,16 +131,16 @@ def _contradicted(state: SearchState) -> bool:
 
 
 def _refuted(step: SearchStep[Fitted]) -> bool:
-    """Return whether some candidate clearly improves the fit of the fitted runs but no prediction of held-out runs.
+    """Return whether some candidate clearly improves the fit, but none improves the prediction of held-out runs.
 
-    Runs with one size of command each do not predict the next size. Only together they identify the law.
+    If each run has commands of one size, no run predicts a run of another size. Only together do they identify the law.
     """
     paying = [j for j in step.judged if j.evidence > 0.0 and j.gained > j.needed]
     return bool(paying) and not any(is_material(j) and j.p < LUCK for j in paying)
 
 
 def _surely_gains(state: SearchState) -> bool:
-    """Whether all causes together significantly lower the held-out error of some signal.
+    """Return whether all causes together significantly lower the held-out error of some signal.
 
     Each cause did so when it was accepted. Gains of causes that were replaced later do not count.
     """
@@ -143,7 +148,7 @@ def _surely_gains(state: SearchState) -> bool:
 
 
 def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:
-    """Whether the causes also lower the error over *whole* runs, all signals together."""
+    """Return whether the causes also lower the error over *whole* runs, all signals together."""
     before, after = (_error(state, fitted, whole) for fitted in (state.base, state.fitted))
     if after is None:
         return False
@@ -154,7 +159,7 @@ def _holds_over(state: SearchState, whole: Sequence[Segment]) -> bool:
 
 
 def improves_prediction(state: SearchState, whole: Sequence[Segment]) -> bool:
-    """Whether the residuals over *whole* runs are at most :data:`FAR` times the noise of the pieces."""
+    """Return whether the errors over *whole* runs are at most :data:`FAR` times the noise of the pieces."""
     errors = _error(state, state.fitted, whole)
     return errors is not None and all(errors[n] <= FAR * level for n, level in state.fitted.levels.items())
 

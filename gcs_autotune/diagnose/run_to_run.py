@@ -1,4 +1,4 @@
-"""Differences between runs with process noise modelled: the constant force and the thrust of each."""
+"""Differences between runs with process noise modelled: constant force and thrust of each run."""
 
 from __future__ import annotations
 
@@ -6,47 +6,40 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from gcs_autotune.diagnose.score import WORTH
-from gcs_autotune.identify import (
-    Doubt,
-    NoisyFit,
-    NoisyProblem,
-    ProcessNoise,
-    RunLikelihood,
-    RunOffset,
-    common_gain,
-    spread_between,
-)
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, ProcessNoise, RunLikelihoods, RunOffset
 
 __all__ = ["alike_in", "days_of", "differing", "doubt_of_days"]
 
 FEWEST_RUNS = 3
-"""Minimum number of runs to estimate a scatter; with fewer no difference is assumed."""
+"""Minimum number of runs to estimate differences between them; with fewer, none is assumed."""
 
 OF_THE_DRIFT = 0.25
-"""Smallest spread of a run's constant force, relative to the drifting force.
+"""Smallest spread of the constant force between runs, relative to the drifting force.
 
-Gusts come with a mean wind, and three or four runs are too often alike by chance to estimate the scatter from them.
+Gusts come with a mean wind. Three or four runs are too often alike by chance to estimate a smaller spread.
 """
 
 THRUST_AT_FIRST, FORCE_AT_FIRST = 0.05, 0.1
-"""Starting spread of thrust, and of constant force relative to the largest command, for a fit with differences between
-runs.
+"""Start values of a fit with differences between runs.
 
-Without these differences the constant force of a run goes into the drifting force and makes it slow.
+THRUST_AT_FIRST: relative spread of thrust. FORCE_AT_FIRST: spread of the constant force, relative to the largest
+command. Without these differences, a run's constant force is attributed to the drifting force, whose time constant is
+then overestimated.
 """
 
 
 def alike_in(noise: ProcessNoise, runs: int) -> ProcessNoise:
-    """Return the noise with the smallest differences between *runs* that ever occur."""
+    """Return the noise with the smallest spread of constant force between *runs*, and none of thrust."""
     least = OF_THE_DRIFT * noise.size if runs >= FEWEST_RUNS else 0.0
     return replace(noise, day_force=least, day_thrust=0.0)
 
 
 def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
-    """Return *fit* again with a suitable spread of force and thrust between runs.
+    """Refit *fit* with a suitable spread of force and thrust between runs.
 
     The spread of thrust is zero, and that of force is the smallest, unless a larger one improves the likelihood by
-    three nats. The common part is left free, because a bias of every run is not a difference between them.
+    three nats. The common part is left free, because a bias of all runs is not a difference between them.
     """
     if problem.runs < FEWEST_RUNS:
         return fit
@@ -60,10 +53,10 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     if says is None or told is None or other is None:
         return none
     least = OF_THE_DRIFT * other.noise.size
-    best, sizes = says[1] + common_gain(says[0], none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
+    best, sizes = says[1] + says[0].gain(none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
     for force, thrust in ((True, False), (False, True), (True, True)):
-        found = spread_between(told[0], least, full, force=force, thrust=thrust)
-        likelier = told[1] + common_gain(told[0], *found) - WORTH * (force and thrust)
+        found = told[0].spread(least, full, force=force, thrust=thrust)
+        likelier = told[1] + told[0].gain(*found) - WORTH * (force and thrust)
         if likelier > best:
             best, sizes = likelier, found
     if not any(sizes):
@@ -72,7 +65,7 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     return end if end is not None and end.total > none.total + WORTH else none
 
 
-def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunLikelihood, ...], float] | None:
+def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[RunLikelihoods, float] | None:
     """Return the likelihood of each run's offsets at *fit*, and the log-likelihood without them."""
     says = problem.says(fit)
     bare = problem.fit(
@@ -84,7 +77,7 @@ def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[tuple[RunLikelihood, ..
 # -- for the report
 
 SURE = 3.0
-"""Standard deviations from which a run's own offset is reported; four runs have eight such numbers."""
+"""Standard deviations above which a run's own offset is reported; four runs have eight such offsets."""
 
 SIDES: Mapping[str, tuple[str, str]] = {
     "surge": ("ahead", "astern"),
@@ -94,18 +87,18 @@ SIDES: Mapping[str, tuple[str, str]] = {
     "pitch": ("bow up", "bow down"),
     "yaw": ("to starboard", "to port"),
 }
-"""Directions of a positive and a negative force for each degree of freedom."""
+"""Direction words for a positive and a negative force in each degree of freedom."""
 
 
 def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:
-    """Return the offsets of each run, forces times *inertia*; empty if runs are alike."""
+    """Return the offsets of each run, with forces multiplied by *inertia*; empty if runs are alike."""
     says = problem.says(fit) if fit.noise.differs else None
-    found = [one.day(fit.noise.day_force, fit.noise.day_thrust) for one in says or ()]
+    found = () if says is None else says.offsets(fit.noise.day_force, fit.noise.day_thrust)
     return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in found)
 
 
 def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]:
-    """Return the doubt that the runs differ, with each run's own bias and gain; empty if they agree."""
+    """Return a doubt that states each run's own bias and gain; empty if the runs agree."""
     unit = "of full output" if unit == "1" else unit
     told = [f"{d.run}: {' and '.join(own)}" for d in days if (own := _own(dof, unit, d))]
     if not told:

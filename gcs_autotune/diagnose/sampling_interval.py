@@ -1,9 +1,9 @@
-"""Choose the interval between judged samples by evidence, if the plain model with process noise is not usable.
+"""Choose the interval between judged samples, if the plain model with process noise is not usable.
 
-At short intervals a fit follows what the craft model omits: the autopilot's smoother and the thrusters' lag. It may
-then have a time constant below the sampling interval, a drifting force as large as the commands, and a hydrodynamic
-term of the wrong sign. At long intervals the craft's own motion is lost. At intervals in between the result does not
-depend on the interval. The runs are judged there.
+At short intervals a fit follows what the craft model omits: the autopilot's smoother and the thrusters' lag. Its time
+constant may then be below the sampling interval, and its drifting force as large as the commands. A hydrodynamic term
+may have the wrong sign. At long intervals the craft's own motion is lost. Between them is a range in which the result
+does not depend on the interval. The runs are judged at an interval in that range.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.diagnose.candidates import candidates
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify import Limits, NoisyFit, NoisyProblem
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem
+from gcs_autotune.identify.problems import Limits
 
 __all__ = [
     "Look",
@@ -35,47 +36,47 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Plain = tuple[NoisyProblem, NoisyFit]
-"""The runs at some interval, and the plain model fitted there."""
+"""The runs thinned to some interval, and the plain model fitted there."""
 
 OF_THE_COMMAND = 1.0
-"""Ratio of the drifting force to the commanded force (both rms) from which it counts as larger than the commands."""
+"""Ratio of the drifting force to the commanded force (both rms) above which a fit is not a model of the craft."""
 
 FEWEST = 60
-"""Minimum number of samples in the longest run."""
+"""Minimum number of samples that the longest run keeps."""
 
 GROWTH = 1.6
 """Ratio of successive intervals tried."""
 
 WIDER = (2.0, 4.0)
-"""Intervals, relative to the one used, at which the plain model must give the same result."""
+"""Factors on the present interval, at which the plain model must give the same result."""
 
 APART, ALIKE = 3.0, 0.25
-"""Standard errors, or relative difference, within which two intervals give the same number.
+"""Limits within which two intervals give the same number: APART standard errors, or the relative difference ALIKE.
 
 The relative limit is needed because standard errors apply to one interval, not to the model.
 """
 
 BETTER = 0.9
-"""Ratio of errors ahead below which another interval is used instead."""
+"""Ratio of prediction errors ahead, below which another interval replaces the original one."""
 
 LEGS = 2.0
-"""Horizon of compared predictions, in correlation times of the commands."""
+"""Minimum horizon of compared predictions, in correlation times of the commands."""
 
 NICE = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-"""Horizons [s] in round numbers."""
+"""Rounded values [s] of the prediction horizon."""
 
 NEAREST, ROUGH = 3, 3
-"""Number of terms fitted until they converge at each interval, and scoring rounds of the others."""
+"""NEAREST: number of terms fitted to convergence at each interval. ROUGH: scoring iterations of rough fits."""
 
 OTHER_CRAFT = 2.0
-"""Ratio of two time constants from which a refit to fewer runs counts as another craft."""
+"""Ratio of two time constants from which a refit to fewer runs is considered a different craft."""
 
 PACES, PACED = 2.0, 6
-"""Ratio of the time constants tried for such a refit, and scoring rounds at each."""
+"""Grid for such a refit: ratio of successive time constants, and scoring iterations at each."""
 
 
 def commanded(problem: NoisyProblem) -> float:
-    """Return the rms force of the command that drives the equation, in the unit of the inputs, over all records."""
+    """Return the rms of the command in the equation over all records, in the unit of the inputs."""
     total, weight = 0.0, 0.0
     for segment in problem.segments:
         force = _command_of(problem, segment.input_names, segment.inputs)
@@ -93,10 +94,10 @@ def _command_of(problem: NoisyProblem, names: Sequence[str], inputs: Array) -> A
 
 
 def stands(problem: NoisyProblem, fit: NoisyFit) -> bool:
-    """Whether a fit is a model of the craft, so that causes may be added to it.
+    """Return whether a fit is a model of the craft, so that causes may be added to it.
 
-    It is not if its time constant is below the record's sampling interval. It is not if the drifting force is nearly as
-    large as the commanded force.
+    The time constant must not be below the record's sampling interval. The drifting force must be smaller than the
+    commanded force.
     """
     gain, damping = abs(float(fit.theta[0])), abs(float(fit.theta[1]))
     if damping * problem.data_summary.interval > 1.0:
@@ -105,10 +106,10 @@ def stands(problem: NoisyProblem, fit: NoisyFit) -> bool:
 
 
 def prediction_horizon(problem: NoisyProblem, fit: NoisyFit) -> float | None:
-    """Return the horizon [s] at which predictions are compared; None if the runs are too short.
+    """Return the horizon [s] at which predictions are compared; return None if the runs are too short.
 
     It is three time constants of the craft, and at least two correlation times of the commands. The second limit
-    matters if a fit has far too small a time constant.
+    matters if the fitted time constant is far too small.
     """
     times = []
     for segment in problem.segments:
@@ -128,24 +129,24 @@ def prediction_horizon(problem: NoisyProblem, fit: NoisyFit) -> float | None:
 
 
 def horizons(problem: NoisyProblem, fit: NoisyFit) -> tuple[float, ...]:
-    """Return the horizons [s] at which a cause must lower the error: :func:`prediction_horizon`, or one time constant.
+    """Return the horizons [s] at which a cause may lower the error: :func:`prediction_horizon` and one time constant.
 
-    Effects that act at once (saturation, backlash) show within the first time constant. Later the drifting force hides
-    them.
+    Effects that act at once (saturation, backlash) are visible within the first time constant. Later the drifting force
+    hides them.
     """
     found = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(float(fit.theta[1])), 1e-3)))
     return tuple(dict.fromkeys(s for s in found if s is not None))
 
 
 def _nearest(problem: NoisyProblem, goal: float) -> float | None:
-    """Return the round number of seconds nearest to *goal* [s] that these runs can show, if any."""
+    """Return the rounded horizon [s] nearest to *goal* [s] that these runs permit; return None if there is none."""
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
     usable = [s for s in NICE if 3.0 * problem.interval < s < longest / 4.0]
     return min(usable, key=lambda s: abs(math.log(s / goal)), default=None)
 
 
 def rms_ahead(problem: NoisyProblem, fit: NoisyFit, seconds: float) -> float:
-    """Return the rms error *seconds* [s] ahead of samples throughout the records, inf if the model diverges."""
+    """Return the rms error of predictions *seconds* [s] ahead, over the whole records; inf if the model diverges."""
     errors = problem.ahead(fit, seconds)
     return float(np.sqrt(np.mean(errors**2))) if len(errors) and np.all(np.isfinite(errors)) else math.inf
 
@@ -154,7 +155,7 @@ def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float |
     """Refit *fit*, made on more runs, to those of *problem*; return None if the filter diverges.
 
     The likelihood is that of the next sample. With fewer runs it may prefer a time constant below the sampling
-    interval, with a drifting force that follows each sample. The error *seconds* [s] ahead shows this. If the time
+    interval, with a drifting force that follows each sample. The error *seconds* [s] ahead reveals this. If the time
     constant changes, several are tried. The fit with the smallest error ahead on the runs of *problem* is returned.
     """
     again = problem.fit(fit.theta, fit.effects, fit.noise, rounds=rounds)
@@ -177,7 +178,7 @@ def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float |
 
 
 def _at_pace(problem: NoisyProblem, fit: NoisyFit, damping: float) -> NoisyFit | None:
-    """Return the likeliest refit with that *damping* [1/s]."""
+    """Return the likeliest refit with the damping fixed at *damping* [1/s]."""
     name = problem.form.free[1]
     limits = Limits({**problem.limits.low, name: damping}, {**problem.limits.high, name: damping})
     held = NoisyProblem(problem.form, problem.segments, problem.data_summary, limits)
@@ -189,10 +190,11 @@ def _at_pace(problem: NoisyProblem, fit: NoisyFit, damping: float) -> NoisyFit |
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """The runs judged at one interval: the plain model, and the model with the hydrodynamic term that predicts best.
+    """The runs judged at one interval, with the plain model and the best model.
 
-    ``best``: the plain model if no term helps. ``error``: its rms error ahead. The likelihood is that of the next
-    sample, and may prefer a model that fails some seconds ahead.
+    ``best``: the model with the hydrodynamic term that predicts best; the plain model if no term helps. ``error``: its
+    rms error ahead. The likelihood is not used for this choice, because it is that of the next sample. It may prefer a
+    model that predicts badly some seconds ahead.
     """
 
     problem: NoisyProblem
@@ -206,13 +208,13 @@ class Look:
         return stands(self.problem, self.best)
 
     def agrees(self, other: Look) -> bool:
-        """Whether both give the same result: the same term and equal numbers."""
+        """Return whether two intervals give the same result: the same term and equal numbers."""
         mine, theirs = _numbers(self.best), _numbers(other.best)
         return mine.keys() == theirs.keys() and all(_alike(*mine[n], *theirs[n]) for n in mine)
 
 
 def _numbers(fit: NoisyFit) -> dict[str, tuple[float, float]]:
-    """Return name -> value, standard error."""
+    """Return name -> (value, standard error) of all fitted numbers."""
     std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     values = [*fit.theta.tolist(), *(fit.effects[i].values[n] for i, n in fit.free_effects)]
     names = [*fit.form.free, *(f"{fit.effects[i].slug} {fit.effects[i].place} {n}" for i, n in fit.free_effects)]
@@ -229,14 +231,17 @@ def judged_at(
 ) -> tuple[Plain, NoisyFit | None, str]:
     """Choose the interval at which the runs are judged.
 
-    Return the runs at that interval, the plain model there, the best model with one more term if that was tried, and a
-    description if the interval matters. begun : the interval where the search would judge. It is kept if its plain
-    model is one of the craft and gives the same result at longer intervals. Otherwise intervals are tried from the
-    longest down.
+    Return the runs at that interval and the plain model there. Also return the best model with one more term, if that
+    was tried, and a description if the interval matters.
+
+    begun : the runs at the interval of the search so far. It is kept if its plain model is a model of the craft and
+    gives the same result at longer intervals. Otherwise intervals are tried from the longest down.
 
     A stretch of two or more intervals qualifies if the same model holds there. It may have at most one hydrodynamic
     term of *slugs*, which must gain *price* in log-likelihood. The shortest of these intervals is taken if its error
-    ahead is below that of the best model at the original one. at : the runs and the plain model at an interval [s].
+    ahead is below that of the best model at the original interval.
+
+    at : function that returns the runs and the plain model at an interval [s].
     """
     problem, plain = begun
     longest = max(float(s.stamps[-1]) - s.start for s in problem.segments)
@@ -281,7 +286,10 @@ def _moved(first: Look, found: Look, seconds: float) -> str:
 def _closest(
     begun: Plain, at: Callable[[float], Plain | None], slugs: Sequence[str], price: float, seconds: float, widest: float
 ) -> Look | None:
-    """Return the closest look of the first stretch, from the widest interval down, at which one answer stands."""
+    """Return the result at the shortest interval of a stretch of intervals that give the same result.
+
+    The first such stretch counts, from the widest interval down. Return None if there is none.
+    """
     intervals = [begun[0].interval * GROWTH]
     while intervals[-1] * GROWTH <= 1.001 * widest:
         intervals.append(intervals[-1] * GROWTH)
@@ -303,7 +311,10 @@ def _closest(
 
 
 def _look(problem: NoisyProblem, plain: NoisyFit, slugs: Sequence[str], price: float, seconds: float) -> Look:
-    """Return the model with at most one hydrodynamic term that predicts best, of those that stand and gain *price*."""
+    """Return the model with at most one hydrodynamic term that predicts best.
+
+    Only terms that gain *price* and leave a model of the craft are considered.
+    """
     tangent = problem.tangent(plain)
     rough: list[NoisyFit] = []
     terms = [s for s in slugs if EFFECTS[s].family == "hydrodynamics" and EFFECTS[s].is_structural]
@@ -326,7 +337,7 @@ def _look(problem: NoisyProblem, plain: NoisyFit, slugs: Sequence[str], price: f
 
 
 def changes_at(problem: NoisyProblem, fit: NoisyFit, other: NoisyProblem) -> list[str]:
-    """Return, in words, the numbers of causes in *fit* that differ if runs are judged as in *other*."""
+    """Return, in words, the numbers of causes in *fit* that differ when fitted at the interval of *other*."""
     again = other.fit(fit.theta, fit.effects, fit.noise)
     if again is None:
         return []

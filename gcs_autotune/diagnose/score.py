@@ -14,7 +14,8 @@ from gcs_autotune import chi_square
 from gcs_autotune.diagnose.heldout import HeldOut, rms_of
 from gcs_autotune.diagnose.result import Lack
 from gcs_autotune.effects import EFFECTS, INPUT, DataSummary, EffectInstance, columns_of
-from gcs_autotune.identify import Fitted, NoisyFit
+from gcs_autotune.identify.kalman import NoisyFit
+from gcs_autotune.identify.problems import Fitted
 
 __all__ = [
     "ALIKE",
@@ -50,22 +51,22 @@ FitT = TypeVar("FitT", bound=Fitted | NoisyFit)
 
 
 SIGNIFICANCE = 0.005
-"""Probability of any false finding on data that the base model explains."""
+"""Probability of reporting any cause although the base model explains the data."""
 
 MATERIAL = 0.02
 """Relative reduction of the held-out error of one signal that a cause must reach to be reported."""
 
 LUCK = 0.05
-"""Probability that a held-out gain is luck, above which it is rejected. It counts all candidates tried."""
+"""Largest accepted probability that a held-out gain is luck, counting all candidates tried."""
 
 HALF = 0.5
-"""Fraction of a cause's evidence that a simpler law of the same cause needs to be reported in its place.
+"""Fraction of a cause's evidence from which a simpler law of the same cause is reported in its place.
 
-The evidence for one law over the other differs by tens of nats on real water, and its sign changes between runs.
+On real water the evidence for one law over the other differs by tens of nats, and its sign changes between runs.
 """
 
 ALIKE = 6.0
-"""Difference of twice the log-likelihood, less the cost of parameters, within which two causes are not distinguished.
+"""Difference of twice the log-likelihood, less the cost of parameters, below which two causes are not distinguished.
 
 It corresponds to odds of twenty to one.
 """
@@ -75,28 +76,29 @@ WORTH = 3.0
 """Held-out log-likelihood that a cause must gain: odds of twenty to one."""
 
 AMPLE = 10.0
-"""Held-out log-likelihood gain that needs no interval, if each of three parts contributes to it."""
+"""Held-out log-likelihood gain from which its interval is not considered, if each of three parts contributes."""
 
 FAR_MORE = 3.0
-"""Multiple of the required gain that a cause needs on held-out data if its gain on the fitted runs is too small.
+"""Multiple of the required gain that the held-out gain must reach if the gain on the fitted runs is too small.
 
 With a multiple of 1, asymmetric thrust was reported of a fault-free craft (process noise, seed 75 case 11). It gained
-5.6 of the required 6.4, and 12.5 on held-out data.
+5.6 of the required 6.4 on the fitted runs, and 12.5 on held-out data.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateScore(Generic[FitT]):
-    """A fitted candidate and what supports it, from either scorer; ``lacks``: why it must not be accepted.
+    """A fitted candidate and the evidence for it, from either scorer.
 
-    On the fitted runs ``gained`` is the log-likelihood over the model before it; correlated samples count once.
-    ``needed`` is what its ``numbers`` gain by chance, counting all candidates tried. On held-out data ``gain`` is the
-    relative reduction of the error, and ``p`` the probability that it is luck. ``evidence`` is twice a log-likelihood.
-    By least squares it is that of the fitted runs less the cost of the numbers. With process noise it is that of
-    held-out data.
+    ``lacks``: why it must not be accepted. On the fitted runs, ``gained`` is the log-likelihood over the model before
+    it; correlated samples count once. ``needed`` is what its ``numbers`` gain by chance, counting all candidates tried.
+    On held-out data, ``gain`` is the relative reduction of the error, and ``p`` the probability that it is luck.
 
-    By least squares ``unseen`` are the held-out residuals. With process noise ``parts`` (k,) are the log-likelihoods
-    gained on each part and ``interval`` is the 90 % interval of their sum. ``ahead`` is the error some seconds ahead,
+    ``evidence`` is twice a log-likelihood gain. By least squares it is that of the fitted runs less the cost of the
+    numbers. With process noise it is that of held-out data.
+
+    By least squares, ``unseen`` are the held-out residuals. With process noise, ``parts`` (k,) are the log-likelihoods
+    gained on each part, and ``interval`` is the 90 % interval of their sum. ``ahead`` is the error some seconds ahead,
     relative to the model before it (1: not calculated). ``unsound`` states in words why the fit is not a model of the
     craft.
     """
@@ -134,7 +136,8 @@ class CandidateScore(Generic[FitT]):
     def holds(self) -> bool:
         """Whether the held-out gain is significant and every part gains.
 
-        With three parts or more, one part may lose if the others gain clearly more. An ample gain is significant.
+        With three parts or more, one part may lose if the others gain clearly more. An ample gain counts as
+        significant.
         """
         if self.interval[0] < 0.0 and not self.is_ample:
             return False
@@ -160,18 +163,20 @@ class SearchStep(Generic[FitT]):
 
 
 def key_of(effect: EffectInstance) -> tuple[str, str]:
-    """Return what identifies an effect in a model: its slug and place."""
+    """Return the key of an effect in a model: its slug and place."""
     return effect.slug, effect.place
 
 
 def needed_of(more: int, tried: int) -> float:
-    """Return the log-likelihood that this many more numbers gain by chance in the best of all *tried*."""
+    """Return the log-likelihood that *more* additional numbers gain by chance in the best of *tried* candidates."""
     return 0.5 * chi_square.threshold(SIGNIFICANCE / max(tried, 1), max(more, 1))
 
 
 def lasts(effect: EffectInstance, data: DataSummary) -> float:
-    """Return the shortest time [s] among an effect's numbers. A rate is converted to the time to the largest
-    command."""
+    """Return the shortest time [s] among an effect's numbers.
+
+    A rate limit is converted to the time to the largest command.
+    """
     times = [math.inf]
     for q in EFFECTS[effect.slug].parameters:
         value = abs(effect.values.get(q.name, math.inf))
@@ -184,9 +189,9 @@ def lasts(effect: EffectInstance, data: DataSummary) -> float:
 
 
 def lack_by_error(one: CandidateScore[Fitted], *, brief: bool = False) -> Lack | None:
-    """Return why a candidate must not be accepted, by its held-out error; None if it may.
+    """Return why a candidate must not be accepted, judged by its held-out error; return None if it may.
 
-    brief : see :data:`.Lack`.
+    brief : whether the effect is too fast for these runs, see :data:`.Lack`.
     """
     if one.evidence <= 0.0 or not one.gained > one.needed:
         return "weak"
@@ -198,10 +203,12 @@ def lack_by_error(one: CandidateScore[Fitted], *, brief: bool = False) -> Lack |
 
 
 def lack_by_parts(one: CandidateScore[NoisyFit], *, brief: bool = False, uncertain: bool = False) -> Lack | None:
-    """Return why a candidate must not be accepted, by the log-likelihood gained on each left-out part; None if it may.
+    """Return why a candidate must not be accepted, judged by its gain on each left-out part; return None if it may.
 
     It must gain what is needed on the fitted runs. A far larger held-out gain also suffices, because the plain model
-    itself may have diverged. brief, uncertain : see :data:`.Lack`.
+    itself may have diverged.
+
+    brief, uncertain : see :data:`.Lack`.
     """
     if uncertain:
         return "uncertain"
@@ -215,12 +222,15 @@ def lack_by_parts(one: CandidateScore[NoisyFit], *, brief: bool = False, uncerta
 
 
 def bic_penalty(fitted: Fitted, present: Fitted) -> float:
-    """Return the cost of the additional parameters (Schwarz); the effect itself counts as one more."""
+    """Return the cost of the additional parameters (Schwarz's criterion)."""
     return further(fitted, present) * math.log(fitted.samples)
 
 
 def winner_of(scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
-    """Return the likeliest candidate that lacks nothing. A disturbance wins only if no cause predicts better."""
+    """Return the likeliest candidate that may be accepted.
+
+    A disturbance is returned only if no cause predicts better.
+    """
     paying = [j for j in scores if j.lacks is None]
     if not paying:
         return None
@@ -239,38 +249,45 @@ def plainest(winner: CandidateScore[FitT], paying: Sequence[CandidateScore[FitT]
 
 
 def is_form_of(other: EffectInstance, plainer: EffectInstance) -> bool:
-    """Whether *other* is the same cause as *plainer*, by a law that applies less often."""
+    """Return whether *other* is the same cause as *plainer*, with a more special law."""
     return plainer.slug in EFFECTS[other.slug].form_of and plainer.place == other.place
 
 
 def _outdone(one: CandidateScore[Fitted], paying: Sequence[CandidateScore[Fitted]]) -> bool:
-    """Whether *one* is a slip of the pen, and another cause leaves less: a slip that happened accounts for all."""
+    """Return whether *one* is a data error, and another candidate predicts and fits better.
+
+    A real data error would be the best explanation.
+    """
     if EFFECTS[one.effect.slug].family != "data errors":
         return False
     return any(other.gain > one.gain and other.fit.cost < one.fit.cost for other in paying)
 
 
 def is_material(one: CandidateScore[Fitted]) -> bool:
-    """Whether a held-out gain is large enough to report. All signals count, but a gain in one is enough."""
+    """Return whether a held-out gain is large enough to report.
+
+    All signals are considered together, but a gain in one is enough.
+    """
     return one.gain > 0.0 and -len(one.fit.levels) * math.log1p(-min(one.gain, 0.999)) > MATERIAL
 
 
 def is_needed(likelihood: float, fitted: Fitted, present: Fitted, tried: int) -> bool:
-    """Whether twice a log-likelihood exceeds what these numbers gain by chance, counting all candidates tried."""
+    """Return whether twice a log-likelihood exceeds what the additional numbers gain by chance, in the best of
+    *tried*."""
     return 0.5 * likelihood > needed_of(further(fitted, present), tried)
 
 
 def further(fitted: Fitted, present: Fitted) -> int:
-    """Return how many numbers *fitted* has more than *present*, including those learnt from the residuals."""
+    """Return how many more numbers *fitted* has than *present*, including those estimated from the residuals."""
     return fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)
 
 
 HALF_WIDTH = 1.96
-"""Standard errors to either end of a 95 % interval."""
+"""Half-width of a 95 % interval in standard errors."""
 
 
 def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:
-    """Whether the 95 % intervals of an effect's numbers include the case of no effect.
+    """Return whether the 95 % intervals of an effect's numbers include the case of no effect.
 
     std : standard errors of the fitted numbers. A standard error that is not finite means that the number is unknown.
     """
@@ -282,7 +299,10 @@ def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:
 
 
 def alike_of(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT]]:
-    """Return the candidates that the evidence does not distinguish from the best, the more common cause first."""
+    """Return the candidates that the evidence does not distinguish from the best.
+
+    The more common cause comes first.
+    """
     ranked = sorted(scores, key=lambda j: -j.evidence)
     alike = [j for j in ranked if ranked[0].evidence - j.evidence < ALIKE]
     slugs = {j.effect.slug for j in alike}
@@ -290,7 +310,7 @@ def alike_of(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT
 
 
 def ordered(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT]]:
-    """Return candidates by evidence. Those not distinguished from the best are ordered by how common the cause is."""
+    """Return candidates by evidence; those not distinguished from the best are ordered by how common the cause is."""
     alike = alike_of(scores)
     rest = sorted(scores, key=lambda j: -j.evidence)[len(alike) :]
     return [*alike, *rest]
@@ -304,5 +324,5 @@ def error_ratio(before: HeldOut, after: HeldOut) -> float:
 
 
 def _learnt(fitted: Fitted) -> int:
-    """Return how many numbers were learnt from the residuals."""
+    """Return the number of parameters that disturbances estimated from the residuals."""
     return sum(len(e.values) for e in fitted.effects if EFFECTS[e.slug].is_disturbance)

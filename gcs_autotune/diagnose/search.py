@@ -16,9 +16,10 @@ AttemptT = TypeVar("AttemptT")
 
 
 class Scorer(Protocol[AttemptT, FitT]):
-    """Fit candidates added to the model ``present``, and score them on the fitted runs and on held-out data.
+    """Interface of a scorer: fit candidates added to the model ``present``, then score them.
 
-    There are two scorers: :class:`.LeastSquares`, and :class:`.WithProcessNoise` with a drifting force in the model.
+    Scores use the fitted runs and held-out data. There are two scorers: :class:`.LeastSquares`, and
+    :class:`.WithProcessNoise` with a drifting force in the model.
     """
 
     @property
@@ -27,22 +28,22 @@ class Scorer(Protocol[AttemptT, FitT]):
 
     @property
     def runners(self) -> int:
-        """Number of candidates that are fitted until they converge."""
+        """Number of candidates that are fitted to convergence."""
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[AttemptT]:
         """Fit candidates roughly, each from several start values; return the best first."""
 
     def to_the_end(self, rough: Sequence[AttemptT]) -> list[AttemptT]:
-        """Fit the roughly fitted candidates until they converge."""
+        """Fit the roughly fitted candidates to convergence."""
 
     def rebased(self, ends: Sequence[AttemptT]) -> Scorer[AttemptT, FitT]:
-        """Return this scorer on a better fit of the present model, if the best of *ends* leads to one."""
+        """Return this scorer with a better fit of the present model, if a refit from the best of *ends* gives one."""
 
     def scores(self, ends: Sequence[AttemptT]) -> list[CandidateScore[FitT]]:
         """Return the scores of the converged candidates, the best first."""
 
     def winner(self, scores: Sequence[CandidateScore[FitT]]) -> CandidateScore[FitT] | None:
-        """Return the candidate that is accepted; None for none."""
+        """Return the accepted candidate; None if there is none."""
 
     def alike(self, scores: Sequence[CandidateScore[FitT]], winner: CandidateScore[FitT]) -> tuple[str, ...]:
         """Return the causes that these runs do not distinguish from *winner*, starting with *winner* itself."""
@@ -53,7 +54,7 @@ Cause = tuple[str, str]
 
 
 class Search(Protocol):
-    """A search and its result in the base model's units, for either scorer.
+    """Interface of a search and its result in the base model's units, for either scorer.
 
     ``words``: what was left out in turn. ``order``: the reported causes, in the order found.
     """
@@ -71,11 +72,11 @@ class Search(Protocol):
 
     @property
     def words(self) -> str:
-        """What was left out in turn."""
+        """Description of what was left out in turn."""
 
     @property
     def names(self) -> Collection[str]:
-        """Causes that are not reported as hints: the accepted ones, and those that these runs do not distinguish from
+        """Causes that are not reported as hints: accepted causes, and causes that these runs do not distinguish from
         them."""
 
     @property
@@ -83,7 +84,7 @@ class Search(Protocol):
         """Causes that were accepted first and rejected at the end."""
 
     def values(self, effect: EffectInstance, fit: Any = None) -> Mapping[str, Value]:
-        """Return the numbers of an effect in *fit*, the model with all causes when None."""
+        """Return the numbers of an effect in *fit*; None: in the model with all causes."""
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[Cause, float]:
         """Return the fraction of the base model's error that each cause removed."""
@@ -94,10 +95,13 @@ class Search(Protocol):
     def gains_of_each(
         self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
     ) -> Mapping[Cause, ErrorReduction]:
-        """Return the held-out gain of each cause; *gains*: of all together."""
+        """Return the held-out gain of each cause.
+
+        gains : gains of all causes together.
+        """
 
     def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
-        """Return groups of causes that these runs do not distinguish."""
+        """Return groups of causes that these runs do not distinguish from each other."""
 
 
 SearchT = TypeVar("SearchT", bound=Search)
@@ -109,9 +113,9 @@ def add_one_by_one(
     one_more: Callable[[SearchT], SearchT],
     reconsidered: Callable[[SearchT], SearchT],
 ) -> SearchT:
-    """Take up to *most* steps, until none has a winner or the search is stopped.
+    """Take up to *most* steps, until a step accepts no cause or the search is stopped.
 
-    reconsidered : called after each winner, to compare every earlier cause with its rivals again.
+    reconsidered : called after each accepted cause, to compare the earlier causes with their rivals again.
     """
     try:
         while len(state.steps) < most:
@@ -125,12 +129,15 @@ def add_one_by_one(
 
 
 def fits_of(scorer: Scorer[AttemptT, FitT], choices: Sequence[Sequence[EffectInstance]]) -> list[AttemptT]:
-    """Return the best candidates after convergence. choices : for each candidate the start values."""
+    """Return the best candidates after convergence.
+
+    choices : start values of each candidate.
+    """
     return scorer.to_the_end(scorer.rough(choices)[: scorer.runners])
 
 
 def judge(scorer: Scorer[AttemptT, FitT], ends: Sequence[AttemptT]) -> SearchStep[FitT]:
-    """Return the step made of converged candidates: their scores and the accepted one."""
+    """Score converged candidates and return the step with its accepted candidate."""
     scorer = scorer.rebased(ends)
     scores = scorer.scores(ends)
     winner = scorer.winner(scores)

@@ -26,7 +26,8 @@ from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND
 from gcs_autotune.diagnose.score import ALIKE, key_of
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EFFECTS, EffectInstance, in_order
-from gcs_autotune.identify import Doubt, Fitted
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.problems import Fitted
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -40,16 +41,16 @@ __all__ = [
 Array = NDArray[np.float64]
 
 LESS = 0.1
-"""Fraction of its size at which the process noise starts once causes are added."""
+"""Factor on the size of the process noise, at the start of a fit with causes added."""
 
 NO_MODEL = "no-model"
 """Slug of the doubt that no model of the craft was found with process noise."""
 
 
 def needs_process_noise(state: SearchState) -> tuple[SearchState, bool]:
-    """Return the state, and whether a drifting force remains whatever causes are accepted.
+    """Return the state, and whether a drifting force remains even with the accepted causes.
 
-    The result is cached, because the search with process noise is long. It is False if such a search is impossible.
+    The result is cached, because the search with process noise takes long. It is False if such a search is impossible.
     """
     question = state.question
     if question.given is not None or question.horizon is not None or not question.with_noise:
@@ -69,8 +70,14 @@ def needs_process_noise(state: SearchState) -> tuple[SearchState, bool]:
 def model_process_noise(state: SearchState) -> SearchState | None:
     """Search again with a drifting force in the model, if the residuals are not noise.
 
-    The causes found replace those of the search without it. Return None in these cases: that search ended at the noise;
-    it accepted causes that a filter cannot score (clocks, sensors); no force drifts; or this search is already done.
+    The causes found replace those of the search without it. Return None in these cases:
+
+    - the residuals of that search are noise;
+    - that search accepted causes that a filter cannot score (clocks, sensors);
+    - this search has already accepted a cause;
+    - a model or a horizon was given.
+
+    If no force drifts, return the state unchanged.
     """
     question = state.question
     if question.given is not None or question.horizon is not None:
@@ -112,10 +119,10 @@ def model_process_noise(state: SearchState) -> SearchState | None:
 
 
 def model_noise_before_joining(state: SearchState) -> SearchState | None:
-    """Search the fitted runs with a drifting force before the separate runs are added.
+    """Search the fitted runs with a drifting force before the separate runs are added to them.
 
-    Three of a BlueBoat's runs identify damping that grows with speed, and predict the two separate runs. All five
-    together identify nothing. If nothing is found, only the computed results are kept.
+    Example: three runs of a BlueBoat identify damping that grows with speed, and predict the two separate runs. All
+    five together identify nothing. If nothing is found, only the computed results are kept.
     """
     if not state.question.unseen:
         return None
@@ -135,14 +142,17 @@ def _no_base(search: NoiseSearch, above: float) -> Doubt:
 
 
 def no_model_with_noise(state: SearchState) -> bool:
-    """Whether the search with process noise was made and found no model of the craft."""
+    """Return whether a search with process noise was made and found no model of the craft."""
     return (
         state.noise_search is not None and state.noise_search[1] is None and asked_of(state.noise_search[0]) is not None
     )
 
 
 def _without_names(state: SearchState) -> SearchState:
-    """Return the state without causes, where no model was found with process noise: a cause needs one."""
+    """Return the state without causes, because no model of the craft was found with process noise.
+
+    Causes that couple degrees of freedom are kept.
+    """
     asked = asked_of(state.problem)
     if asked is not None and _couples(state.causes, asked[0].dofs[0]):
         return state
@@ -164,12 +174,12 @@ def _without_names(state: SearchState) -> SearchState:
 
 
 def _couples(causes: Sequence[EffectInstance], dof: str) -> bool:
-    """Whether some cause drives another motion than *dof*: one motion alone cannot judge it."""
+    """Return whether some cause acts on a degree of freedom other than *dof*, so that *dof* alone cannot test it."""
     return any(n[0] != DOFS[dof].force for e in causes for n in EFFECTS[e.slug].derivatives(e))
 
 
 def _outdone(search: NoiseSearch, state: SearchState) -> bool:
-    """Whether the causes of the earlier search explain the runs better, also with process noise.
+    """Return whether the causes of the earlier search explain the runs better, also with process noise.
 
     Causes that couple motions are kept, because a single motion cannot test them.
     """
@@ -216,13 +226,16 @@ def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
 
 
 def _per_inertia(effect: EffectInstance, search: NoiseSearch, state: SearchState) -> EffectInstance:
-    """Return *effect* of the present model per unit of that model's inertia: a base that is lost may have none."""
+    """Convert *effect* of the present model to units per inertia of that model.
+
+    A base that has diverged may have no usable inertia of its own.
+    """
     i = state.fitted.form.dofs.index(search.dof)
     return scaled(effect, 1.0 / float(state.fitted.model.base.inertia[i, i]), 1.0)
 
 
 def _as_fitted(state: SearchState, search: NoiseSearch) -> Fitted | None:
-    """Return the model found, in the base model's form and units, with the initial states that suit it."""
+    """Return the model of the search in the base model's form and units, with suitable initial states."""
     d, base = DOFS[search.dof], state.base
     inertia = search.inertia
     gain, damping = search.fit.theta

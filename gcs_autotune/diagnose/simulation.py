@@ -1,8 +1,8 @@
 """Model the output of another simulator, so that it can be compared and extended.
 
-Only its output is known. A plain model with drag of both powers, a delay and a trim represents it. Other effects are
-added only if that model misses the simulator's output. A simulation has no noise, so every small error of its
-integrator would otherwise be significant. Then gain, time constant, delay and trim of both are compared.
+Only the simulator's output is known. A plain model with linear and quadratic drag, a delay and a trim represents it.
+Other effects are added only if that model misses the simulator's output. A simulation has no noise, so every small
+error of its integrator would otherwise be significant. Then gain, time constant, delay and trim of both are compared.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from gcs_autotune.diagnose.strategies import SEARCH, follow
 from gcs_autotune.effects import EFFECTS, EffectInstance, columns_of, in_order
 from gcs_autotune.errors import UsageError
 from gcs_autotune.executor import executor_for
-from gcs_autotune.identify import Doubt, Fitted, Problem, Segment, fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.problems import Fitted, Problem, fit_base, plain_form
+from gcs_autotune.identify.signals import Segment, prepare_as_recorded
 from gcs_autotune.models import Form
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
@@ -32,14 +34,14 @@ __all__ = ["stand_in", "surrogate_of"]
 FAITHFUL, PLAIN_ENOUGH = 0.05, 0.02
 """Limits for the error of the stand-in model, relative to the motion.
 
-FAITHFUL: above it the stand-in is doubted. PLAIN_ENOUGH: above it further effects are looked for in the simulator.
+FAITHFUL: above it a doubt is reported. PLAIN_ENOUGH: above it further effects of the simulator are looked for.
 """
 
 SHED = 0.005
-"""Fraction of the motion that a term of the stand-in must explain to stay."""
+"""Fraction of the motion that a term of the stand-in model must explain to be kept."""
 
 SURE = 12.0
-"""Twice the log-likelihood that a term must also gain if the simulation is noisy."""
+"""Twice the log-likelihood that a term must also gain to be kept; it matters if the simulation is noisy."""
 
 
 def surrogate_of(
@@ -53,14 +55,14 @@ def surrogate_of(
     progress: Progress | None = None,
     jobs: int = 1,
 ) -> tuple[ModelInQuestion, list[Doubt]]:
-    """Return a model that moves as the simulator does, with its fit, and the immediate results of the comparison.
+    """Return a model that reproduces the simulator's output, with its fit, and the results of the direct comparison.
 
     simulations : one per run, in the same order. Missing inputs are taken from the run.
 
     Raises
     ------
     UsageError
-        Not one simulation per run.
+        The numbers of simulations and runs differ.
     """
     if len(simulations) != len(runs):
         raise UsageError(
@@ -97,9 +99,9 @@ def surrogate_of(
 
 
 def _directly(simulations: Sequence[Trial], placed: Sequence[Trial], runs: Sequence[Trial]) -> list[Doubt]:
-    """Return by how much the simulation, as it stands, misses each signal in the run where it misses it most.
+    """Return a doubt with the direct error of the simulation for each signal, in its worst run.
 
-    placed : the same with clock, signs and units set right.
+    placed : the simulations with clock, signs and units corrected.
     """
     told, right = _misses(simulations, runs), _misses(placed, runs)
     if not right:
@@ -139,7 +141,7 @@ def _misses(simulations: Sequence[Trial], runs: Sequence[Trial]) -> str:
 def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[Problem, Fitted]:
     """Return the plain model with the quadratic drag, delay and trim that it needs to follow a simulation.
 
-    Within an :class:`.Effort` that is used up it is the best of those fitted.
+    If an :class:`.Effort` around the call is used up, the best fit so far is returned.
     """
     told("plain model", 0, 1)
     problem, best = fit_base(form, segments)
@@ -160,7 +162,10 @@ def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[P
 
 
 STARTS = ((0.0, 0.0), (0.3, 0.0), (0.0, 0.5), (0.3, 0.5))
-"""Starting delay [time constants] and quadratic drag (relative to the largest tried), until the model follows."""
+"""Start values of delay [time constants] and quadratic drag (relative to the largest tried).
+
+They are tried in order until the model follows the simulation.
+"""
 
 
 def _terms(problem: Problem) -> tuple[EffectInstance, ...]:
@@ -193,14 +198,14 @@ def _begun(term: EffectInstance, problem: Problem, late: float, drag: float) -> 
 
 
 def _least_sure_first(found: Fitted) -> list[tuple[str, str]]:
-    """Return slug and place of every effect of a fit, by how many standard errors it is from none."""
+    """Return slug and place of every effect of a fit, the least significant first."""
     std = np.sqrt(np.maximum(np.diag(found.covariance(correlation_of(found))), 1e-300))[len(found.free) :]
     sure = {i: abs(found.effects[i].values[n]) / s for (i, n), s in zip(found.free_effects, std, strict=False)}
     return [(found.effects[i].slug, found.effects[i].place) for i in sorted(sure, key=lambda i: sure[i])]
 
 
 def _without(problem: Problem, found: Fitted, own: tuple[str, str]) -> Fitted | None:
-    """Return the fit without an effect; None where that is missed."""
+    """Return the fit without an effect; return None if the effect is needed."""
     rest = tuple(e for e in found.effects if (e.slug, e.place) != own)
     fit = problem.fit(found.theta, rest, found.initial, shift=found.shift)
     if fit is None:

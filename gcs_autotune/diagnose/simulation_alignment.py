@@ -2,19 +2,18 @@
 
 A wrong clock, sign or unit in the simulation's file would look like a wrong craft. Inputs come first, then outputs.
 
-**By the commands.** If the commands of both files change alike (:mod:`.command_match`), they give the clock (rate and
-offset) exactly. They also give the order, sign and unit of every input. The craft does not matter.
+**By the commands.** If the commands of both files change alike (:mod:`.command_match`), they determine the clock (rate
+and offset) exactly. They also determine the order, sign and unit of every input. The craft does not matter.
 
 **By the motion.** Otherwise a simulation whose stamps are far from the run's (they start at 0) is assumed to start with
-the run. A late clock is then reported as a delay. For the clock rate the measured motion is regressed on the simulated
-one at many lags, before and after. This absorbs gain, time constant and delay of both, which are constant over the
-record. A fast clock remains, because its shift grows along the record.
+the run. An offset of the clock is then reported as a delay. For the clock rate, the measured motion is regressed on the
+simulated one at many lags, before and after. The lags absorb gain, time constant and delay of both, which are constant
+over the record. A fast clock remains, because its shift grows along the record. The residual is whitened by
+autoregression, so that disturbances do not count too much. The shift is also estimated in pieces, and the scatter
+between pieces gives the uncertainty of the rate.
 
-The residual is whitened by autoregression, so that disturbances do not count too much. The shift is also estimated in
-pieces, and the scatter between pieces gives the uncertainty of the rate.
-
-**Signs and units of the motion.** The static gain of the same regression is checked signal by signal: negative, or that
-of degrees for radians.
+**Signs and units of the motion.** The static gain of the same regression is checked signal by signal. It may be
+negative, or that of degrees for radians.
 """
 
 from __future__ import annotations
@@ -44,47 +43,47 @@ POSITIONS = frozenset({"psi", "z", "phi", "theta"})
 HEADING = "psi"
 
 MOST_ROWS = 1000
-"""Maximum number of samples of a signal that are compared; a finer record is thinned."""
+"""Maximum number of samples of a signal that are compared; a longer record is thinned."""
 
 LAGS = (*range(11), 13, 16, 20, 27, 36)
-"""Lags before and after, in samples: dense at typical delays, long enough for a slow craft."""
+"""Lags of the regression, in samples before and after: dense at typical delays, long enough for a slow craft."""
 
 MEMORY = 8
-"""Order of the autoregression that whitens."""
+"""Order of the autoregression that whitens the residual."""
 
 WIDEST, GRID, PIECES = 0.12, 97, 6
-"""Largest clock-rate error searched, number of steps, and number of pieces for the shift."""
+"""WIDEST: largest clock-rate error searched. GRID: number of steps. PIECES: number of pieces to estimate the shift."""
 
 SURE = 5.0
-"""Standard errors at which a clock or a sign counts as wrong; three signals of several runs are tested."""
+"""Standard errors from which a clock or a sign counts as wrong; three signals of several runs are tested."""
 
 WORTH = 25.0
-"""Twice the log-likelihood that a wrong rate must also gain."""
+"""Twice the log-likelihood that a corrected clock rate must also gain."""
 
 SINGULAR = 1e-12
 """Relative singular value below which a direction of a regression is ignored."""
 
 RATE = "seconds of the simulation per second of these runs"
-"""Description of the clock rate."""
+"""Description of the clock rate in the report."""
 
 LEAST_RATE = 0.002
-"""Clock-rate error that does not matter."""
+"""Clock-rate error below which the clock is not corrected."""
 
 SAME, MOSTLY = 0.02, 0.75
-"""Relative difference within which a command counts as the same, and the fraction of samples that must be."""
+"""SAME: relative difference of equal command values. MOSTLY: least fraction of samples with equal values."""
 
 LEAST_TIMES = 20.0
-"""Static gain beyond which a signal has another unit, rather than another craft."""
+"""Static gain, or its inverse, above which a signal has another unit instead of another response."""
 
 DEGREES = math.degrees(1.0)
 
 UNITS = (DEGREES, 100.0, 1000.0, 400.0, 500.0)
-"""Factors of an input's units: degrees, percent, thousandths, pulses [us] from neutral to full."""
+"""Factors between units of an input: degrees, percent, thousandths, pulses [us] from neutral to full."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulationAlignment:
-    """Simulations on the runs' clock, in their signs and units, with the corrected errors and the doubts."""
+    """Simulations converted to the runs' clock, signs and units, with the corrected errors and the doubts."""
 
     simulations: tuple[Trial, ...]
     rows: tuple[Number, ...] = ()
@@ -92,9 +91,10 @@ class SimulationAlignment:
 
 
 def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> SimulationAlignment:
-    """Return *simulations*, one per run in the same order, with clock, signs and units corrected.
+    """Return *simulations* with clock, signs and units corrected.
 
-    If their commands equal the runs', they get the runs' own commands, because these have finer stamps.
+    There is one per run, in the same order. If their commands equal the runs', they get the runs' own commands, because
+    these have finer stamps.
     """
     laid = _by_commands(simulations, runs) or _by_motion(simulations, runs)
     placed, offsets, doubts = _shifted_to(laid, runs)
@@ -117,9 +117,9 @@ def _factor_row(name: str, of: str, factor: float, std: float) -> Number:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Laid:
-    """Simulations with how the commands of each go with its run's; what is known of the scale of their clocks.
+    """Simulations with the match of their commands to their runs', and the corrections of the clock scale.
 
-    ``begins`` [s]: by how much each was shifted, or lies elsewhere altogether; 0 where it lies beside its run.
+    ``begins`` [s]: offset of a simulation that is stamped elsewhere than its run; 0 if the two overlap.
     """
 
     simulations: Sequence[Trial]
@@ -129,7 +129,7 @@ class _Laid:
 
 
 def _by_commands(simulations: Sequence[Trial], runs: Sequence[Trial]) -> _Laid | None:
-    """Return simulations as they are, with clocks by their commands; None where these tell no scale of any."""
+    """Match the commands of simulations and runs; return None if no match determines the clock scale."""
     found = [match_commands(s, r) for s, r in zip(simulations, runs, strict=True)]
     known = {k: m.clock for k, m in enumerate(found) if m.clock is not None and m.clock.has_scale}
     if not known:
@@ -157,12 +157,12 @@ def _by_commands(simulations: Sequence[Trial], runs: Sequence[Trial]) -> _Laid |
 
 
 def _is_off(scale: float, std: float) -> bool:
-    """Whether a clock's rate is surely wrong, and by so much that anybody minds."""
+    """Return whether a clock's rate is significantly wrong, and by enough to matter."""
     return abs(scale - 1.0) > max(SURE * std, LEAST_RATE)
 
 
 def _by_motion(simulations: Sequence[Trial], runs: Sequence[Trial]) -> _Laid:
-    """Return simulations that begin with their runs, on clocks whose scale is by the motion in both."""
+    """Shift simulations to the start of their runs and correct the clock rate by the motion in both."""
     begins = [_begins_with(s, r) for s, r in zip(simulations, runs, strict=True)]
     placed = [_shifted(s, by) for s, by in zip(simulations, begins, strict=True)]
     rate = _rate_of(placed, runs)
@@ -196,7 +196,7 @@ def _shifted_to(laid: _Laid, runs: Sequence[Trial]) -> tuple[list[Trial], list[N
 
 
 def _offset_by(clock: Clock, simulation: Trial) -> tuple[float, float]:
-    """Return how late the first stamp of a simulation is against its run's clock [s], with its standard error."""
+    """Return the offset [s] of a simulation's first stamp relative to its run's clock, with its standard error."""
     first = _reach(simulation)[0]
     given = first - float(clock.on_run(np.array([first]))[0])
     far = abs(first - clock.theirs) / clock.scale**2
@@ -210,7 +210,7 @@ def _on(simulation: Trial, clock: Clock) -> Trial:
 
 
 def _doubts_of(match: CommandMatch, run: str, *, holds_commands: bool) -> list[Doubt]:
-    """Return the doubts about the clock that the commands of both files do not resolve."""
+    """Return doubts about the clock that matching the commands did not resolve."""
     doubts = []
     if match.kind == "constant" and holds_commands:
         cause = (
@@ -255,7 +255,7 @@ def _ambiguous(run: str, period: float) -> Doubt:
 
 
 def _offsets(found: Sequence[tuple[str, float, float]]) -> list[Number]:
-    """Return one row for all runs whose clocks are off alike, else one for each."""
+    """Return one row for all runs if their clocks have the same offset, otherwise one row for each run."""
     what = "its time stamps relative to these runs'"
     weights = np.array([std**-2.0 for _, _, std in found])
     mean = float(np.average([o for _, o, _ in found], weights=weights)) if found else 0.0
@@ -282,16 +282,16 @@ def _row(name: str, unit: str, meaning: str, given: float, std: float, right: fl
 
 
 def _begins_with(simulation: Trial, run: Trial) -> float:
-    """Return by how much to shift a simulation stamped elsewhere to begin with its run, [s]; 0 where both overlap."""
+    """Return the shift [s] that lets a simulation stamped elsewhere start with its run; 0 if both overlap."""
     theirs, ours = _reach(simulation), _reach(run)
     overlap = min(theirs[1], ours[1]) - max(theirs[0], ours[0])
     return ours[0] - theirs[0] if overlap < 0.5 * min(theirs[1] - theirs[0], ours[1] - ours[0]) else 0.0
 
 
 def _driven(simulation: Trial, run: Trial, doubts: list[Doubt], match: CommandMatch) -> Trial:
-    """Return a simulation with the inputs of its run where it has the same, or none.
+    """Return a simulation with the inputs of its run, if it has the same or none.
 
-    Where its clock runs unevenly its own commands are those that go with its motion.
+    If its clock is uneven, it keeps its own commands, because these are aligned with its motion.
     """
     matched = {c.ours for c in match.channels}
     channels = dict(simulation.channels)
@@ -313,7 +313,7 @@ def _driven(simulation: Trial, run: Trial, doubts: list[Doubt], match: CommandMa
 
 
 def _same(own: Channel, other: Channel) -> bool:
-    """Whether both hold the same values for most of the time, between changes."""
+    """Return whether both channels have the same values most of the time."""
     at = np.maximum(np.searchsorted(other.t, own.t, side="right") - 1, 0)
     span = max(float(np.ptp(other.values)), float(np.abs(other.values).max()), 1e-300)
     return float(np.mean(np.abs(own.values - other.values[at]) < SAME * span)) > MOSTLY
@@ -335,7 +335,7 @@ def _shifted(trial: Trial, by: float) -> Trial:
 def _inputs_set_right(
     matches: Sequence[CommandMatch], simulations: Sequence[Trial], runs: Sequence[Trial]
 ) -> tuple[list[Trial], list[Number], list[Doubt]]:
-    """Return simulations whose inputs are called, signed and scaled as the runs', and what was wrong with them."""
+    """Return simulations with the runs' input names, signs and units, the corrections, and the doubts."""
     factors: dict[str, float] = {}
     doubts: list[Doubt] = []
     ready = []
@@ -361,7 +361,7 @@ def _inputs_set_right(
 
 
 def _times(command: MatchedCommand, simulation: Trial, run: Trial) -> float | None:
-    """Return 1, -1 or the factor of the unit by which a simulation's command differs; None where it is no unit's."""
+    """Return 1, -1 or the unit factor by which a simulation's command differs; None if it is no known unit."""
     size = abs(command.factor)
     if abs(size - 1.0) < SAME:
         return math.copysign(1.0, command.factor)
@@ -397,7 +397,7 @@ def _exchanged(moved: Sequence[MatchedCommand], run: str) -> Doubt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pair:
-    """One signal of one run, ``y`` (n,) at uniform stamps ``t``, beside the simulation's ``x`` at ``t_sim``."""
+    """One signal of one run, ``y`` (n,) at uniform stamps ``t``, and the simulation's ``x`` at ``t_sim``."""
 
     name: str
     t: Array
@@ -407,7 +407,10 @@ class _Pair:
     step: float
 
     def rows(self, scale: float) -> tuple[Array, Array, Array]:
-        """Return changes of the measured signal, regressors (n, k), and stamps; both clocks began together."""
+        """Return changes of the measured signal, regressors (n, k), and stamps (n,).
+
+        scale : clock rate of the simulation; both clocks agree at the first stamp.
+        """
         at = self.t[0] + scale * (self.t - self.t[0])
         lags = np.array(sorted({k for lag in LAGS for k in (lag, -lag)}))
         table = np.interp(at - lags[:, None] * self.step, self.t_sim, self.x)
@@ -447,7 +450,10 @@ def _numbers(channel: Channel) -> Channel:
 
 
 def _rate_of(simulations: Sequence[Trial], runs: Sequence[Trial]) -> tuple[float, float] | None:
-    """Return the seconds of the simulations per second of the runs with their standard error; None where it is 1."""
+    """Return the seconds of the simulations per second of the runs, with standard error.
+
+    Return None if the ratio does not differ from 1.
+    """
     pairs = _pairs(simulations, runs, _told_best(simulations, runs))
     if not pairs:
         return None
@@ -470,7 +476,7 @@ def _rate_of(simulations: Sequence[Trial], runs: Sequence[Trial]) -> tuple[float
 
 
 def _told_best(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[str]:
-    """Return one signal of every degree of freedom that both have: its speed, else its position."""
+    """Return one signal for each degree of freedom that both have: its velocity, otherwise its position."""
     both = {n for s, r in zip(simulations, runs, strict=True) for n in MOTIONS if n in s and n in r}
     speed = {dof.position: dof.velocity for dof in DOFS.values()}
     return [n for n in MOTIONS if n in both and speed.get(n) not in both]
@@ -478,7 +484,8 @@ def _told_best(simulations: Sequence[Trial], runs: Sequence[Trial]) -> list[str]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """A whitened regression: cost, gains of the lags, their covariance, residual, the table as it was, stamps."""
+    """A whitened regression: cost, gains of the lags, their covariance, residual, regressors before whitening,
+    stamps."""
 
     cost: float
     gains: Array
@@ -489,19 +496,22 @@ class _Fit:
 
 
 def _whitening(pair: _Pair, scale: float) -> Array:
-    """Return the filter (m + 1,) that whitens what the regression leaves."""
+    """Return the filter (m + 1,) that whitens the residual of the regression."""
     return _autoregression(_regressed(pair, scale, np.ones(1)).residual)
 
 
 def _whitened(pair: _Pair, scale: float, filt: Array) -> tuple[Array, Array, Array, Array]:
-    """Return changes and regressors (with one for a trend) through the filter, regressors as they were, and stamps."""
+    """Return whitened changes, whitened regressors (with one for a trend), regressors before whitening, and stamps."""
     y, table, t = pair.rows(scale)
     table = np.column_stack([table, np.ones(len(y))])
     return _filtered(y, filt), _filtered(table, filt), table, t
 
 
 def _cost_of(pair: _Pair, scale: float, filt: Array) -> float:
-    """Return the cost of :func:`_regressed` alone, by Cholesky: a search over rates asks for it a hundred times."""
+    """Return the cost of :func:`_regressed` alone, by Cholesky decomposition.
+
+    It is faster than the full regression; a search over clock rates needs a hundred costs.
+    """
     y_w, table_w, *_ = _whitened(pair, scale, filt)
     square = table_w.T @ table_w
     square[np.diag_indices_from(square)] += SINGULAR * np.trace(square)
@@ -530,7 +540,7 @@ def _filtered(x: Array, filt: Array) -> Array:
 
 
 def _autoregression(e: Array) -> Array:
-    """Return the filter (m + 1,) that whitens a series (Yule and Walker)."""
+    """Return the filter (m + 1,) that whitens a series (Yule-Walker equations)."""
     n = len(e)
     e = e - e.mean()
     r = np.array([float(e[: n - k] @ e[k:]) for k in range(MEMORY + 1)])
@@ -543,7 +553,7 @@ def _autoregression(e: Array) -> Array:
 
 
 def _slope(pairs: Sequence[_Pair], scale: float, filters: Sequence[Array]) -> tuple[float, float]:
-    """Return by how much the rate is still off, and its standard error, from the shifts of pieces of every record."""
+    """Return the remaining error of the clock rate and its standard error, from shifts of pieces of every record."""
     shifts, weights, times, owners = [], [], [], []
     for k, pair in enumerate(pairs):
         fit = _regressed(pair, scale, filters[k])
@@ -570,7 +580,7 @@ def _slope(pairs: Sequence[_Pair], scale: float, filters: Sequence[Array]) -> tu
 
 
 def _reclocked(trial: Trial, scale: float) -> Trial:
-    """Return it on a clock that began with its first stamp."""
+    """Return a record with its time scale divided by *scale*, about its first stamp."""
     start = _reach(trial)[0]
     return replace(trial, channels={n: replace(c, t=start + (c.t - start) / scale) for n, c in trial.channels.items()})
 
@@ -579,7 +589,7 @@ def _reclocked(trial: Trial, scale: float) -> Trial:
 
 
 def _factors(simulations: Sequence[Trial], runs: Sequence[Trial]) -> dict[str, tuple[float, float]]:
-    """Return the factor per signal by which a simulation's must be divided, if no craft can have that gain."""
+    """Return for each signal the factor between simulation and run, if it indicates a wrong sign or unit."""
     found: dict[str, tuple[float, float]] = {}
     for name in MOTIONS:
         pairs = _pairs(simulations, runs, [name])

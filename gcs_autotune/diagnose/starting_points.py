@@ -1,14 +1,15 @@
-"""Further starting points of a search, for runs on which the model fitted to all data fails.
+"""Additional starting points of a search, for runs on which the model fitted to all data fails.
 
-**Without one signal.** A signal with a data error (wrong sign, wrong unit) spoils the whole fit.
+**Without one signal.** A signal with a data error (wrong sign, wrong unit) spoils the whole fit. The base is also
+fitted without it.
 
-**Channels permuted.** If commands or signals are exchanged, the base fits nothing. Each wiring that suits short pieces
+**Channels permuted.** If commands or signals are exchanged, the base fits nothing. Each wiring that fits short pieces
 of the runs is tried by fitting the base with it.
 
-**Segments.** The result of an effect accumulates. A base without drag, or with a rudder that stalls, loses the craft's
-heading within seconds. The residuals then contain no information on the cause. Over pieces of a few seconds that start
-at the measured state, the base is nearly right and the cause stands out. Its numbers there are the start for whole
-runs. Only whole runs decide whether it is accepted.
+**Segments.** The response to an effect accumulates. A base without drag, or with a rudder that stalls, loses the
+craft's heading within seconds. The residuals then contain no information on the cause. Over pieces of a few seconds
+that start at the measured state, the base is nearly right and the cause stands out. The numbers fitted there are the
+start values for whole runs. Only whole runs decide whether a cause is accepted.
 """
 
 from __future__ import annotations
@@ -34,16 +35,8 @@ from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.effects import EFFECTS, Drive, EffectInstance
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.executor import Executor
-from gcs_autotune.identify import (
-    Fitted,
-    Limits,
-    Problem,
-    Segment,
-    base_limits,
-    fit_base,
-    initial_guess_of,
-    without_signal,
-)
+from gcs_autotune.identify.problems import Fitted, Limits, Problem, base_limits, fit_base, initial_guess_of
+from gcs_autotune.identify.signals import Segment, without_signal
 from gcs_autotune.models import Form
 
 __all__ = ["Bases", "lost", "merged", "permuted_channels", "segment_starts", "without_one_signal"]
@@ -53,7 +46,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bases:
-    """The base fitted to all signals but one, for each signal, evaluated on all; and the best one fitted to all."""
+    """Fits of the base without each of the signals, evaluated on all signals, and the best fit to all signals."""
 
     alone: tuple[Fitted, ...]
     best: Fitted
@@ -62,7 +55,7 @@ class Bases:
 def without_one_signal(problem: Problem, base: Fitted) -> Bases:
     """Fit the base to all signals but one, for each signal that can be left out.
 
-    If one of these leads to a better base for all signals, that is the best; otherwise *base* itself.
+    If one of these fits leads to a better base for all signals, that base is the best; otherwise *base* is.
     """
     alone, best = [], base
     names = list(problem.data_summary.signals)
@@ -83,16 +76,16 @@ def without_one_signal(problem: Problem, base: Fitted) -> Bases:
 
 TRACK = ("x", "y")
 LOST = 0.3
-"""Error of a signal, relative to its motion, above which wrong wiring is suspected."""
+"""Error of a signal, relative to its motion, above which exchanged channels are suspected."""
 
 MOST_WIRINGS = 5
-"""Maximum number of wirings for which the base is fitted."""
+"""Maximum number of wirings that the base is fitted with."""
 
 
 def lost(present: Fitted, spread: Mapping[str, float]) -> bool:
-    """Whether a model misses some signal completely.
+    """Return whether a model misses some signal completely.
 
-    For a track only its curvature counts. Every model follows a craft that moves steadily away.
+    For a track, only the deviation from a straight line counts. Every model follows a craft that moves steadily away.
     """
     bends = {name: _bend_of(present, name) for name in TRACK if name in present.levels}
     return any(level > LOST * bends.get(name, spread[name]) for name, level in present.levels.items())
@@ -115,8 +108,8 @@ def permuted_channels(
 ) -> list[EffectCandidate]:
     """Return the likeliest wiring errors of commands, or of signals of all runs, each with the base refitted.
 
-    A wiring that fits short pieces of the runs worse than the given one is excluded; pieces are too short for the base
-    to diverge.
+    A wiring that fits short pieces of the runs worse than the recorded one is excluded. Pieces are too short for the
+    base to diverge.
     """
     limits = base_limits(problem.form)
     likely: list[tuple[float, EffectInstance, list[Segment]]] = []
@@ -156,7 +149,7 @@ def merged(listed: Sequence[EffectCandidate], more: Sequence[EffectCandidate]) -
 
 
 def _through(own: EffectInstance, segment: Segment) -> Segment:
-    """Return a segment with its commands as *own* wires them; itself when nothing changes."""
+    """Return a segment with its commands rewired by *own*; return the segment itself if nothing changes."""
     passage = segment.passage
     drive = Drive(passage.t_in, passage.commands, passage.start, passage.measured, passage.run)
     acting = EFFECTS[own.slug].drive(own, drive).channels
@@ -168,16 +161,16 @@ def _through(own: EffectInstance, segment: Segment) -> Segment:
 
 
 SAMPLES_OF_A_PIECE = 30
-"""Stamps per piece: enough for its own initial states, few enough for little error to accumulate."""
+"""Samples per piece: enough for initial states of its own, few enough for little error to accumulate."""
 
 MOST_PIECES = 60
 """Maximum number of pieces of all segments together; each has initial states to fit."""
 
 SHORT_LIST, KEPT = 8, 3
-"""Numbers of candidates fitted roughly in pieces, and fitted until they converge over whole runs."""
+"""SHORT_LIST: number of candidates fitted roughly in pieces. KEPT: number of them fitted over whole runs."""
 
 TOLD = 3.0
-"""Standard errors from zero at which the pieces determine a parameter."""
+"""Standard errors from zero above which the pieces determine a parameter."""
 
 
 def segment_starts(
@@ -204,14 +197,15 @@ def segment_starts(
 
 
 def _whole(problem: Problem, short: Problem, present: Fitted, rough: tuple[EffectCandidate, Fitted]) -> Fitted | None:
-    """Return a rough fit of pieces fitted to its end there, and carried over to whole runs."""
+    """Fit a rough fit of pieces to convergence, and return the rough fit over whole runs that starts there."""
     return _over_whole_runs(problem, fitted_to_the_end(short, *rough), present)
 
 
 def _over_whole_runs(problem: Problem, fit: Fitted, present: Fitted) -> Fitted | None:
-    """Return a rough fit of whole runs from the numbers of *fit*; None when the motion runs away with them.
+    """Return a rough fit of whole runs from the numbers of *fit*; return None if the motion diverges.
 
-    What pieces do not tell (the drag of a motion nobody excited) may be wild there: it is tried as in *present* too.
+    Pieces may not determine some numbers, such as the drag of a motion that was not excited. The fit is then also
+    started with the values of *present* for these.
     """
     start = problem.first_states(problem.segments)
     for theta in (fit.theta, _where_told(fit, present)):
@@ -222,7 +216,7 @@ def _over_whole_runs(problem: Problem, fit: Fitted, present: Fitted) -> Fitted |
 
 
 def _where_told(fit: Fitted, present: Fitted) -> Array:
-    """Return the base's numbers of *fit* where it determines them, those of *present* elsewhere."""
+    """Return the base parameters of *fit* that it determines, and those of *present* for the rest."""
     theta = present.theta.copy()
     std = np.sqrt(np.maximum(np.diag(fit.covariance()), 0.0))
     for k, name in enumerate(fit.free):
@@ -239,12 +233,15 @@ def _candidate(present: Fitted, fit: Fitted) -> EffectCandidate:
 
 
 def _pieces(segments: Sequence[Segment]) -> list[Segment]:
-    """Cut every segment into pieces of about as many samples."""
+    """Cut every segment into pieces of about equal length, in samples."""
     counts = [len(s.stamps) / SAMPLES_OF_A_PIECE for s in segments]
     share = min(1.0, MOST_PIECES / max(sum(counts), 1.0))
     return [piece for s, n in zip(segments, counts, strict=True) for piece in s.pieces(max(int(n * share), 1))]
 
 
 def _moves_the_craft(slug: str) -> bool:
-    """Whether an effect can be seen in pieces: bookkeeping and sensors show over whole runs, waves need them."""
+    """Return whether pieces can show an effect.
+
+    Data errors and sensor effects need whole runs to show, and so do disturbances.
+    """
     return EFFECTS[slug].family not in ("data errors", "sensor") and not EFFECTS[slug].is_disturbance

@@ -1,6 +1,6 @@
-"""State of a search for causes: the question, the model so far, and the results on the way.
+"""State of a search for causes: the question, the model so far, and intermediate results.
 
-A state never changes. Strategies (:mod:`.strategies`) create the next one from it, so an earlier state remains
+A state is immutable. Strategies (:mod:`.strategies`) create the next state from it, so an earlier state remains
 available. This module contains their common operations: predict held-out data, and take one step.
 """
 
@@ -25,20 +25,21 @@ from gcs_autotune.diagnose.score import CandidateScore, SearchStep, key_of
 from gcs_autotune.diagnose.search import fits_of, judge
 from gcs_autotune.diagnose.starting_points import lost, without_one_signal
 from gcs_autotune.effects import EffectInstance, name_of, twins_of
-from gcs_autotune.identify import Doubt, Fitted, Problem, fit_base, given_base
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.problems import Fitted, Problem, fit_base, given_base
 
 __all__ = ["NOT_BEGUN", "LostBase", "SearchState", "begin", "begin_with"]
 
 NOT_BEGUN = "not begun: "
-"""Start of the description of a part of the search that was not begun when it was stopped."""
+"""Start of the description of a part of the search that had not begun when the search was stopped."""
 
 ASTRAY = 0.05
-"""Whiteness p-value below which data errors are also looked for from fits without one signal."""
+"""Whiteness p-value below which data errors are also tried from fits without one signal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LostBase:
-    """A base that misses some signal completely, the fits started there, and the number of candidates tried."""
+    """A base that misses some signal completely, the candidates fitted from it, and the number of candidates tried."""
 
     base: Fitted
     ends: Sequence[Attempt]
@@ -49,15 +50,15 @@ class LostBase:
 class SearchState:
     """State of a search.
 
-    ``fitted``: the present model. ``base``: the model that causes are added to and gains are measured against. For a
-    ``given`` model it has fitted numbers, because their gain does not come from a cause. ``parts``: what is left out in
-    turn; ``..._unseen``: the held-out residuals of each model. ``former``: the base that a better one replaced. The
-    better one may be wrong, so causes start from both.
+    ``fitted``: the present model. ``base``: the model that causes are added to; gains are relative to it. For a
+    ``given`` model the base has fitted numbers, because the gain of fitting them does not come from a cause. ``parts``:
+    what is left out in turn. ``..._unseen``: held-out residuals of each model. ``former``: the base that a better one
+    replaced. The better one may be wrong, so candidates are tried from both.
 
-    ``alone``: the base fitted to all signals but one, once required. ``renamed``: pairs of slugs, the reported one and
-    one that fits as well. ``pieces`` [s]: length of the pieces in which causes were found, if the search chose it.
-    ``with_noise``: result of a search with process noise, if it replaced the other. ``noise_search``: that search, once
-    required, and its problem. ``cut``: where the search was stopped, and what was not begun, in words.
+    ``alone``: fits of the base without each of the signals, once needed. ``renamed``: pairs of slugs, the reported one
+    and one that fits as well. ``pieces`` [s]: length of the pieces in which causes were found, if the search chose it.
+    ``with_noise``: result of a search with process noise, if it replaced the other. ``noise_search``: that search and
+    its problem, once needed. ``cut``: where the search was stopped, and what was not begun, in words.
     """
 
     question: Question
@@ -85,7 +86,7 @@ class SearchState:
 
     @property
     def causes(self) -> tuple[EffectInstance, ...]:
-        """The identified effects: those that the base does not contain."""
+        """Identified effects: those that the base does not contain."""
         had = {(e.slug, e.place) for e in self.base.effects}
         return tuple(e for e in self.fitted.effects if (e.slug, e.place) not in had)
 
@@ -96,22 +97,29 @@ class SearchState:
     # -- models
 
     def unseen(self, fitted: Fitted, *, refit: bool = True, problem: Problem | None = None) -> HeldOut:
-        """Predict held-out data; *problem*: with other numbers free."""
+        """Predict the held-out data with a model.
+
+        problem : definition of the fit, if other numbers are free.
+        """
         return held_out(self.problem if problem is None else problem, self.parts, fitted, refit=refit)
 
     def with_model(self, fitted: Fitted, unseen: HeldOut | None = None) -> SearchState:
-        """Return the state with another present model; *unseen*: its held-out residuals, if known."""
+        """Return the state with another present model.
+
+        unseen : its held-out residuals, if known.
+        """
         return replace(self, fitted=fitted, present_unseen=unseen or self.unseen(fitted))
 
     def with_better(self, better: Fitted) -> SearchState:
-        """Return the state with a better fit of the present model, and of the base if that is the present model."""
+        """Return the state with a better fit of the present model; if the base is the present model, it is replaced
+        too."""
         unseen = self.unseen(better)
         if self.fitted is self.base:
             return replace(self, base=better, base_unseen=unseen, former=self.base).with_model(better, unseen)
         return self.with_model(better, unseen)
 
     def with_parts(self, parts: Parts) -> SearchState:
-        """Return the state with other data left out."""
+        """Return the state with other parts left out."""
         now = replace(self, parts=parts)
         base = now.unseen(self.base)
         given = None if self.given is None else now.unseen(self.given, refit=False)
@@ -130,10 +138,12 @@ class SearchState:
         quick: bool = False,
         most: int = SHORT_LIST,
     ) -> tuple[SearchState, SearchStep[Fitted]]:
-        """Score every candidate added to *against* (the present model when None); *quick*: by likelihood alone.
+        """Score every candidate added to *against*; None: the present model.
 
-        The returned state has the same model, or a better base found in the process. slugs : of candidates, all when
-        None. most : number fitted roughly.
+        The returned state has the same model, or a better base found in the process.
+
+        quick : score by likelihood alone. slugs : of the candidates, None: all. most : number of candidates fitted
+        roughly.
         """
         question, present = self.question, self.fitted if against is None else against
         astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
@@ -159,7 +169,10 @@ class SearchState:
     def scorer(
         self, present: Fitted | None = None, tried: int | None = None, *, stage: str = "causes", quick: bool = False
     ) -> LeastSquares:
-        """Return the scorer for candidates added to *present* (the present model when None), *tried* in all."""
+        """Return the scorer for candidates added to *present*; None: the present model.
+
+        tried : total number of candidates.
+        """
         return LeastSquares(
             self.question,
             self.problem,
@@ -172,7 +185,10 @@ class SearchState:
         )
 
     def _with_others(self) -> SearchState:
-        """Return the state with other places for errors of the data to begin; a better base on the way is the base."""
+        """Return the state with fits of the base without each of the signals, as further starts for data errors.
+
+        If one of them leads to a better base, that base replaces the present one.
+        """
         if self.alone is not None:
             return self
         if self.given is not None:
@@ -195,7 +211,7 @@ class SearchState:
 
     @property
     def words(self) -> str:
-        """What was left out in turn."""
+        """Description of what was left out in turn."""
         return self.parts.words
 
     @property
@@ -205,11 +221,11 @@ class SearchState:
 
     @property
     def refused(self) -> tuple[CandidateScore[Fitted], ...]:
-        """Causes that were accepted first and rejected at the end; none of them is reported as a hint."""
+        """Causes accepted first and rejected at the end: none, because this search reports no hints from them."""
         return ()
 
     def values(self, effect: EffectInstance, fit: Fitted | None = None) -> Mapping[str, Value]:
-        """Return the numbers of an effect in *fit* (the present model when None) with their standard errors."""
+        """Return the numbers of an effect in *fit* with their standard errors; None: in the present model."""
         return values_of(self.problem, self.fitted if fit is None else fit)[key_of(effect)]
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
@@ -285,7 +301,10 @@ def begin(question: Question) -> SearchState:
 
 
 def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: Fitted | None = None) -> SearchState:
-    """Return the state of a search that begins at *fitted*; *given*: the model in question as it is."""
+    """Return the state of a search that begins at *fitted*.
+
+    given : the model in question, unchanged.
+    """
     parts = parts_of(problem, question.unseen, in_blocks=question.one_flight)
     unseen, given_unseen = HeldOut((), False), None
     cut: tuple[str, ...] = ()
@@ -299,5 +318,5 @@ def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: F
 
 
 def _contradicts(present: Sequence[EffectInstance], effect: EffectInstance) -> bool:
-    """Whether an effect is already there in other words: the same slug at a place that overlaps."""
+    """Return whether an effect of the same slug is already present at an overlapping place."""
     return any(e.slug == effect.slug and set(e.place.split("+")) & set(effect.place.split("+")) for e in present)

@@ -44,7 +44,7 @@ from gcs_autotune.diagnose.search_with_noise import needs_process_noise
 from gcs_autotune.diagnose.starting_points import segment_starts
 from gcs_autotune.diagnose.state import NOT_BEGUN, SearchState
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, columns_of
-from gcs_autotune.identify import Fitted, Problem
+from gcs_autotune.identify.problems import Fitted, Problem
 from gcs_autotune.sname import DOFS
 
 __all__ = [
@@ -58,27 +58,29 @@ __all__ = [
 Strategy = Callable[[SearchState], SearchState | None]
 
 MOST_CAUSES = 6
-"""Maximum number of causes; a craft with telemetry has three or four of its own."""
+"""Maximum number of causes; an instrumented craft has three or four of its own."""
 
 DONE = 0.5
-"""Whiteness p-value at which the search ends."""
+"""Whiteness p-value above which only disturbances are still tried."""
 
 RESTARTS = 3
-"""Maximum number of better fits of the same model that a winner may lead to."""
+"""Maximum number of restarts of a step after it has led to a better fit of the model before it."""
 
 CALM = 0.2
-"""Ratio of drifting force to commanded force up to which a free run may still be explained."""
+"""Ratio of drifting force to commanded force up to which a free simulation may still explain the runs."""
 
 FOLLOWED, FARTHEST = 3, 3
-"""Number of candidates followed if none helps alone, and causes per such path."""
+"""FOLLOWED: number of candidates that are combined with a second one if none helps alone. FARTHEST: causes per path."""
 
 RIVALS = 9
-"""Number of candidates fitted roughly if only those count that may beat an existing cause."""
+"""Number of candidates fitted roughly when an earlier cause is compared with its rivals."""
 
 
 def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
-    """Apply all *strategies* in order; return the final state, or the one at which the search was stopped (see
-    ``cut``)."""
+    """Apply all *strategies* in order and return the final state.
+
+    If the search is stopped, ``cut`` of the returned state describes where.
+    """
     for strategy in strategies:
         try:
             check_effort(f"{NOT_BEGUN}{strategy.__name__.replace('_', ' ')}")
@@ -94,14 +96,17 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
 def add_causes(state: SearchState, first: SearchStep[Fitted] | None = None) -> SearchState:
     """Take one step after the other until no cause is accepted or the search is stopped.
 
-    first : the next step, already scored.
+    first : the next step, if it is already scored.
     """
     known = iter(() if first is None else (first,))
     return add_one_by_one(state, MOST_CAUSES, lambda now: _one_more(now, next(known, None)), backward_elimination)
 
 
 def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchState:
-    """Return the state one step further, or several, where only causes together pay. judged : the step, if known."""
+    """Return the state after one more step, or after several steps if causes only help together.
+
+    judged : the step, if it is already scored.
+    """
     stage = f"cause {len(state.steps) + 1}"
     white = whiteness_of(tests_of(state.problem, state.fitted))
     if judged is None:
@@ -139,7 +144,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
 
 
 def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
-    """Return the present model fitted from where a winner ended, if that is better: the gain was not the winner's.
+    """Return a better fit of the present model, started where a winner's fit ended; None if it is not better.
 
     A cause that only helps a fit to leave a local minimum must not get the credit for the better minimum.
     """
@@ -149,9 +154,10 @@ def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
 
 
 def blocked_cv(state: SearchState, step: SearchStep[Fitted]) -> tuple[SearchState, SearchStep[Fitted]] | None:
-    """Score a step again with blocks of every run left out instead of runs; return None if that accepts nothing either.
+    """Score a step again with blocks of every run left out, instead of whole runs.
 
-    If each run has one size of command only, no run predicts the next although one cause explains all.
+    If each run has commands of one size only, no run predicts the next although one cause explains all. Return None if
+    no candidate is accepted in this way either.
     """
     present = state.fitted
     if state.parts.kind != "runs" or leaves_nothing(state.problem, present):
@@ -171,13 +177,13 @@ def blocked_cv(state: SearchState, step: SearchStep[Fitted]) -> tuple[SearchStat
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Path:
-    """Causes in order, and what was judged beside each."""
+    """Causes in the order added, and the step of each."""
 
     taken: tuple[CandidateScore[Fitted], ...]
     steps: tuple[SearchStep[Fitted], ...]
 
     def price(self, present: Fitted) -> float:
-        """Return the cost of its end, parameters paid for."""
+        """Return the cost of the path's last fit, including that of its additional parameters."""
         end = self.taken[-1].fit
         return end.cost + bic_penalty(end, present)
 
@@ -185,11 +191,13 @@ class _Path:
 def _look_ahead(
     state: SearchState, step: SearchStep[Fitted], stage: str, farthest: int
 ) -> tuple[SearchState, tuple[SearchStep[Fitted], ...] | None]:
-    """Return accepted steps that help together; None if no path does. *step*: the one in which no cause helped.
+    """Return steps whose causes help together; return None if no combination does.
 
-    If two things are wrong, correcting one may not improve the prediction, because a position drifts all the same. The
-    likeliest causes are each combined with the best next one, by likelihood alone. If the best pair does not help
-    either, a third is added (up to *farthest*).
+    step : the step in which no cause helped.
+
+    If two things are wrong, correcting one may not improve the prediction, because the predicted position drifts in
+    either case. The likeliest causes are each combined with the best next one, by likelihood alone. If the best pair
+    does not help either, a third cause is added (up to *farthest*).
     """
     paths: list[_Path] = []
     likely = [j for j in step.judged if j.evidence > 0.0 and not state.scorer().follows_a_command(j.effect, j.fit)]
@@ -209,7 +217,7 @@ def _look_ahead(
 
 
 def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState, _Path | None]:
-    """Return the path with the likeliest next cause; None when nothing adds to it.
+    """Return the path with the likeliest next cause; return None if no cause adds to it.
 
     Disturbances are excluded: a filter that learns from the residual predicts any ringing of a wrong model.
     """
@@ -221,7 +229,7 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
 
 
 def _accepted(path: _Path, whole: CandidateScore[Fitted]) -> tuple[SearchStep[Fitted], ...]:
-    """Return the steps of a path with its causes accepted, their numbers those of its end."""
+    """Return the steps of a path with its causes accepted and the numbers of its final fit."""
     now = {(e.slug, e.place): e for e in whole.fit.effects}
     steps = []
     for taken, step in zip(path.taken[:-1], path.steps[:-1], strict=True):
@@ -236,10 +244,10 @@ def _accepted(path: _Path, whole: CandidateScore[Fitted]) -> tuple[SearchStep[Fi
 
 
 def backward_elimination(state: SearchState) -> SearchState:
-    """Compare every earlier cause with its rivals again, with the others present.
+    """Compare every earlier cause with its rivals again, with the other causes present.
 
-    A cause accepted early may have replaced two. The newest cause is compared again only if an earlier one has changed
-    since.
+    A cause accepted early may have represented two others. The newest cause is compared again only if an earlier one
+    has changed since.
     """
     state = plain_constants(state) or state
     newest, won = state.steps[-1].accepted, state.fitted
@@ -251,7 +259,7 @@ def backward_elimination(state: SearchState) -> SearchState:
 
 
 def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
-    """Leave out a cause that is not needed any more; let a likelier one take its place."""
+    """Remove a cause that is no longer needed, or replace it by a likelier one."""
     kept = state.fitted
     rest = tuple(e for e in kept.effects if (e.slug, e.place) != (slug, place))
     if len(rest) == len(kept.effects):
@@ -312,7 +320,7 @@ def plain_constants(state: SearchState) -> SearchState | None:
 
 
 def drop_explained_moments(state: SearchState) -> SearchState | None:
-    """Remove causes at a moment that, with all others present, a recorded command explains as well."""
+    """Remove a cause at a moment if, with all others present, a recorded command explains the runs as well."""
     effect = next((e for e in state.causes if state.scorer().follows_a_command(e, state.fitted)), None)
     rest = tuple(e for e in state.fitted.effects if e is not effect)
     fit = state.fitted
@@ -323,8 +331,9 @@ def drop_explained_moments(state: SearchState) -> SearchState | None:
 def drop_insignificant(state: SearchState) -> SearchState | None:
     """Remove causes whose 95 % intervals include no effect.
 
-    A fit without the cause starts at the present numbers and at those of the base. The cause may have replaced part of
-    the base (thrust that falls with turn rate replaces damping). The present numbers are then a bad start without it.
+    The fit without the cause starts at the present numbers and at those of the base. The cause may have replaced part
+    of the base: for example, thrust that falls with turn rate replaces damping. The present numbers are then a bad
+    start.
     """
     fit = state.fitted
     idle = next((e for e in state.causes if _may_be_none(fit, e)), None)
@@ -377,7 +386,7 @@ def start_at_segments(state: SearchState) -> SearchState | None:
 
 
 def _is_all(dof: str, problem: Problem) -> bool:
-    """Whether only one motion was measured, so that causes found in it contain no information on coupling."""
+    """Return whether only one motion was measured, so that its causes contain no information on coupling."""
     own = DOFS[dof]
     return set(problem.data_summary.signals) <= {own.velocity, own.position}
 
@@ -405,7 +414,7 @@ def tie_break(state: SearchState) -> SearchState:
 def _as_likely(
     problem: Problem, now: Fitted, effect: EffectInstance, slugs: Sequence[str]
 ) -> tuple[EffectInstance, Fitted] | None:
-    """Return the first of *slugs* (with the fit) that explains the runs as well in the place of *effect*."""
+    """Return the first effect of *slugs* that explains the runs as well in place of *effect*, with its fit."""
     for slug in slugs:
         for other in _in_other_words(effect, slug, problem.data_summary):
             if any((e.slug, e.place) == (other.slug, other.place) for e in now.effects):
@@ -418,8 +427,10 @@ def _as_likely(
 
 
 def _in_other_words(effect: EffectInstance, slug: str, data: DataSummary) -> list[EffectInstance]:
-    """Return the effect called *slug*, of one number as *effect* is, at every place: with that number where it may have
-    it, and where *effect* is with those it usually begins from: a number of another meaning may lead astray.
+    """Return the effect *slug* at every place, as a replacement for *effect*; both must have a single number.
+
+    It starts with the same number where its bounds allow that. At the place of *effect* it also starts with its own
+    start values, because the same number may mean something else.
     """
     entry = EFFECTS[slug]
     if len(effect.values) != 1 or len(entry.parameters) != 1:

@@ -1,4 +1,4 @@
-"""Signals corrected for wrong signs and units in the record."""
+"""Correct signals for wrong signs and units in the record."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, EffectInstance, Observed, columns_of
-from gcs_autotune.identify import Segment
+from gcs_autotune.identify.signals import Segment
 from gcs_autotune.models import Form, states_of
 
 __all__ = ["turned", "undo_data_errors"]
@@ -21,9 +21,9 @@ TURN = 2.0 * np.pi
 
 
 def undo_data_errors(effects: Sequence[EffectInstance], segment: Segment) -> Segment:
-    """Return a segment with its signals as they were before *effects* changed their sign or unit.
+    """Return a segment with the sign and unit errors *effects* removed from its signals.
 
-    Return the segment itself if no effect did. The initial state is to be read from these signals.
+    Return the segment itself if no effect changes a sign or unit. Initial states are to be read from these signals.
     """
     signals = dict(segment.signals)
     for own in effects:
@@ -41,10 +41,10 @@ def undo_data_errors(effects: Sequence[EffectInstance], segment: Segment) -> Seg
 
 
 def turned(own: EffectInstance, form: Form, segments: Sequence[Segment], initial: Sequence[Array]) -> tuple[Array, ...]:
-    """Return *initial* states with the heading shifted by whole turns to match the reading of *own*.
+    """Return *initial* states with the heading shifted by whole turns, to match the heading corrected by *own*.
 
-    A heading of 85 in degrees, whose header says radians, is fitted by 1.5 rad and thirteen turns. The motion is the
-    same, but in degrees it would be 4680 too much.
+    A heading of 85 in degrees, whose header states radians, is fitted by 1.5 rad and thirteen turns. The motion is the
+    same, but in degrees these turns would be 4680 too much.
     """
     found = []
     for segment, x_0 in zip(segments, initial, strict=True):

@@ -1,18 +1,18 @@
 """Effects: submodels that extend a plain simulation, by family, one class each.
 
-==================  ======================================================================
-effect              what an effect is: its hooks, and what they are given
-summary             what is known of the runs, and sizes to begin from
+==================  ==================================================================================================
+effect              the interface of an effect: its hooks, and their arguments
+summary             data on the runs that is available before any effect is fitted, and sizes for start values
 table               the table of all effects
 extended            a coupled model with effects: simulation with sensitivities, model file
 data_errors         clocks, units, signs, columns
-actuator            characteristics and backlash; actuator_dynamics: delay, lag, rate; inflow; command_coupling
+actuator            static curves and backlash; actuator_dynamics: delay, lag, rate; inflow; command_coupling
 hydrodynamics       drag, couplings, mass, buoyancy, the bottom
-velocity_products   forces that go with products of velocities: the family of hydrodynamic terms
+velocity_products   forces proportional to products of velocities: the family of hydrodynamic terms
 environment         constant force, current, wind, tether; wave_disturbance
-sensor              place, compass, gyro, late reports; sensor_noise: rounding, outliers
+sensor              position, compass, gyro, delayed reports; sensor_noise: rounding, outliers
 kernels             compiled: motion between stamps; narrow_band: the filter of waves
-==================  ======================================================================
+==================  ==================================================================================================
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Static actuator effects, backlash, and the common part of all actuator effects."""
+"""Static actuator effects, backlash, and base classes of all actuator effects."""
 
 from __future__ import annotations
 
@@ -41,33 +41,42 @@ Array = NDArray[np.float64]
 
 
 FAINT = 1e-3
-"""What a craft may notice of held values standing for a continuous motion, in shares of the largest command."""
+"""Largest acceptable error of the craft's response, relative to the largest command.
+
+The error comes from the approximation of a continuous motion by held values.
+"""
 
 QUICK, SLOW = 0.1, 5.0
-"""Craft that respond faster or more slowly than this [s] are drawn for as if they did so."""
+"""Limits [s] of the craft's time constant, for the choice of the time steps between stamps."""
 
 CAUTION = 3.0
-"""Largest overestimate of the craft's time constant by a plain model fitted past a slow actuator. Factor."""
+"""Factor by which a plain model may overestimate the craft's time constant if the actuator is slow."""
 
 RESOLUTION = "resolution"
-"""Constant [input unit s] of effects that move between stamps: slope times squared length of a piece held."""
+"""Name of the constant [input unit s] that sets the time steps of effects that move between stamps.
+
+It limits the slope of the motion times the squared length of a piece with a held value.
+"""
 
 
 class ActuatorEffect(Effect):
-    """An effect on one input: its place is the input's channel, wherever something was commanded."""
+    """An effect on one input; its place is the input's channel."""
 
     family = "actuator"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that was used."""
+        """Return every input that was used."""
         return tuple(n for n in data.inputs if data.amplitude[n] > 0.0)
 
 
 class SharedActuatorEffect(ActuatorEffect):
-    """An effect that two thrusters of one kind may share: their place is both channels, joined by ``+``."""
+    """An effect that two thrusters of one kind may share; its place is then both channels, joined by ``+``."""
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that was used, and both of two thrusters; of two commanded alike only both."""
+        """Return every input that was used, and every pair of like thrusters.
+
+        Of two thrusters with nearly equal commands, only the pair is returned.
+        """
         used = super().places(data)
         alike = {n for pair in data.commanded_alike for n in pair}
         both = ["+".join(pair) for pair in data.twins if set(pair) <= set(used)]
@@ -75,22 +84,22 @@ class SharedActuatorEffect(ActuatorEffect):
 
 
 class Characteristic(SharedActuatorEffect):
-    """An actuator whose output is a function of the present command: a static curve."""
+    """An actuator whose output depends only on the present command: a static curve."""
 
     title: ClassVar[str]
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Return what acts (n,) at the commands *u* (n,), both in the input's unit."""
+        """Return the actuator's output (n,) for the commands *u* (n,), both in the input's unit."""
         raise NotImplementedError
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Pass every command through the curve."""
+        """Apply the curve to every command."""
         for name in columns_of(effect.place):
             drive = drive.with_channel(name, self.acting(effect, drive.channels[name]))
         return drive
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Acting over commanded."""
+        """Return output over command."""
         u = np.linspace(-largest(effect.place, data), largest(effect.place, data), 201)
         unit = data.inputs[columns_of(effect.place)[0]]
         x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
@@ -101,16 +110,19 @@ class Gradual(SharedActuatorEffect):
     """An actuator that moves between the stamps of its commands."""
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """How finely the motion between stamps must be held so that this craft hardly notices."""
+        """Return the constant :data:`RESOLUTION`, fine enough for this craft's time constant."""
         return {RESOLUTION: 4.0 * FAINT * quickest(data) * largest(place, data)}
 
     def resolution(self, effect: EffectInstance, u: Array) -> float:
-        """Return the constant, or one for the quickest craft when *effect* was made without."""
+        """Return the constant :data:`RESOLUTION`; if *effect* has none, return that for the fastest craft."""
         return effect.constants.get(RESOLUTION, 4.0 * FAINT * QUICK * max(float(np.abs(u).max(initial=0.0)), 1e-12))
 
 
 def quickest(data: DataSummary) -> float:
-    """Return the shortest time constant [s] the craft may have, going by the base model (its slowest if no values)."""
+    """Return the shortest time constant [s] that the craft may have, from the base model.
+
+    If the base model has no values, its slowest time constant is used.
+    """
     found = data.time_constant
     model = CoupledModel(data.form, data.base)
     if data.base and np.linalg.matrix_rank(model.inertia) == len(data.form.dofs):
@@ -120,13 +132,16 @@ def quickest(data: DataSummary) -> float:
 
 
 def horizon(data: DataSummary) -> tuple[float, float]:
-    """Return the shortest and longest time [s] to search: a sample, and the craft's time constant within the run."""
+    """Return the range of times [s] to search: from one sample to the craft's time constant.
+
+    The upper end is at most a quarter of the run and at least four samples.
+    """
     longest = min(data.time_constant, 0.25 * data.duration)
     return data.interval, max(longest, 4.0 * data.interval)
 
 
 def last_stamp(drive: Drive) -> float:
-    """Return the end of a run [s]: the last stamp of its commands or of anything measured."""
+    """Return the end of a run [s]: the last stamp of its commands or measurements."""
     ends = [float(c.t[-1]) for c in drive.measured.values() if len(c)]
     return max([float(drive.t[-1]), *ends])
 
@@ -137,16 +152,18 @@ def largest(place: str, data: DataSummary) -> float:
 
 
 def steers(place: str, data: DataSummary) -> bool:
-    """Whether an input turns the craft: it drives roll, pitch or yaw."""
+    """Return whether an input turns the craft: it drives roll, pitch or yaw."""
     turning = {d.force for d in DOFS.values() if d.angular}
     return any(force in turning for n in columns_of(place) for force, _ in data.form.inputs.get(n, ()))
 
 
 def redrawn(drive: Drive, place: str, moved: Callable[[Array], tuple[Array, Array]]) -> Drive:
-    """Return *drive* with every channel of *place* as *moved*.
+    """Return *drive* with every channel of *place* replaced by the result of *moved*.
 
-    Of commands (j,) at the stamps of *drive*, *moved* returns stamps (k,) and the values (k,) held from these on. A
-    lone channel has these stamps only; with others there the stamps of all are merged.
+    moved : function of the commands (j,) at the stamps of *drive*. It returns stamps (k,) and the values (k,) held from
+    these stamps on.
+
+    A single channel has the new stamps only. With several channels, the stamps of all are merged.
     """
     names = columns_of(place)
     parts = {n: moved(drive.channels[n]) for n in names}
@@ -161,10 +178,10 @@ def redrawn(drive: Drive, place: str, moved: Callable[[Array], tuple[Array, Arra
 
 
 def with_other(drive: Drive, name: str, other: str) -> tuple[Array, Array, Array] | None:
-    """Return stamps (k,), the commands *name* and the commands *other*, each held from stamp to stamp.
+    """Return stamps (k,), the commands *name* and the commands *other*, each held until the next stamp.
 
-    *other* is what other effects have made of it where it drives something, else the recorded one. None where either is
-    not there.
+    If *other* drives the craft, its commands include the preceding effects. Otherwise they are the recorded ones.
+    Return None if either channel is missing.
     """
     if name not in drive.channels:
         return None
@@ -182,11 +199,11 @@ def with_other(drive: Drive, name: str, other: str) -> tuple[Array, Array, Array
 
 
 LEAST_LIMIT = 0.05
-"""An actuator gives at least this share of the largest command."""
+"""Lower bound of a saturation limit, relative to the largest command."""
 
 
 class Saturation(Characteristic):
-    """What acts is the command clipped to ``-limit .. limit``."""
+    """The output is the command, limited to ``-limit .. limit``."""
 
     slug = "saturation"
     title = "Saturation"
@@ -203,27 +220,30 @@ class Saturation(Characteristic):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Shares of the largest command."""
+        """Return limits relative to the largest command."""
         return tuple({"limit": share * largest(place, data)} for share in (0.2, 0.4, 0.6, 0.8, 0.93))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A twentieth of the largest command to all of it."""
+        """Return a twentieth of the largest command to all of it."""
         return {"limit": (LEAST_LIMIT * largest(place, data), largest(place, data))}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Clip the commands."""
+        """Limit the commands."""
         return np.clip(u, -effect["limit"], effect["limit"])
 
 
 SUBTRACTED = "subtracted"
-"""Constant of a dead zone: the share of its width that is lost beyond it; 1 where it is missing."""
+"""Name of a dead zone's constant: the fraction of the width that is subtracted outside the dead zone.
+
+If the constant is missing, the fraction is 1.
+"""
 
 
 class DeadZone(Characteristic):
-    """The actuator answers to what exceeds ``width`` only: ``sign(u) max(|u| - width, 0)``.
+    """The output is the part of the command that exceeds ``width``: ``sign(u) max(|u| - width, 0)``.
 
-    With the constant ``SUBTRACTED`` at 0 it is the neutral band of a speed controller: nothing within, the whole
-    command beyond, so that the force begins with a jump.
+    With the constant ``SUBTRACTED`` at 0 it is the neutral band of a speed controller. The output is then zero inside
+    the band and the whole command outside, so that the force starts with a jump.
     """
 
     slug = "dead-zone"
@@ -240,24 +260,25 @@ class DeadZone(Characteristic):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Shares of the largest command."""
+        """Return widths relative to the largest command."""
         return tuple({"width": share * largest(place, data)} for share in (0.03, 0.1, 0.25, 0.5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Less than the largest command."""
+        """Return zero to 95 % of the largest command."""
         return {"width": (0.0, 0.95 * largest(place, data))}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Return commands less the dead zone, or zero inside it."""
+        """Return the commands reduced by the dead zone, or zero inside it."""
         size, lost = np.abs(u), effect.constants.get(SUBTRACTED, 1.0) * effect["width"]
         return np.sign(u) * np.where(size > effect["width"], size - lost, 0.0)
 
 
 class QuadraticActuator(Characteristic):
-    """``(1 - share) u + share u|u|/u_ref``: from proportional (share 0) to thrust as ``n|n|`` (share 1).
+    """The output is ``(1 - share) u + share u|u|/u_ref``.
 
-    ``u_ref`` is the largest command of the runs. The affine thruster ``a |n| n + b n`` of Miskovic2010,
-    (2.7), with the gain at full command kept at 1.
+    It is proportional to the command at share 0, and to ``n|n|`` at share 1. ``u_ref`` is the largest command of the
+    runs. The curve is the affine thruster ``a |n| n + b n`` of Miskovic2010, (2.7), with the gain at full command kept
+    at 1.
     """
 
     slug = "quadratic-actuator"
@@ -276,26 +297,27 @@ class QuadraticActuator(Characteristic):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Partly, and wholly."""
+        """Return a partly and a nearly fully quadratic thrust curve."""
         return ({"share": 0.4}, {"share": 0.9})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A little beyond the physical 0 to 1, so that a fit can end at either."""
+        """Return a range slightly beyond the physical 0 to 1, so that a fit can end at either value."""
         return {"share": (-0.2, 1.2)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """The largest command."""
+        """Return the largest command as reference."""
         return {"u_ref": largest(place, data)}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Bend the commands."""
+        """Apply the thrust curve to the commands."""
         return u * ((1.0 - effect["share"]) + effect["share"] * np.abs(u) / effect["u_ref"])
 
 
 class RudderStall(Characteristic):
-    """``u`` up to ``angle``, beyond it ``sign(u) max(angle - drop (|u| - angle), 0)``: the flow has left the blade.
+    """The output is ``u`` up to ``angle``; beyond it the rudder stalls and the output falls.
 
-    Miskovic2010, (2.9), has the same shape with sines; near the stall angle the two differ little.
+    Beyond the angle the output is ``sign(u) max(angle - drop (|u| - angle), 0)``. Miskovic2010, (2.9), has the same
+    shape with sines; near the stall angle the two differ little.
     """
 
     slug = "rudder-stall"
@@ -315,38 +337,41 @@ class RudderStall(Characteristic):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that turns the craft, unless it is one of two thrusters: these have no rudder."""
+        """Return every input that turns the craft, except thrusters of a pair, because these are no rudders."""
         thrusters = {n for pair in data.twins for n in pair}
         return tuple(n for n in super().places(data) if steers(n, data) and not thrusters & set(columns_of(n)))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Shares of the largest command, with a gentle and a sudden stall."""
+        """Return angles relative to the largest command, with gentle and sudden stalls."""
         shares = ((0.35, 0.5), (0.6, 0.5), (0.6, 1.5), (0.8, 0.7), (0.8, 2.0))
         return tuple({"angle": share * largest(place, data), "drop": drop} for share, drop in shares)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A tenth of the largest command to all of it; a ``drop`` of 0 would be a saturation."""
+        """Return a tenth of the largest command to all of it for the angle; a ``drop`` of 0 would be a saturation."""
         return {"angle": (0.1 * largest(place, data), largest(place, data)), "drop": (0.1, 4.0)}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Let the commands beyond the angle drop."""
+        """Reduce the commands beyond the stall angle."""
         size = np.abs(u)
         beyond = np.maximum(effect["angle"] - effect["drop"] * (size - effect["angle"]), 0.0)
         return np.where(size <= effect["angle"], u, np.sign(u) * beyond)
 
 
 SHARED = "N+X"
-"""Place of what two thrusters do that steering (half their difference) and throttle (half their sum) share."""
+"""Place of an effect on two thrusters that are driven by steering and throttle.
+
+Steering is half the difference of their commands, throttle half the sum.
+"""
 
 BOTH = 0.02
-"""Commands go both ways when the smaller side reaches this share of the larger."""
+"""Least ratio of the smaller to the larger side of a command, for the command to count as used both ways."""
 
 
 class AsymmetricThrust(Characteristic):
-    """Negative commands act times ``ratio``. Miskovic2010, (2.8), with ``a_b / a_f = b_b / b_f``.
+    """Negative commands are multiplied by ``ratio`` (Miskovic2010, (2.8), with ``a_b / a_f = b_b / b_f``).
 
-    At ``"N+X"`` two thrusters side by side are commanded ``X + N`` and ``X - N``, and each is weaker astern: a turn
-    harder than the way ahead takes the inner one astern. Both commands are shares of full output there.
+    At ``"N+X"`` two thrusters side by side have the commands ``X + N`` and ``X - N``, and each is weaker astern. In a
+    turn with more steering than throttle the inner thruster runs astern. Both commands are normalised outputs.
     """
 
     slug = "asymmetric-thrust"
@@ -364,7 +389,7 @@ class AsymmetricThrust(Characteristic):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that was used both ways, and the two thrusters that steering and throttle share."""
+        """Return every input that was used both ways, and the two thrusters of steering and throttle."""
         alone = tuple(
             place
             for place in super().places(data)
@@ -373,26 +398,29 @@ class AsymmetricThrust(Characteristic):
         return (*alone, *(place for place in (SHARED,) if self._is_shared(data)))
 
     def _is_shared(self, data: DataSummary) -> bool:
-        """Whether some turns were harder than the way ahead and others were not: of either alone this is a gain."""
+        """Return whether some steering commands were larger than the throttle and others were not.
+
+        With only one of the two, the effect is indistinguishable from a gain.
+        """
         steering, throttle = columns_of(SHARED)
         slow, fast = data.usual.get(throttle, (0.0, 0.0))
         used = data.inputs.get(steering) == "1" and data.inputs.get(throttle, "1") == "1"
         return used and max(abs(slow), abs(fast)) > 0.0 and data.amplitude[steering] > min(abs(slow), abs(fast))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Weaker and stronger astern."""
+        """Return a weaker and a stronger thrust astern."""
         return ({"ratio": 0.6}, {"ratio": 1.5})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A twentieth to twenty times."""
+        """Return a ratio of a twentieth to twenty."""
         return {"ratio": (0.05, 20.0)}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Scale what is negative."""
+        """Scale negative commands."""
         return np.where(u < 0.0, effect["ratio"] * u, u)
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Scale what is negative of every command, or of what each of two thrusters gets of both."""
+        """Scale negative commands, or negative thrust of each of two thrusters."""
         if effect.place != SHARED:
             return super().drive(effect, drive)
         steering, throttle = columns_of(SHARED)
@@ -406,7 +434,7 @@ class AsymmetricThrust(Characteristic):
         return redrawn(drive, steering, lambda _: (t, 0.5 * (left - right)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Acting over commanded; of two thrusters that of each."""
+        """Return output over command; for two thrusters, that of each."""
         if effect.place != SHARED:
             return super().curve(effect, data)
         u = np.linspace(-1.0, 1.0, 201)
@@ -420,9 +448,9 @@ def _both_ways(extent: tuple[float, float]) -> bool:
 
 
 class Backlash(SharedActuatorEffect):
-    """Backlash: the output stays where it is until the command has gone ``width / 2`` past it, then is dragged along.
+    """The output stays constant until the command has moved ``width / 2`` past it, then it follows the command.
 
-    It starts at the first command. Exact for held commands.
+    It starts at the first command. The result is exact for held commands.
     """
 
     slug = "backlash"
@@ -440,21 +468,21 @@ class Backlash(SharedActuatorEffect):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Shares of the largest command; twice that is the whole way."""
+        """Return widths relative to the largest command; a width of twice that command is its whole range."""
         return tuple({"width": share * largest(place, data)} for share in (0.1, 0.3, 0.7, 1.2))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Something must still come through when the command goes from end to end."""
+        """Return zero to 1.8 times the largest command, so that a full reversal still moves the output."""
         return {"width": (0.0, 1.8 * largest(place, data))}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Drag what acts along."""
+        """Apply the backlash to the commands."""
         for name in columns_of(effect.place):
             drive = drive.with_channel(name, backlash(drive.channels[name], 0.5 * effect["width"]))
         return drive
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """The loop: from full reverse to full ahead and back."""
+        """Return the hysteresis loop from full reverse to full ahead and back."""
         full = largest(effect.place, data)
         way = np.linspace(-full, full, 101)
         u = np.concatenate([way, way[::-1], way])

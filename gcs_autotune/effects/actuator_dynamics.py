@@ -1,4 +1,4 @@
-"""Effects of actuators that take time: delay, lag, rate limit, and a gain that drifts."""
+"""Dynamic actuator effects: delay, lag, rate limit, and a gain that drifts."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ __all__ = ["ActuatorLag", "GainDrift", "InputDelay", "RateLimit"]
 
 
 LATEST = 1.0
-"""A delay [s] that is looked for however quick the craft is: radio, autopilot and a GPS know nothing of that."""
+"""Minimum upper bound of the delay [s], for a craft of any speed.
+
+Delays of the radio, the autopilot and a GPS do not depend on the craft's time constant.
+"""
 
 
 class InputDelay(SharedActuatorEffect):
-    """The command acts ``delay`` later, the first one before that; exact, as commands are held."""
+    """The command acts after ``delay``; before that, the first command acts. The result is exact for held commands."""
 
     slug = "input-delay"
     is_structural = True
@@ -42,16 +45,17 @@ class InputDelay(SharedActuatorEffect):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """From a sample to the craft's own pace."""
+        """Return delays from one sample to the craft's time constant."""
         return tuple({"delay": float(d)} for d in np.geomspace(*horizon(data), 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """None, to twice the craft's pace, a dozen samples or :data:`LATEST` at least."""
+        """Return zero to twice the craft's time constant, or to a dozen samples or :data:`LATEST` if these are
+        longer."""
         floor = min(max(12.0 * data.interval, LATEST), 0.25 * data.duration)
         return {"delay": (0.0, max(2.0 * horizon(data)[1], floor))}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Shift the changes of the channel; a lone channel keeps no other stamps."""
+        """Delay the changes of the channel; a single channel keeps no other stamps."""
 
         def later(u: Array) -> tuple[Array, Array]:
             changes = np.r_[True, np.diff(u) != 0.0]
@@ -62,7 +66,7 @@ class InputDelay(SharedActuatorEffect):
         return redrawn(drive, effect.place, later)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """A step, commanded and acting."""
+        """Return a step of the command and the delayed output."""
         t = np.linspace(-0.5, 2.5, 601) * max(effect["delay"], data.interval)
         acting, commanded = (t >= effect["delay"]).astype(float), (t >= 0.0).astype(float)
         return EffectCurve(
@@ -71,7 +75,7 @@ class InputDelay(SharedActuatorEffect):
 
 
 class RateLimit(Gradual):
-    """The actuator runs after the command at ``rate`` until it has reached it; it starts at the first command."""
+    """The actuator follows the command at no more than ``rate``; it starts at the first command."""
 
     slug = "rate-limit"
     meaning = "the actuator follows its command at a limited speed: a slow servo, a ramp in the motor controller"
@@ -85,23 +89,23 @@ class RateLimit(Gradual):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """From zero to full in less than a sample to twice the craft's pace."""
+        """Return rates that reach full command within 0.6 samples to twice the craft's time constant."""
         shortest, longest = horizon(data)
         full = largest(place, data)
         return tuple({"rate": float(full / s)} for s in np.geomspace(0.6 * shortest, 2.0 * longest, 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """From zero to full in a fiftieth of a sample to ten times the craft's pace."""
+        """Return rates that reach full command within a fiftieth of a sample to ten times the craft's time constant."""
         shortest, longest = horizon(data)
         full = largest(place, data)
         return {"rate": (0.1 * full / longest, 50.0 * full / shortest)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Run after the command."""
+        """Apply the rate limit to the commands."""
         return redrawn(drive, effect.place, lambda u: limited(drive.t, u, effect["rate"], self.resolution(effect, u)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """A step from zero to full command, commanded and acting."""
+        """Return a step from zero to full command and the limited output."""
         full = largest(effect.place, data)
         t = np.linspace(-0.5, 2.0, 501) * full / effect["rate"]
         commanded = np.where(t >= 0.0, full, 0.0)
@@ -117,11 +121,11 @@ class RateLimit(Gradual):
 
 
 INSTANT = 1e-6
-"""A lag shorter than this [s] is none."""
+"""Time constant [s] below which a lag is ignored."""
 
 
 class ActuatorLag(Gradual):
-    """What acts follows the command with ``time_constant``; it starts at the first command."""
+    """The output follows the command as a first-order lag with ``time_constant``; it starts at the first command."""
 
     slug = "actuator-lag"
     meaning = "thrust or rudder follows the command gradually: propeller and water take time to speed up"
@@ -143,22 +147,22 @@ class ActuatorLag(Gradual):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Start values from one sample up to the craft's own time constant."""
+        """Return time constants from one sample to the craft's own."""
         return tuple({"time_constant": float(T)} for T in np.geomspace(*horizon(data), 4))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """None, to five times the craft's pace."""
+        """Return zero to five times the craft's time constant."""
         return {"time_constant": (0.0, 5.0 * horizon(data)[1])}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Follow the command."""
+        """Apply the lag to the commands."""
         T = effect["time_constant"]
         if T < INSTANT:
             return drive
         return redrawn(drive, effect.place, lambda u: following(drive.t, u, T, self.resolution(effect, u)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """A step, commanded and acting."""
+        """Return a step of the command and the lagged output."""
         T = max(effect["time_constant"], INSTANT)
         t = np.linspace(-1.0, 5.0, 601) * T
         commanded = (t >= 0.0).astype(float)
@@ -169,11 +173,12 @@ class ActuatorLag(Gradual):
 
 
 LEAST_GAIN = 0.05
-"""What is left of the gain in the end."""
+"""Lower limit of the drifting gain, relative to the gain at the start."""
 
 
 class GainDrift(Gradual):
-    """Commands act times ``1 - rate (t - t_0)``, ``t_0`` the run's first stamp, never less than a twentieth."""
+    """Commands are multiplied by ``1 - rate (t - t_0)``, but by no less than a twentieth; ``t_0`` is the run's first
+    stamp."""
 
     slug = "gain-drift"
     meaning = "thrust weakens (or grows) during a run: the battery sags, a motor heats up"
@@ -193,15 +198,15 @@ class GainDrift(Gradual):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A third and most of the gain lost within the longest run, and a third gained."""
+        """Return losses of 30 % and 80 % of the gain within the longest run, and an increase of 30 %."""
         return tuple({"rate": share / data.duration} for share in (0.3, 0.8, -0.3))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """From doubling within the longest run to running out in a third of it."""
+        """Return rates from a doubled gain at the end of the longest run to a zero gain after a third of it."""
         return {"rate": (-1.0 / data.duration, 3.0 / data.duration)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Let the commands fade."""
+        """Apply the drifting gain to the commands."""
         end = last_stamp(drive)
 
         def faded(u: Array) -> tuple[Array, Array]:
@@ -210,7 +215,7 @@ class GainDrift(Gradual):
         return redrawn(drive, effect.place, faded)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Gain over time."""
+        """Return gain over time."""
         t = np.linspace(0.0, data.duration, 201)
         gain = np.maximum(1.0 - effect["rate"] * t, LEAST_GAIN)
         return EffectCurve(

@@ -1,4 +1,4 @@
-"""A command that also acts where it should not: thrust ahead that turns, or pushes down."""
+"""A command that also acts on another axis: thrust ahead that turns the craft, or pushes it down."""
 
 from __future__ import annotations
 
@@ -15,19 +15,26 @@ from gcs_autotune.models import FORCES
 __all__ = ["CommandCoupling"]
 
 VARIES = 0.2
-"""Chosen: least range of the other command for eight tenths of the time, in shares of its largest. What is nearly
-always the same acts like a constant: of a boat whose throttle is put on once (0.03) a bias was called a coupling."""
+"""Least range of the other command during 80 % of the time, relative to its largest value. Chosen by hand.
+
+A command that is nearly constant acts like a constant force. On a boat whose throttle was applied once (range 0.03), a
+bias was reported as a coupling.
+"""
 
 
 NONE = 1e-6
-"""Chosen: a command smaller than this share of the largest one is none: what a mixer's arithmetic leaves of zero."""
+"""Size relative to the largest command below which a command counts as zero. Chosen by hand.
+
+Rounding in a mixer leaves such values instead of zero.
+"""
 
 
 class CommandCoupling(ActuatorEffect):
-    """At ``"N+X"`` the command ``N`` acts as ``N + gain X``: a line of thrust beside the centre, unequal thrusters.
+    """At ``"N+X"`` the command ``N`` acts as ``N + gain X``: off-centre thrust, or unequal thrusters.
 
-    ``X`` is the run's own, held from stamp to stamp, whether it drives a degree of freedom that is simulated or not.
-    In newtons and newton metres ``gain`` is the arm of the thrust, positive to port of the centre (Fossen2011, 12.3).
+    ``X`` is the recorded command, held until the next stamp, whether or not it drives a simulated degree of freedom. In
+    newtons and newton metres, ``gain`` is the lever arm of the thrust, positive to port of the centre (Fossen2011,
+    12.3).
     """
 
     slug = "command-coupling"
@@ -41,23 +48,23 @@ class CommandCoupling(ActuatorEffect):
     separated_by = "the other axis alone, ahead and astern at two sizes, from rest, with this one left at zero"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that drives one degree of freedom, with every other commanded force that changes."""
+        """Return every input of one degree of freedom, with every other commanded force that changes."""
         own = [n for n in super().places(data) if n in (*FORCES, "delta")]
         others = [n for n in FORCES if n in data.channels and _varies(n, data)]
         return tuple(f"{n}+{other}" for n in own for other in others if other != n)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A fair share of the largest command, either way."""
+        """Return gains of both signs that produce a fifth of the largest command."""
         name, other = columns_of(place)
         size = 0.2 * data.amplitude[name] / max(map(abs, data.extent[other]))
         return ({"gain": size}, {"gain": -size})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Either sign."""
+        """Return no bounds: the gain may have either sign."""
         return {"gain": (-inf, inf)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Add the other command, or what other effects have made of it where it drives something."""
+        """Add the other command; if it drives the craft, it includes the preceding effects."""
         name, other = columns_of(effect.place)
         both = with_other(drive, name, other)
         if both is None:
@@ -65,7 +72,7 @@ class CommandCoupling(ActuatorEffect):
         return redrawn(drive, name, lambda _: (both[0], both[1] + effect["gain"] * both[2]))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """What acts here over the other command."""
+        """Return the command added on this axis over the other command."""
         name, other = columns_of(effect.place)
         low, high = data.extent[other]
         command = np.linspace(min(low, 0.0), max(high, 0.0), 101)

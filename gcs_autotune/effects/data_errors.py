@@ -1,4 +1,7 @@
-"""Errors of the data: clocks, units, signs and columns. They look like physics, so both are searched together."""
+"""Errors of the data: clocks, units, signs and columns.
+
+They can look like physical effects, so both are searched together.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ __all__ = ["SLIPS", "ChannelSwap", "SignError", "TimeOffset", "TimeScale", "Unit
 
 
 class TimeScale(Effect):
-    """File time is ``factor`` times true time: a wrong sample rate, a simulation faster than the world."""
+    """File time is ``factor`` times true time, as with a wrong sample rate or a simulator faster than real time."""
 
     slug = "time-scale"
     family = "data errors"
@@ -30,24 +33,30 @@ class TimeScale(Effect):
     separated_by = "a stopwatch beside the recorder: one minute of recording must span one minute of timestamps"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """The whole file, if a position and its velocity are measured; else inertia and drag absorb it."""
+        """Return the whole file, if a position and its velocity are measured.
+
+        Otherwise the inertia and drag of the model absorb the error.
+        """
         return ("t",) if rates_checked(data) else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Slightly and grossly, both ways."""
+        """Return small and large factors in both directions."""
         return tuple({"factor": f} for f in (0.5, 0.85, 1.18, 2.0))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A factor beyond ten is a time column in another unit, which reading the file finds."""
+        """Return a tenth to ten; a larger factor is a time column in another unit, which the file reader detects."""
         return {"factor": (0.1, 10.0)}
 
     def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:
-        """Run the true clock from the first stamp on."""
+        """Convert stamps to true time, which agrees with file time at the first stamp."""
         return start + (t - start) / effect["factor"]
 
 
 class TimeOffset(Effect):
-    """The signals' stamps are late by ``offset`` against the inputs'; negative: motion begins before its command."""
+    """The stamps of the signals are later than those of the inputs by ``offset``.
+
+    A negative offset means that the motion begins before its command.
+    """
 
     slug = "time-offset"
     family = "data errors"
@@ -61,22 +70,22 @@ class TimeOffset(Effect):
     separated_by = "the same manoeuvre in two recordings: a delay stays, the offset of clocks changes"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """The clocks of the file, when something is commanded."""
+        """Return the clocks of the file, if it contains commands."""
         return ("t",) if data.inputs else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A few samples, and shares of the craft's time constant, both ways."""
+        """Return offsets of two samples and of a fraction of the craft's time constant, in both directions."""
         low, high = self.bounds(place, data)["offset"]
         sizes = (2.0 * data.interval, max(0.3 * data.time_constant, 4.0 * data.interval))
         return tuple({"offset": min(max(sign * s, 0.8 * low), 0.8 * high)} for s in sizes for sign in (-1.0, 1.0))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Two time constants, a dozen samples at least; never more than a quarter of a run."""
+        """Return two time constants or a dozen samples, whichever is longer, but at most a quarter of a run."""
         most = min(max(2.0 * data.time_constant, 12.0 * data.interval), 0.25 * data.duration)
         return {"offset": (-most, most)}
 
     def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:
-        """Bring the inputs' stamps to the signals' clock."""
+        """Convert the stamps of the inputs to the clock of the signals."""
         return t + effect["offset"] if inputs else t
 
 
@@ -89,11 +98,15 @@ SLIPS: Mapping[str, tuple[float, ...]] = {
     "N m": (1.0 / 9.80665, 0.001, 0.73756215),
     "1": (100.0,),
 }
-"""SI unit -> number in the file per number in SI, for the usual slips; each also happens the other way round."""
+"""SI unit -> number in the file per number in SI, for usual unit mistakes; each also occurs in the reverse
+direction."""
 
 
 class UnitError(Effect):
-    """The file's number is ``factor`` times the true one. The factor is one of :data:`SLIPS`, chosen and not fitted."""
+    """The number in the file is ``factor`` times the true one.
+
+    The factor is one of :data:`SLIPS`. It is selected, not fitted.
+    """
 
     slug = "unit-error"
     family = "data errors"
@@ -106,27 +119,27 @@ class UnitError(Effect):
     fixed = ("factor",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Columns whose scale something else in the file checks."""
+        """Return the columns whose scale is determined by other columns or known numbers."""
         signals = tuple(s for s, unit in data.signals.items() if unit in SLIPS and signal_scale_shows(s, data))
         inputs = tuple(c for c, unit in data.inputs.items() if unit in SLIPS and input_scale_shows(c, data))
         return signals + inputs
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Every usual slip of this unit, both ways round."""
+        """Return every usual unit mistake of this unit, in both directions."""
         unit = data.signals.get(place, data.inputs.get(place, ""))
         return tuple({"factor": f} for slip in SLIPS[unit] for f in (slip, 1.0 / slip))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """What the table of slips spans."""
+        """Return the range of factors in :data:`SLIPS`."""
         return {"factor": (1e-3, 1e3)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Read the true command from the column."""
+        """Calculate the true command from the column."""
         u = drive.channels.get(effect.place)
         return drive if u is None else drive.with_channel(effect.place, u / effect["factor"])
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Write the signal in the wrong unit."""
+        """Convert the signal to the wrong unit."""
         y = seen.signals.get(effect.place)
         return seen if y is None else seen.with_signal(effect.place, y * effect["factor"])
 
@@ -143,21 +156,24 @@ class SignError(Effect):
     separated_by = "one long push to starboard (ahead, down), observed from outside"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every signal, and every input whose sign the model does not fit anyway; with several runs also each alone."""
+        """Return every signal, and every input whose sign the model does not fit in any case.
+
+        With several runs, each column is also returned for each run alone.
+        """
         columns = (*data.signals, *(c for c in data.inputs if not sign_is_free(c, data.form)))
         # Of one run only, the sign of any input shows against the other runs.
         each = (*data.signals, *data.inputs) if len(data.runs) > 1 else ()
         return (*columns, *(f"{c}@{run}" for c in each for run in data.runs))
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Turn the command round."""
+        """Reverse the sign of the command."""
         (name,) = columns_of(effect.place)
         if name not in drive.channels or not concerns(effect.place, drive.run):
             return drive
         return drive.with_channel(name, -drive.channels[name])
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Turn the signal round."""
+        """Reverse the sign of the signal."""
         (name,) = columns_of(effect.place)
         if name not in seen.signals or not concerns(effect.place, seen.run):
             return seen
@@ -165,7 +181,7 @@ class SignError(Effect):
 
 
 class ChannelSwap(Effect):
-    """Two columns, ``"a+b"``, carry each other's data: plugs, axes or a table's heads exchanged."""
+    """Two columns, ``"a+b"``, contain each other's data: plugs, axes or column heads are exchanged."""
 
     slug = "channel-swap"
     family = "data errors"
@@ -176,7 +192,8 @@ class ChannelSwap(Effect):
     separated_by = "one axis at a time: push on one, rest, then on the other"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Pairs of signals of one unit, and pairs of inputs that do not merely exchange free gains."""
+        """Return pairs of signals of one unit, and pairs of inputs whose exchange would not only exchange free
+        gains."""
         signals = [(a, b) for a, b in combinations(data.signals, 2) if data.signals[a] == data.signals[b]]
         inputs = [(a, b) for a, b in combinations(data.inputs, 2) if not _alike(a, b, data)]
         return tuple(f"{a}+{b}" for a, b in (*signals, *inputs))
@@ -199,7 +216,7 @@ class ChannelSwap(Effect):
 
 
 def _alike(a: str, b: str, data: DataSummary) -> bool:
-    """Return whether the model would not notice: both inputs drive the same forces, with gains to fit."""
+    """Return whether the model cannot show an exchange: both inputs drive the same forces, with free gains."""
     form = data.form
     pairs = [form.inputs.get(c, ()) for c in (a, b)]
     free = all(isinstance(g, str) and g.lstrip("-") in form.free for own in pairs for _, g in own)
@@ -210,10 +227,11 @@ _PLANAR = ({"x", "y"}, {"u", "v"})
 
 
 def signal_scale_shows(signal: str, data: DataSummary) -> bool:
-    """Return whether a wrong scale of *signal* would show.
+    """Return whether a wrong scale of *signal* is identifiable.
 
-    Forces are known up to the inertia's scale, so it shows against another measured signal of the same kinematics
-    only (``psi`` against ``r``, ``x`` and ``y`` against ``u`` and ``psi``), or when the inertia is known.
+    Forces are known only relative to the inertia. The scale is identifiable from another measured signal of the same
+    kinematics: ``psi`` from ``r``, ``x`` and ``y`` from ``u`` and ``psi``. It is also identifiable if the inertia is
+    known.
     """
     have = set(data.signals)
     for dof in DOFS.values():
@@ -230,14 +248,17 @@ def signal_scale_shows(signal: str, data: DataSummary) -> bool:
 
 
 def rates_checked(data: DataSummary) -> bool:
-    """Return whether a position and its velocity are measured, which reveals a wrong clock."""
+    """Return whether a position and its velocity are measured; only then is a wrong clock rate identifiable."""
     have = set(data.signals)
     pairs = any(d.position in have and d.velocity in have for d in DOFS.values())
     return pairs or all(have & group for group in _PLANAR)
 
 
 def input_scale_shows(channel: str, data: DataSummary) -> bool:
-    """Return whether a wrong scale of an input is identifiable: its gain and an inertia or second input are known."""
+    """Return whether a wrong scale of an input is identifiable.
+
+    Its gain must be known, and also the inertia or the gain of a second input.
+    """
     form = data.form
     for force in _given(channel, form):
         dof = next(d.name for d in DOFS.values() if d.force == force)

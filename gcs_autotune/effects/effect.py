@@ -1,18 +1,18 @@
 """The interface of an effect: a submodel between a plain simulation and the measured motion.
 
-An effect overrides the hooks it needs and nothing else; the chain from commands to measurements runs through them:
+An effect overrides only the hooks that it needs. They form the chain from commands to measurements:
 
-===============  ==========================================================================================
-``retime``       the file's stamps made the craft's own time (wrong clocks)
-``drive``        commands made what the actuators do, and inputs of its own added (``inputs``)
-``derivatives``  forces in the equations of motion, as SNAME derivatives with values
-``observe``      true signals made what the sensors report
-``learn``        for disturbances that no simulation foretells: parameters from what is left over ...
-``judge``        ... and the residual as that disturbance leaves it
-``normal``       ... and, where that has heavy tails by construction, the noise behind it
-===============  ==========================================================================================
+===============  ===========================================================================================
+``retime``       converts the file's stamps to true time (wrong clocks)
+``drive``        converts commands to actuator outputs, and adds inputs of the effect's own (``inputs``)
+``derivatives``  returns forces in the equations of motion, as SNAME derivatives with values
+``observe``      converts true signals to those that the sensors report
+``learn``        estimates the parameters of a disturbance from the residual, because no simulation predicts it
+``judge``        returns the residual with that disturbance removed
+``normal``       returns the noise behind that residual, if its distribution has heavy tails by construction
+===============  ===========================================================================================
 
-The simulator has effects of the same slugs and parameter names, written apart from these on purpose.
+The simulator has effects of the same slugs and parameter names, deliberately implemented separately.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ HOOKS: Mapping[Stage, tuple[str, ...]] = {
     "motion": ("derivatives",),
     "sensors": ("observe",),
 }
-"""What an effect acts on -> the hooks by which it does."""
+"""Stage of the chain that an effect acts on -> the hooks that do it."""
 
 INPUT, SIGNAL = "input unit", "signal unit"
-"""Stand for the unit of the input (or signal) an effect sits on, in units such as ``input unit/s``."""
+"""Placeholders in units such as ``input unit/s``, for the unit of the input (or signal) at the effect's place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +73,8 @@ class Quantity:
 class EffectInstance:
     """An effect at a place, with values: a part of an extended model.
 
-    ``place`` names the input, signal or degree of freedom (``"N"``, ``"psi"``, ``"yaw"``; several joined by ``+``);
-    ``values`` the fitted parameters, SI; ``constants`` numbers read off the runs once (a reference speed, say).
+    ``place``: the input, signal or degree of freedom (``"N"``, ``"psi"``, ``"yaw"``; several joined by ``+``).
+    ``values``: the fitted parameters, SI. ``constants``: numbers read from the runs once, such as a reference speed.
     """
 
     slug: str
@@ -83,7 +83,7 @@ class EffectInstance:
     constants: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
-        """Return a value or a constant."""
+        """Return the value or constant *name*."""
         return self.values[name] if name in self.values else self.constants[name]
 
     @property
@@ -91,12 +91,16 @@ class EffectInstance:
         """The constant ``sense``: -1 if the base model's inertia is negative, 1 by default."""
         return self.constants.get("sense", 1.0)
 
+    def label_of(self, name: str) -> str:
+        """Return what a fit calls a parameter of the effect: ``dead-zone@N.width``."""
+        return f"{self.slug}@{self.place}.{name}"
+
     def with_values(self, values: Mapping[str, float]) -> EffectInstance:
-        """Return it with some values replaced."""
+        """Return the instance with some values replaced."""
         return replace(self, values={**self.values, **values})
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data."""
+        """Return the instance as plain data."""
         return {
             "slug": self.slug,
             "place": self.place,
@@ -107,10 +111,10 @@ class EffectInstance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """Inputs of one run: each value of ``channels[name]`` (j,) holds from its stamp ``t`` (j,) on, the first before it.
+    """Inputs of one run; each value of ``channels[name]`` (j,) is held from its stamp in ``t`` (j,) to the next.
 
-    ``measured`` are the run's own channels, for effects that go with something measured; ``start`` [s] its first stamp;
-    ``run`` its name.
+    The first value also holds before its stamp. ``measured``: the run's recorded channels, for effects that depend on a
+    measured quantity. ``start`` [s]: the run's first stamp. ``run``: its name.
     """
 
     t: Array
@@ -120,18 +124,18 @@ class Drive:
     run: str = ""
 
     def with_channel(self, name: str, values: Array) -> Drive:
-        """Return it with one channel replaced (or added), at the same stamps."""
+        """Return the inputs with one channel replaced (or added), at the same stamps."""
         return replace(self, channels={**self.channels, name: values})
 
     def on(self, t: Array) -> Drive:
-        """Return it held at other stamps (k,), for effects that change between the old ones."""
+        """Return the inputs at other stamps (k,), held from the old ones."""
         at = np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)
         return replace(self, t=t, channels={n: v[at] for n, v in self.channels.items()})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observed:
-    """What is predicted of one run: ``signals[name]`` (s,) at the stamps ``t`` (s,), all signals at all of them."""
+    """Predicted signals of one run: ``signals[name]`` (s,) at the stamps ``t`` (s,), all signals at all stamps."""
 
     t: Array
     signals: Mapping[str, Array]
@@ -139,13 +143,16 @@ class Observed:
     run: str = ""
 
     def with_signal(self, name: str, values: Array) -> Observed:
-        """Return it with one signal replaced."""
+        """Return the prediction with one signal replaced."""
         return replace(self, signals={**self.signals, name: values})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectResidual:
-    """Measured minus predicted of one signal of one run: stamps, values (n,), and the noise level fitted to all."""
+    """Residual (measured minus predicted) of one signal of one run.
+
+    It contains stamps, values (n,), and the fitted noise level of the signal over all runs.
+    """
 
     run: str
     signal: str
@@ -157,9 +164,9 @@ class EffectResidual:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectCurve:
-    """An effect drawn: ``y`` over ``x``, with words at the axes; ``polar`` when ``x`` is a heading [rad].
+    """Plot data of an effect: ``y`` over ``x``, with axis labels; ``polar`` if ``x`` is a heading [rad].
 
-    ``plain`` (n,): the same without the effect, for comparison; None when that is zero.
+    ``plain`` (n,): the curve without the effect, for comparison; None if that is zero.
     """
 
     x: Array
@@ -172,24 +179,23 @@ class EffectCurve:
 
 
 def columns_of(place: str) -> tuple[str, ...]:
-    """Return the columns (or degrees of freedom) a place names: ``"u+v"`` and ``"u+v@run"`` are ``u`` and ``v``."""
+    """Return the columns (or degrees of freedom) of a place: ``u`` and ``v`` for ``"u+v"`` and for ``"u+v@run"``."""
     return tuple(place.partition("@")[0].split("+"))
 
 
 def concerns(place: str, run: str) -> bool:
-    """Return whether an effect at *place* sits in *run*: ``"N@run"`` in that one only."""
+    """Return whether an effect at *place* acts in *run*; ``"N@run"`` acts only in the run of that name."""
     _, one, name = place.partition("@")
     return not one or name == run
 
 
 class Effect:
-    """One row of the table of effects. Class attributes say what it is, methods what it does; see the module's head.
+    """One row of the table of effects: class attributes describe it, methods implement it (see the module).
 
-    ``plain``: the sentence that a report begins with, for the owner of the boat. Words in braces are filled in:
-    ``{craft}`` (boat or vehicle), ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving),
-    ``{command}`` (throttle, rudder) and ``{signal}`` (heading, depth).
-    ``shown_by``: which residual gives it away; ``mistaken_for``: slugs of what it is easily taken for;
-    ``separated_by``: the manoeuvre that tells them apart.
+    ``plain``: the first sentence of a report, for the owner of the boat. Words in braces are filled in: ``{craft}``
+    (boat or vehicle), ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving), ``{command}``
+    (throttle, rudder) and ``{signal}`` (heading, depth). ``shown_by``: the residual that indicates the effect.
+    ``mistaken_for``: slugs of similar effects. ``separated_by``: the manoeuvre that distinguishes it from these.
     """
 
     slug: ClassVar[str]
@@ -201,27 +207,37 @@ class Effect:
     mistaken_for: ClassVar[tuple[str, ...]] = ()
     separated_by: ClassVar[str]
     fixed: ClassVar[tuple[str, ...]] = ()
-    """Parameters least squares leaves alone: only chosen among :meth:`starts`, or learnt."""
+    """Parameters that least squares does not fit: they are selected from :meth:`starts`, or estimated by
+    :meth:`learn`."""
     happens_at: ClassVar[tuple[str, ...]] = ()
-    """Parameters that are moments of the run: a fit may end one oscillation too early or late."""
+    """Parameters that are moments of the run.
+
+    A fit of a moment may end in a local minimum, one oscillation too early or too late.
+    """
     yields_to: ClassVar[tuple[str, ...]] = ()
-    """Slugs reported before this one if runs do not distinguish them: the more common causes."""
+    """Slugs of more common causes, which are reported before this one if runs do not distinguish them."""
     form_of: ClassVar[tuple[str, ...]] = ()
-    """Slugs of the same cause by a plainer law: where that holds too, it is named first, and both together."""
+    """Slugs of the same cause with a simpler law.
+
+    If runs support the simpler law as well, it is reported first, together with this one.
+    """
     is_structural: ClassVar[bool] = False
-    """Whether a first model of such a craft merely leaves it out (order of the drag, coupling, speed, thrust curve,
-    delay), where others are wrong with the craft, its surroundings or the record."""
+    """Whether a first model of such a craft usually omits the effect.
+
+    Examples are the order of the drag, coupling, speed, thrust curve and delay. Other effects indicate a fault of the
+    craft, its surroundings or the record.
+    """
     grows_with: ClassVar[tuple[str, ...]] = ()
-    """Parameters that, taken times a factor together, make the effect that factor as large, nearly."""
+    """Parameters that scale the effect: if all are multiplied by a factor, its size changes by about that factor."""
     neutral: ClassVar[Mapping[str, float]] = MappingProxyType({})
-    """Values at which those of ``grows_with`` have no effect, where that is not 0; they grow from there."""
+    """Values of the parameters in ``grows_with`` at which the effect vanishes; 0 for parameters not listed."""
 
     acts_on: ClassVar[frozenset[Stage]] = frozenset()
-    """Its place in the chain; derived from the hooks that a class defines."""
+    """Stages of the chain that the effect acts on; derived from the hooks that a class defines."""
     is_disturbance: ClassVar[bool] = False
     """Whether it is a disturbance, which no simulation predicts: :meth:`learn` estimates it from the residual."""
     is_rounding: ClassVar[bool] = False
-    """What it leaves has heavy tails by construction; set by :meth:`normal`."""
+    """Whether the residual has heavy tails by construction; set if a class defines :meth:`normal`."""
 
     def __init_subclass__(cls) -> None:
         def defines(hook: str) -> bool:
@@ -233,72 +249,80 @@ class Effect:
     # -- where it may sit, and where a search for it begins
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return the places where these runs could show it; none when they cannot."""
+        """Return the places where these runs can show the effect; empty if they cannot."""
         raise NotImplementedError
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a few start values, one of them near enough to any size that matters."""
+        """Return a few start values, at least one of them close enough for a fit of any size that matters."""
         return ({},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return smallest and largest value per parameter."""
+        """Return the smallest and the largest value of each parameter."""
         return {}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return numbers read from the runs once."""
+        """Return numbers that are read from the runs once and not fitted."""
         return {}
 
     def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:
-        """Return what an effect that :attr:`happens_at` a time would be if it followed a recorded command instead."""
+        """Return alternatives to an effect that :attr:`happens_at` a moment: effects that follow a recorded command
+        instead."""
         return ()
 
     # -- what it does
 
     def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:
-        """Return the craft's own time at the file's stamps *t*, of the inputs' or of the signals' columns."""
+        """Convert the file's stamps *t*, of input or of signal columns, to true time."""
         return t
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
-        """Return inputs that :meth:`drive` adds (``payload``, or names that :meth:`derivatives` use)."""
+        """Return the inputs that :meth:`drive` adds (``payload``, or names that :meth:`derivatives` use)."""
         return ()
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Return what the actuators make of the commands."""
+        """Convert commands to actuator outputs."""
         return drive
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return forces as SNAME derivatives (:mod:`gcs_autotune.models.coupled.derivatives`), added to the base's."""
+        """Return forces to be added to those of the base model.
+
+        They are SNAME derivatives (:mod:`gcs_autotune.models.coupled.derivatives`).
+        """
         return {}
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Return what the sensors make of the truth."""
+        """Convert true signals to those that the sensors report."""
         return seen
 
     def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
-        """Return the values that what is left over speaks for. Only disturbances and faults of sensors."""
+        """Estimate the values from the residuals; only for disturbances and sensor faults."""
         return effect
 
     def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-        """Return the residual (n,) and its derivatives (n, k) as this disturbance leaves them, and a penalty.
+        """Return the residual (n,) and its derivatives (n, k) with this disturbance removed, and a penalty.
 
-        Samples the disturbance accounts for wholly become NaN. With m of n left, of mean square s^2 over all runs of
-        the signal, ``m log(s^2) + penalty`` compares with ``n log(s^2)`` of the raw residual: both are minus twice the
-        log-likelihood of all n samples, less ``n (1 + log(2 pi))``.
+        Samples that the disturbance explains entirely become NaN. Let m of n samples be left, with mean square s^2 over
+        all runs of the signal. Then ``m log(s^2) + penalty`` compares with ``n log(s^2)`` of the raw residual. Both are
+        minus twice the log-likelihood of all n samples, less ``n (1 + log(2 pi))``.
         """
         return left.error, columns, 0.0
 
     def normal(self, effect: EffectInstance, left: EffectResidual) -> Array:
-        """Return the noise (n,) behind an error whose law this changes, on any scale, to test its tails."""
+        """Return the noise (n,) behind a residual whose distribution this effect changes, to test its tails.
+
+        Its scale is arbitrary.
+        """
         raise NotImplementedError
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """Return standard errors of the values :meth:`learn` found; those of fitted ones come from the fit."""
+        """Return standard errors of the values that :meth:`learn` has estimated; those of fitted values come from the
+        fit."""
         return {}
 
     # -- what is told of it
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
-        """Return its picture."""
+        """Return plot data of the effect; None if there is nothing to plot."""
         return None
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:

@@ -15,7 +15,7 @@ __all__ = ["OVER_GROUND", "THROUGH_WATER", "InputBias", "SteadyCurrent", "Tether
 
 
 class InputBias(Effect):
-    """A constant ``bias`` in one equation: trim, a tether's steady pull, a list. Heave has ``net-buoyancy`` instead."""
+    """A constant ``bias`` in one equation: trim, a tether's steady pull, a list. For heave see ``net-buoyancy``."""
 
     slug = "input-bias"
     family = "environment"
@@ -28,25 +28,28 @@ class InputBias(Effect):
     separated_by = "a minute with no command at all, then the same manoeuvre on another heading"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every degree of freedom but heave, unless the base model has a constant force there."""
+        """Return every degree of freedom but heave, unless the base model has a constant force there."""
         there = set(data.form.parameters)
         return tuple(d for d in data.form.dofs if d != "heave" and f"{DOFS[d].force}_0" not in there)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A tenth of the largest command, to be scaled: the effect is linear."""
+        """Return a tenth of the largest command; the effect is linear, so the search scales it."""
         return ({"bias": 0.1 * force_scale(place, data)},)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``X_0``, ``N_0`` and so on."""
+        """Return ``X_0``, ``N_0`` and so on."""
         return {f"{DOFS[effect.place].force}_0": effect["bias"]}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """That of the force; of the input when forces are known as fractions or angles."""
+        """Return the unit of the force; that of the input if forces are known only as fractions or angles."""
         return force_unit(place, data)
 
 
 OVER_GROUND, THROUGH_WATER = "over ground", "through water"
-"""What the file's ``u``, ``v`` are: from a satellite receiver or a bottom-locked log, or from a paddle wheel."""
+"""Meaning of the file's ``u`` and ``v``.
+
+Over ground: from a satellite receiver or a bottom-locked log. Through water: from a paddle wheel.
+"""
 
 FASTEST = 5.0
 """Fastest current searched [m/s]. Strong tidal races are faster, but not suitable for a tune."""
@@ -58,10 +61,10 @@ _NAMES: Mapping[str, Mapping[str, str]] = {
 
 
 class SteadyCurrent(Effect):
-    """Irrotational and steady: the equations of motion hold for the velocity through the water (Fossen2011, 8.3).
+    """Steady, irrotational current: the equations of motion apply to the velocity through the water (Fossen2011, 8.3).
 
-    Speeds over ground then show the current turned into the body; speeds through the water do not, and only positions
-    drift. Files with positions and heading but no speeds are the same under either reading; they get the first.
+    Speeds over ground then include the current in the body frame. Speeds through the water do not, and only positions
+    drift. For files with positions and heading but no speeds, both meanings give the same result; the first is used.
     """
 
     slug = "steady-current"
@@ -78,9 +81,9 @@ class SteadyCurrent(Effect):
     grows_with = ("V_x", "V_y")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Both readings of the speeds, as far as the file can show them apart from a constant force.
+        """Return the meanings of the speeds under which the file can distinguish a current from a constant force.
 
-        Without a heading only the drift of a position against a measured speed can be told.
+        Without a heading, only the drift of a position against a measured speed identifies a current.
         """
         form, seen = data.form, set(data.signals)
         if {"V_x", "V_y", "drift_x", "drift_y"} & set(form.parameters) or not {"surge", "sway"} & set(form.dofs):
@@ -93,37 +96,40 @@ class SteadyCurrent(Effect):
         return (OVER_GROUND,) * over_ground + (THROUGH_WATER,) * bool(speeds and positions)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Along each axis and between them; either sign by scaling. Only north, or east, for a craft on a line."""
+        """Return currents along each axis and between the axes; scaling gives the opposite sign.
+
+        For a craft on a straight line, only north or only east is returned.
+        """
         V = 0.2 * max(top_speed(d, data) for d in ("surge", "sway") if d in data.form.dofs)
         if "yaw" in data.form.dofs or {"surge", "sway"} <= set(data.form.dofs):
             return tuple({"V_x": a * V, "V_y": b * V} for a, b in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (0.7, -0.7)))
         return ({"V_x": V},) if "surge" in data.form.dofs else ({"V_y": V},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Water is not that fast."""
+        """Return the range of currents searched."""
         return {"V_x": (-FASTEST, FASTEST), "V_y": (-FASTEST, FASTEST)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """The current of the kernel, seen or unseen by the speeds."""
+        """Return the current as parameters of the simulator, included in the speeds or not."""
         names = _NAMES[effect.place]
         return {names[n]: v for n, v in effect.values.items()}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """How fast the water carries along each heading."""
+        """Return the component of the current along each heading."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
         along = effect.values.get("V_x", 0.0) * np.cos(psi) + effect.values.get("V_y", 0.0) * np.sin(psi)
         return EffectCurve(psi, along, "heading [rad]", "current from astern [m/s]", "Current", polar=True)
 
 
 DIRECTIONS = 6
-"""Directions to begin from, evenly round."""
+"""Number of start values of the direction, evenly spaced."""
 
 
 class WindMoment(Effect):
-    """``N += strength sin(direction - psi)``: it turns the bow towards ``direction``, upwind or down.
+    """``N += strength sin(direction - psi)``: wind turns the bow towards ``direction``.
 
-    Which of the two is the hull's affair. Needs a measured heading. ``direction`` counts from north over east; a fit
-    may leave it outside [0, 2 pi).
+    Whether ``direction`` is upwind or downwind depends on the hull. A measured heading is needed. ``direction`` is
+    measured from north towards east; a fit may leave it outside [0, 2 pi).
     """
 
     slug = "wind-moment"
@@ -140,54 +146,57 @@ class WindMoment(Effect):
     grows_with = ("strength",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Yaw, with a measured heading."""
+        """Return yaw, if the heading is measured."""
         there = {"N_sinpsi", "N_cospsi"} & set(data.form.parameters)
         return ("yaw",) if "yaw" in data.form.dofs and "psi" in data.signals and not there else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A fifth of the largest command, from all round."""
+        """Return a fifth of the largest command, for evenly spaced directions."""
         strength = 0.2 * force_scale(place, data)
         turns = (2.0 * pi * k / DIRECTIONS for k in range(DIRECTIONS))
         return tuple({"strength": strength, "direction": d if d <= pi else d - 2.0 * pi} for d in turns)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Strength is positive; the direction gives the sign."""
+        """Return bounds: the strength is positive, because the direction determines the sign."""
         return {"strength": (0.0, inf), "direction": (-3.0 * pi, 3.0 * pi)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Which sign turns to starboard."""
+        """Return the sign of a moment to starboard."""
         return sense(place, data)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``N_cospsi`` and ``N_sinpsi``: the sine of a difference taken apart."""
+        """Return ``N_cospsi`` and ``N_sinpsi``: the sine of the difference, expanded."""
         strength = effect.sense * effect["strength"]
         return {"N_cospsi": strength * sin(effect["direction"]), "N_sinpsi": -strength * cos(effect["direction"])}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """The wind rose: moment over heading."""
+        """Return moment over heading (polar)."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
         moment = effect["strength"] * np.sin(effect["direction"] - psi)
         unit = force_unit(effect.place, data)
         return EffectCurve(psi, moment, "heading [rad]", f"moment to starboard [{unit}]", "Wind moment", polar=True)
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """That of the moment, and of the heading."""
+        """Return the unit of the moment, or of the heading."""
         return force_unit(place, data) if name == "strength" else "rad"
 
 
 PLANE = "surge+sway"
 
 STRENGTH = 0.3
-"""Pull to begin from over the range of positions visited, in shares of the largest force."""
+"""Start value of the pull across the range of positions, relative to the largest force."""
 
 AWAY = 5.0
-"""How far from the middle of the positions an anchor may lie, in ranges visited; farther off it is a constant force."""
+"""Largest distance of an anchor from the middle of the positions, in ranges of position.
+
+The pull of an anchor farther away is practically a constant force.
+"""
 
 
 class TetherPull(Effect):
-    """``- stiffness (position - anchor)`` in one degree of freedom, or towards a place ``x``, ``y`` on the plane.
+    """``- stiffness (position - anchor)`` in one degree of freedom, or towards a point ``x``, ``y`` in the plane.
 
-    On the plane the pull is earth-fixed and turned into the body frame; a craft that does not turn heads north.
+    In the plane, the pull is earth-fixed and rotated into the body frame. A craft without yaw is assumed to head north.
     """
 
     slug = "tether-pull"
@@ -206,7 +215,10 @@ class TetherPull(Effect):
     grows_with = ("stiffness",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Yaw and heave with their position measured; surge by itself on a line; surge and sway on the plane."""
+        """Return the degrees of freedom whose position is measured.
+
+        These are yaw and heave, surge alone on a straight line, and surge and sway together in the plane.
+        """
         form, seen = data.form, set(data.signals)
         found: list[str] = [d for d in ("yaw", "heave") if d in form.dofs and DOFS[d].position in seen]
         if "surge" in form.dofs and not {"sway", "yaw"} & set(form.dofs) and "x" in seen:
@@ -216,7 +228,7 @@ class TetherPull(Effect):
         return tuple(d for d in found if d == PLANE or f"{DOFS[d].force}_{DOFS[d].position}" not in form.parameters)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Anchored amid the positions visited, and at their ends."""
+        """Return anchors in the middle and at the ends of the recorded positions."""
         if place == PLANE:
             (west, east), (south, north) = data.extent["y"], data.extent["x"]
             span = max(east - west, north - south) or 1.0
@@ -229,7 +241,7 @@ class TetherPull(Effect):
         return tuple({"stiffness": stiffness, "anchor": a} for a in (0.5 * (low + high), low, high))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """It pulls back, to somewhere not too far off."""
+        """Return bounds: the stiffness is positive, and the anchor lies within :data:`AWAY` ranges of position."""
         names = {"x": "x", "y": "y"} if place == PLANE else {"anchor": DOFS[place].position}
         edges = {name: data.extent[signal] for name, signal in names.items()}
         span = max(high - low for low, high in edges.values()) or 1.0
@@ -237,11 +249,14 @@ class TetherPull(Effect):
         return {"stiffness": (0.0, inf), **reach}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Which sign pulls back."""
+        """Return the sign of a restoring force."""
         return sense(place, data) if place != PLANE else {}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``N_psi`` and ``N_0``, ``Z_z`` and ``Z_0``; on the plane positions times sine and cosine of the heading."""
+        """Return ``N_psi`` and ``N_0``, or ``Z_z`` and ``Z_0``.
+
+        In the plane, return products of position with sine and cosine of the heading.
+        """
         k = effect.sense * effect["stiffness"]
         if effect.place != PLANE:
             d = DOFS[effect.place]
@@ -253,7 +268,7 @@ class TetherPull(Effect):
         }  # fmt: skip
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Pull over position, on the plane over distance."""
+        """Return pull over position; in the plane, over distance."""
         if effect.place == PLANE:
             far = max(high - low for low, high in (data.extent["x"], data.extent["y"])) or 1.0
             distance = np.linspace(0.0, far, 61)
@@ -268,6 +283,6 @@ class TetherPull(Effect):
         return EffectCurve(x, pull, f"{d.position} [{d.position_unit}]", f"pull [{unit}]", "Tether pull")
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Force per distance, and that of the position."""
+        """Return the unit of force per distance, or of the position."""
         first = place.split("+")[0]
         return stiffness_unit(first, data) if name == "stiffness" else DOFS[first].position_unit

@@ -1,8 +1,9 @@
 """A form with effects, simulated with sensitivities.
 
-The way of a run: stamps -> ``retime`` -> commands -> ``drive`` -> equations of motion (the base form with the
-effects' ``derivatives``) -> ``observe`` -> predicted columns. Sensitivities to the base model's parameters, to
-initial states and to effects that act through derivatives are exact up to the sensors; the others are differences.
+A run is simulated in these stages: stamps -> ``retime`` -> commands -> ``drive`` -> equations of motion -> ``observe``
+-> predicted columns. The equations of motion are the base form with the effects' ``derivatives``. Some sensitivities
+are exact, apart from the sensors: those to the base model's parameters, to initial states, and to effects that act
+through derivatives. The others are difference quotients.
 """
 
 from __future__ import annotations
@@ -31,21 +32,21 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 STEP = 1e-3
-"""Difference quotients, in shares of a parameter's typical size."""
+"""Step of difference quotients, relative to a parameter's typical size."""
 
 NUDGE = 1e-4
-"""The same for passing sensitivities through sensors."""
+"""Relative step of the difference quotients that pass sensitivities through sensors."""
 
 PATIENCE = 70
-"""Steps per stamp after which a simulation is abandoned."""
+"""Number of integration steps per stamp above which a simulation is abandoned."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passage:
-    """One stretch of a run as a simulation sees it.
+    """One stretch of a run, in the form that a simulation needs.
 
     ``t_in`` (j,), ``commands[name]`` (j,): inputs held from their stamps on. ``stamps`` (s,): all stamps of all
-    signals; ``at[signal]`` (n,): which of them are that signal's. ``measured``: the run's instance channels.
+    signals. ``at[signal]`` (n,): indices of that signal's stamps. ``measured``: the run's recorded channels.
     """
 
     run: str
@@ -58,7 +59,7 @@ class Passage:
 
 
 def in_order(effects: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
-    """Return *effects* in the order in which they act: the table's."""
+    """Return *effects* in the order of the table, in which they act."""
     order = list(EFFECTS)
     return tuple(sorted(effects, key=lambda e: (order.index(e.slug), e.place)))
 
@@ -70,7 +71,7 @@ def passage_of(
     stamps: Mapping[str, Array],
     measured: Mapping[str, Channel] | None = None,
 ) -> Passage:
-    """Return a passage from inputs and the stamps of every signal."""
+    """Return a passage with these inputs and the stamps of every signal."""
     together = np.unique(np.concatenate(list(stamps.values())))
     at = {n: np.searchsorted(together, t).astype(np.int64) for n, t in stamps.items()}
     begin = float(min(together[0], t_in[0])) if len(t_in) else float(together[0])
@@ -79,9 +80,9 @@ def passage_of(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Simulated:
-    """A run simulated from ``theta``, ``effects`` and ``x_0``: what is true, what is ``seen`` of it.
+    """A run simulated from ``theta``, ``effects`` and ``x_0``: the true signals and those ``seen`` by the sensors.
 
-    ``by`` : the sensitivities (s, q) of what is seen to what the kernel knows.
+    ``by``: sensitivities (s, q) of the seen signals to the simulator's parameters and initial states.
     """
 
     theta: Array
@@ -94,13 +95,15 @@ class _Simulated:
 
 
 class ExtendedSimulator:
-    """A form and its effects, ready to run.
+    """Simulator of a form with effects.
 
     Parameters
     ----------
-    form : of the base model. effects : slugs and places; their values may change from run to run.
-    free : base parameters sensitivities are wanted for; free_effects : ``(index, parameter)`` of the effects';
-    free_states : initial states. The columns of a Jacobian stand in this order.
+    form : form of the base model.
+    effects : slugs and places; their values may change from run to run.
+    free : base parameters to calculate sensitivities for.
+    free_effects : ``(index, parameter)`` of the effects, likewise.
+    free_states : initial states, likewise. The columns of a Jacobian are in the order of these three.
     typical : size of each free effect parameter, for difference quotients.
     """
 
@@ -142,7 +145,8 @@ class ExtendedSimulator:
         return self._simulator.states
 
     def _stage(self, i: int) -> str:
-        """Return where a parameter acts: only through derivatives, only at the sensors, or before the simulation."""
+        """Return the stage where a parameter acts: through derivatives only, at the sensors only, or before the
+        simulation."""
         entry = self.entries[i]
         if entry.acts_on & {"clock", "commands"}:
             return "before"
@@ -159,9 +163,10 @@ class ExtendedSimulator:
         *,
         sensitivities: bool = False,
     ) -> dict[str, tuple[Array, Array]] | None:
-        """Predict every signal (n,) at its own stamps, with its Jacobian (n, q); None when the motion runs away.
+        """Predict every signal (n,) at its own stamps, with its Jacobian (n, q); return None if the motion diverges.
 
-        theta : (p,) the base's parameters in ``form.parameters`` order. x_0 : (n,) state at the first stamp.
+        theta : (p,) base parameters in the order of ``form.parameters``. x_0 : (n,) state at the first stamp.
+
         The Jacobian is (n, 0) without *sensitivities*.
         """
         moved = self._move(theta, effects, x_0, passage, sensitivities)
@@ -189,12 +194,12 @@ class ExtendedSimulator:
         }
 
     def truth(self, theta: Array, effects: Sequence[EffectInstance], x_0: Array, passage: Passage) -> Observed | None:
-        """Return all true signals at all stamps: what :meth:`seen` can show through other sensors."""
+        """Return all true signals at all stamps, as input to :meth:`seen` with other sensors."""
         moved = self._move(theta, effects, x_0, passage, False, everything=True)
         return None if moved is None else moved[0]
 
     def seen(self, effects: Sequence[EffectInstance], truth: Observed, passage: Passage) -> dict[str, Array]:
-        """Return every signal at its own stamps as the sensors of *effects* show that truth."""
+        """Return every signal at its own stamps, as the sensors of *effects* report the true signals."""
         seen = self._observe(effects, truth)
         return {n: seen.signals[n][at] for n, at in passage.at.items()}
 
@@ -217,7 +222,7 @@ class ExtendedSimulator:
         *,
         everything: bool = False,
     ) -> tuple[Observed, dict[str, Array]] | None:
-        """Return the true signals at all stamps, and their sensitivities (s, q) to what the kernel knows."""
+        """Return the true signals at all stamps, and their sensitivities (s, q) to the simulator's parameters."""
         t_in, stamps, start = passage.t_in, passage.stamps, passage.start
         for entry, instance in zip(self.entries, effects, strict=True):
             if "clock" in entry.acts_on:
@@ -239,7 +244,7 @@ class ExtendedSimulator:
         return Observed(passage.stamps, signals, start, passage.run), by
 
     def _wanted(self, passage: Passage, everything: bool) -> list[str]:
-        """Return the signals to compute: those measured, and all others when a sensor may mix them."""
+        """Return the signals to calculate: the measured ones, or all if a sensor may mix them."""
         if everything or any("sensors" in entry.acts_on for entry in self.entries):
             return [n for n in self.states if not n.startswith("lagged")]
         return list(passage.at)
@@ -252,7 +257,7 @@ class ExtendedSimulator:
     def _through_sensors(
         self, effects: Sequence[EffectInstance], truth: Observed, seen: Observed, by: Mapping[str, Array]
     ) -> Mapping[str, Array]:
-        """Return the kernel's sensitivities of every signal, (s, q), as the sensors pass them on."""
+        """Return the sensitivities (s, q) of every signal after the sensors."""
         if not self._sensors:
             return by
         passed = {n: np.zeros((len(seen.t), len(self._columns) + len(self.free_states))) for n in seen.signals}
@@ -275,7 +280,7 @@ class ExtendedSimulator:
         name: str,
         run: _Simulated,
     ) -> Mapping[str, Array] | None:
-        """Return the sensitivity of every signal to parameter *name* of effect *i*, the *k*-th of all."""
+        """Return the sensitivity of every signal to parameter *name* of effect *i*, the *k*-th free parameter."""
         effects, seen, by = run.effects, run.seen, run.by
         instance, entry = effects[i], self.entries[i]
         h = STEP * self.typical[k]
@@ -306,10 +311,10 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class ExtendedModel:
-    """A coupled model and the effects that stand between it and the measurements, in the table's order.
+    """A coupled model with the effects between it and the measurements, in the order of the table.
 
-    ``amplitude``: what "full" of each input means to whoever flies it (:attr:`.effect.DataSummary.full`);
-    ``units`` of the inputs ("1": fractions of full output). Both empty when nobody said.
+    ``amplitude``: full output of each input in the units of the runs (:attr:`.effect.DataSummary.full`). ``units``:
+    units of the inputs ("1": fractions of full output). Both are empty if unknown.
     """
 
     base: CoupledModel
@@ -329,7 +334,7 @@ class ExtendedModel:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ExtendedModel:
-        """Rebuild from :meth:`to_dict`, or from a plain coupled model's data.
+        """Rebuild a model from the data of :meth:`to_dict`, or from a plain coupled model's data.
 
         Raises
         ------
@@ -341,7 +346,7 @@ class ExtendedModel:
 
     @classmethod
     def of_data(cls, told: CoupledData | ExtendedData) -> ExtendedModel:
-        """Return the model that a file holds; errors as those of :meth:`from_dict`."""
+        """Return the model that a file contains; errors are those of :meth:`from_dict`."""
         if isinstance(told, CoupledData):
             return cls(CoupledModel.of_data(told))
         base = CoupledModel.of_data(told.base)
@@ -353,7 +358,8 @@ class ExtendedModel:
         return cls(base, in_order(effects), dict(told.constants.swing), dict(told.constants.units))
 
     def predict(self, passage: Passage, initial: Mapping[str, float]) -> dict[str, Array] | None:
-        """Return every signal at its own stamps from *initial* states (default 0), or None if it diverges."""
+        """Return every signal at its own stamps from *initial* states (default 0); return None if the motion
+        diverges."""
         simulator = ExtendedSimulator(self.base.form, self.effects)
         x_0 = np.array([initial.get(n, 0.0) for n in simulator.states])
         found = simulator.run(self.base.theta, self.effects, x_0, passage)
@@ -361,14 +367,17 @@ class ExtendedModel:
 
 
 def _as_now(effect: EffectInstance) -> EffectInstance:
-    """Return an effect of an older file as the book has it: ``speed-damping`` was the signed ``u r`` until 2026-11."""
+    """Convert an effect of an older file to the present table.
+
+    Until 2026-11, ``speed-damping`` was the signed ``u r``.
+    """
     if effect.slug == "speed-damping" and "N_ur" in effect.values:
         return EffectInstance("velocity-product", "N_ur", {"coefficient": effect["N_ur"]}, effect.constants)
     return effect
 
 
 def _check_effect(effect: EffectInstance) -> None:
-    """Refuse an effect that is not in the table, or whose numbers are not its own."""
+    """Reject an effect that is not in the table, or whose numbers do not match its parameters."""
     own = [q.name for q in lookup(EFFECTS, effect.slug, "effect").parameters]
     missing = [n for n in own if n not in effect.values and n not in effect.constants]
     strange = [n for n in effect.values if n not in own]

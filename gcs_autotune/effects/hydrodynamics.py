@@ -33,13 +33,13 @@ __all__ = [
 
 
 def drag_names(dof: str) -> tuple[str, str]:
-    """Return the derivatives of linear and quadratic drag, ``("N_r", "N_rr")`` for yaw."""
+    """Return the names of linear and quadratic drag, such as ``("N_r", "N_rr")`` for yaw."""
     d = DOFS[dof]
     return f"{d.force}_{d.velocity}", f"{d.force}_{d.velocity}{d.velocity}"
 
 
 def drag_polar(effect: EffectInstance, data: DataSummary, title: str) -> EffectCurve:
-    """Return drag over speed with the base's drag and the effect's, against the base's alone."""
+    """Return drag over speed: base model with the effect, and base model alone."""
     d = DOFS[effect.place]
     linear, quadratic = drag_names(effect.place)
     known, sign = known_of(data), effect.sense
@@ -51,7 +51,10 @@ def drag_polar(effect: EffectInstance, data: DataSummary, title: str) -> EffectC
 
 
 class Drag(Effect):
-    """``coefficient`` times speed to the ``power``; ``polar`` is the title of its picture."""
+    """Drag proportional to a power of speed: ``coefficient`` times speed to the ``power``.
+
+    ``polar``: the title of its plot.
+    """
 
     power: ClassVar[int]
     polar: ClassVar[str]
@@ -60,42 +63,45 @@ class Drag(Effect):
     grows_with = ("coefficient",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Degrees of freedom whose base model has no such drag."""
+        """Return the degrees of freedom whose base model has no such drag."""
         return tuple(d for d in data.form.dofs if not self._spellings(d) & set(data.form.parameters))
 
     def _spellings(self, dof: str) -> set[str]:
-        """What a base model may call it."""
+        """Return the names that a base model may use for this drag."""
         d, own = DOFS[dof], drag_names(dof)[self.power - 1]
         return {own} if self.power == 1 else {own, f"{d.force}_|{d.velocity}|{d.velocity}"}
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Shares of the largest force at the largest speed: a heading integrates, so only small ones act linearly."""
+        """Return coefficients relative to the largest force at the largest speed.
+
+        Some are small, because a heading integrates the effect, so that only a small effect acts linearly.
+        """
         full = force_scale(place, data) / top_speed(place, data) ** self.power
         return tuple({"coefficient": share * full} for share in (0.02, 0.1, 0.5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Drag damps."""
+        """Return bounds: drag takes energy out of the motion, so the coefficient is positive."""
         return {"coefficient": (0.0, inf)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Which sign damps."""
+        """Return the sign of a damping force."""
         return sense(place, data)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``X_u``, ``N_r`` and so on; ``X_uu``, ``N_rr`` of the second power."""
+        """Return ``X_u``, ``N_r`` and so on; ``X_uu``, ``N_rr`` for the second power."""
         return {drag_names(effect.place)[self.power - 1]: -effect.sense * effect["coefficient"]}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """The drag polar."""
+        """Return drag over speed."""
         return drag_polar(effect, data, self.polar)
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Force per that power of speed."""
+        """Return the unit of force per power of speed."""
         return DOFS[place].parameter_units(force_unit(place, data))[self.power]
 
 
 class LinearDrag(Drag):
-    """``- coefficient nu``: skin friction and wave making at low speed. Only where the base model has none."""
+    """``- coefficient nu``: skin friction and wave making at low speed, if the base model has no linear drag."""
 
     slug = "linear-drag"
     power = 1
@@ -109,7 +115,7 @@ class LinearDrag(Drag):
 
 
 class QuadraticDrag(Drag):
-    """``- coefficient |nu| nu``: pressure drag of the water shed at higher speed (Miskovic2010 (6.33), ``beta_nn``)."""
+    """``- coefficient |nu| nu``: pressure drag of separated flow at higher speed (Miskovic2010 (6.33), ``beta_nn``)."""
 
     slug = "quadratic-drag"
     power = 2
@@ -134,11 +140,11 @@ TERMS: Mapping[str, tuple[str, str, str]] = {
 """Coefficient -> its equation, and the two velocities whose product it multiplies."""
 
 SHARE = 0.2
-"""Share of the largest force to begin from, at the largest speeds."""
+"""Start value of a coefficient: its force relative to the largest force, at the largest speeds."""
 
 
 class CoriolisCoupling(Effect):
-    """``X_vr v r``, ``Y_ur u r``, ``N_uv u v``: rigid body and added mass (Miskovic, Vukic and Barisic, (4)).
+    """``X_vr v r``, ``Y_ur u r``, ``N_uv u v`` of rigid body and added mass (Miskovic, Vukic and Barisic, (4)).
 
     With masses ``m_u``, ``m_v``: ``X_vr = m_v``, ``Y_ur = -m_u``, ``N_uv = m_u - m_v`` (the Munk moment).
     """
@@ -159,15 +165,16 @@ class CoriolisCoupling(Effect):
     grows_with = ("X_vr", "Y_ur", "N_uv")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Surge, sway and yaw together, where the base model has none of it; fewer have no product of two others."""
+        """Return surge, sway and yaw together, if the base model has all three but none of these terms."""
         form = data.form
         missing = {"surge", "sway", "yaw"} - set(form.dofs)
         return () if missing or form.coriolis or set(TERMS) & set(form.parameters) else ("surge+sway+yaw",)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """What the base's masses speak for; a fair share of the forces there are, all together and one by one.
+        """Return the values that follow from the base model's masses, and moderate values, together and one by one.
 
-        A base model without these forces has often put them into its masses, so the masses alone would mislead.
+        A base model without these forces has often included them in its masses. The masses alone would therefore
+        mislead.
         """
         m_u, m_v = inertia_scale("surge", data), inertia_scale("sway", data)
         signs = {"X_vr": 1.0, "Y_ur": -1.0, "N_uv": 1.0 if m_u > m_v else -1.0}
@@ -176,15 +183,15 @@ class CoriolisCoupling(Effect):
         return ({"X_vr": m_v, "Y_ur": -m_u, "N_uv": m_u - m_v}, fair, *alone)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Masses are positive; the moment may have either sign."""
+        """Return bounds: masses are positive; the moment may have either sign."""
         return {"X_vr": (0.0, inf), "Y_ur": (-inf, 0.0), "N_uv": (-inf, inf)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Themselves."""
+        """Return the three derivatives themselves."""
         return {name: effect[name] for name in TERMS}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Force or moment per product of two speeds."""
+        """Return the unit of force or moment per product of two speeds."""
         return f"{force_unit(TERMS[name][0], data)} s^2/{'m^2' if name == 'N_uv' else '(m rad)'}"
 
 
@@ -194,11 +201,11 @@ def _per_speeds(name: str, data: DataSummary) -> float:
 
 
 LARGEST = 0.95
-"""Largest ``Y_rdot`` in shares of the geometric mean of both inertias: at 1 the mass matrix is singular."""
+"""Largest ``Y_rdot`` relative to the geometric mean of both inertias; at 1 the mass matrix is singular."""
 
 
 class SwayYawCoupling(Effect):
-    """``Y_r r`` in sway, ``N_v v`` in yaw, and ``-Y_rdot`` off the diagonal of the mass matrix, on both sides.
+    """``Y_r r`` in sway, ``N_v v`` in yaw, and ``-Y_rdot`` in both off-diagonal entries of the mass matrix.
 
     With the centre of gravity ``x_G`` ahead, ``-Y_rdot`` is ``m x_G`` (Miskovic, Vukic and Barisic, (4)).
     """
@@ -219,13 +226,13 @@ class SwayYawCoupling(Effect):
     grows_with = ("Y_r", "N_v", "Y_rdot")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Sway and yaw, where the base model has no coupling."""
+        """Return sway and yaw together, if the base model has no coupling of the two."""
         form = data.form
         there = {"Y_r", "N_v", "Y_rdot", "N_vdot", "x_G"} & set(form.parameters)
         return ("sway+yaw",) if {"sway", "yaw"} <= set(form.dofs) and not there else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Each of the three by itself, at a fair share of the forces there are."""
+        """Return each of the three alone, at a third of the largest force or mean inertia."""
         v, r = top_speed("sway", data), top_speed("yaw", data)
         size = {
             "Y_r": -0.3 * force_scale("sway", data) / r,
@@ -235,16 +242,16 @@ class SwayYawCoupling(Effect):
         return tuple({n: (v if n == name else 0.0) for n, v in size.items()} for name in size)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """The mass matrix stays positive definite."""
+        """Return bounds that keep the mass matrix positive definite."""
         most = LARGEST * _mean_inertia(data) if data.base else inf
         return {"Y_r": (-inf, inf), "N_v": (-inf, inf), "Y_rdot": (-most, most)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Themselves; the mirror of ``Y_rdot`` comes with it."""
+        """Return the three derivatives themselves; the model adds the mirrored entry of ``Y_rdot``."""
         return {name: effect[name] for name in ("Y_r", "N_v", "Y_rdot")}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Force over speed or acceleration."""
+        """Return the unit of force or moment per speed or acceleration."""
         per = {"Y_r": "s/rad", "N_v": "s/m", "Y_rdot": "s^2/rad"}
         return f"{force_unit('yaw' if name == 'N_v' else 'sway', data)} {per[name]}"
 
@@ -254,22 +261,32 @@ def _mean_inertia(data: DataSummary) -> float:
 
 
 FOLLOWED = 0.02
-"""Chosen: least range of a command, in shares of its largest, for the inertia to be able to follow it."""
+"""Least range of a command, relative to its largest value, for which the inertia may depend on it.
+
+The value is set by hand: a smaller range is practically a constant command.
+"""
 
 RATIOS, MOMENTS = (1.5, 0.67), 16
-"""Ratios to begin from, at so many moments: between two changes of command nothing tells when, so moments have to lie
-about as close as commands do."""
+"""Start values: inertia ratios, and number of evenly spaced moments.
+
+The data do not show the moment of a change between two changes of command. The moments therefore have to lie about as
+close as the commands.
+"""
 
 
 FOLLOWS, SIZE = "follows", "size"
-"""Constants of an inertia that follows a command: which of ``FORCES``, and its largest magnitude over the runs."""
+"""Names of the constants of an inertia that depends on a command.
+
+FOLLOWS: index of the command in ``FORCES``. SIZE: its largest magnitude over the runs.
+"""
 
 
 class MassChange(Effect):
-    """The whole inertia is ``ratio`` times as large from ``time`` after the run's start on; velocity does not jump.
+    """The whole inertia changes by the factor ``ratio`` at ``time`` after the run's start; velocity does not jump.
 
-    With the constants ``FOLLOWS`` and ``SIZE`` it has no moment: the inertia goes linearly with the size of a recorded
-    command, by ``ratio`` from none of it to the largest. That is the rival of a change in time (:meth:`followers`).
+    With the constants ``FOLLOWS`` and ``SIZE`` there is no moment of change. The inertia then depends linearly on the
+    size of a recorded command, up to the factor ``ratio`` at its largest value. This is the alternative to a change in
+    time (:meth:`followers`).
     """
 
     slug = "mass-change"
@@ -288,24 +305,24 @@ class MassChange(Effect):
     separated_by = "the same pair of steps at the beginning, in the middle and at the end of the run"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """All degrees of freedom at once: the same payload."""
+        """Return all degrees of freedom together, because a payload acts on all."""
         return ("+".join(data.form.dofs),)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Heavier and lighter, at moments all over the run."""
+        """Return a heavier and a lighter craft, at evenly spaced moments of the run."""
         moments = np.linspace(0.0, data.duration, MOMENTS + 2)[1:-1].tolist()
         return tuple({"ratio": ratio, "time": t} for ratio in RATIOS for t in moments)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A fifth to five times the inertia, well within the longest run."""
+        """Return a fifth to five times the inertia, and moments within the longest run."""
         return {"ratio": (0.2, 5.0), "time": (0.02 * data.duration, 0.98 * data.duration)}
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
-        """What multiplies the inertia."""
+        """Return the input that multiplies the inertia."""
         return (PAYLOAD,)
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Add the payload, with a stamp where it changes."""
+        """Add the inertia factor as an input, with a stamp where it changes."""
         if FOLLOWS in effect.constants:
             return self._following(effect, drive)
         change = drive.start + effect["time"]
@@ -313,9 +330,10 @@ class MassChange(Effect):
         return finer.with_channel(PAYLOAD, np.where(finer.t >= change, effect["ratio"], 1.0))
 
     def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:
-        """Return what follows each recorded command that changes: the inertia, and the gain of each other input.
+        """Return alternatives that depend on each recorded command that changes.
 
-        An inertia that changes alone and a gain that changes alone look alike, but for the drag.
+        These are the inertia, and the gain of each other input. A change of inertia and a change of gain differ only in
+        the drag.
         """
         found = []
         for k, name in enumerate(FORCES):
@@ -343,7 +361,7 @@ class MassChange(Effect):
         return drive.with_channel(PAYLOAD, 1.0 + (effect["ratio"] - 1.0) * share)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Inertia over time."""
+        """Return inertia over time."""
         t = np.array([0.0, effect["time"], effect["time"], max(data.duration, effect["time"])])
         ones = np.ones(4)
         inertia = np.array([1.0, 1.0, effect["ratio"], effect["ratio"]])
@@ -353,7 +371,7 @@ class MassChange(Effect):
 
 
 class NetBuoyancy(Effect):
-    """A constant ``force`` in heave, down positive: weight less buoyancy."""
+    """A constant ``force`` in heave, positive down: weight less buoyancy."""
 
     slug = "net-buoyancy"
     family = "hydrodynamics"
@@ -366,32 +384,32 @@ class NetBuoyancy(Effect):
     grows_with = ("force",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Heave, unless the base model has a constant force there."""
+        """Return heave, unless the base model has a constant force there."""
         return ("heave",) if "heave" in data.form.dofs and "Z_0" not in data.form.parameters else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A tenth of the largest command, to be scaled: the effect is linear."""
+        """Return a tenth of the largest command; the effect is linear, so the search scales it."""
         return ({"force": 0.1 * force_scale(place, data)},)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``Z_0``."""
+        """Return ``Z_0``."""
         return {"Z_0": effect["force"]}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """That of the force."""
+        """Return the unit of the force."""
         return force_unit(place, data)
 
 
 LENGTHS = (0.1, 0.3, 0.8)
-"""Lengths to begin from, in shares of the depths visited."""
+"""Start values of the length, relative to the range of depths."""
 
 
 class GroundEffect(Effect):
-    """All drag in one equation times ``1 + strength exp(-(bottom - z)/length)``: water squeezed against the bottom.
+    """All drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``, as near the bottom.
 
-    ``bottom`` is the deepest recorded ``z``: where the true bottom lies deeper by h, ``strength`` comes out as
-    ``exp(-h/length)`` of that at the bottom, and the motion is the same. Heave simulates its own depth; other
-    degrees of freedom, when heave is not simulated, take the recorded one.
+    ``bottom`` is the deepest recorded ``z``. If the true bottom is deeper by h, ``strength`` becomes ``exp(-h/length)``
+    times its value at the bottom, and the motion is the same. If heave is simulated, the simulated depth is used;
+    otherwise the recorded one.
     """
 
     slug = "ground-effect"
@@ -408,7 +426,7 @@ class GroundEffect(Effect):
     grows_with = ("strength",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Degrees of freedom with drag, when depth is recorded and changes by more than its noise."""
+        """Return the degrees of freedom with drag, if depth is recorded and changes by more than its noise."""
         low, high = data.extent.get("z", (0.0, 0.0))
         if not high - low > 8.0 * data.level.get("z", 0.0):
             return ()
@@ -416,25 +434,25 @@ class GroundEffect(Effect):
         return tuple(d for d in ("heave", "yaw", "surge", "sway") if d in data.form.dofs and known & {*drag_names(d)})
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Drag doubled at the bottom, over three heights."""
+        """Return drag doubled at the bottom, with three lengths."""
         low, high = data.extent["z"]
         return tuple({"strength": 1.0, "length": share * (high - low)} for share in LENGTHS)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Drag grows, within a part of the depths visited or little more."""
+        """Return bounds: drag increases, over a length of at most twice the range of depths."""
         low, high = data.extent["z"]
         return {"strength": (0.0, 50.0), "length": (0.02 * (high - low), 2.0 * (high - low))}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """The deepest recorded depth, and whether the simulation has a depth of its own."""
+        """Return the deepest recorded depth, and whether the simulation has a depth of its own."""
         return {"bottom": data.extent["z"][1], "dives": float("heave" in data.form.dofs)}
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
-        """The recorded depth, for a craft whose heave is not simulated."""
+        """Return the recorded depth as an input, if heave is not simulated."""
         return () if effect["dives"] else (DEPTH,)
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Add the recorded depth, between its stamps the mean of both."""
+        """Add the recorded depth as an input; between two stamps it is the mean of both."""
         if effect["dives"]:
             return drive
         z = drive.measured["z"]
@@ -444,7 +462,7 @@ class GroundEffect(Effect):
         return finer.with_channel(DEPTH, np.interp(middle, z.t[known], z.values[known]))
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``wall_Z`` with its ``reach`` and ``bottom``."""
+        """Return ``wall_Z`` with its ``reach`` and ``bottom``."""
         return {
             f"wall_{DOFS[effect.place].force}": effect["strength"],
             "reach": effect["length"],
@@ -452,7 +470,7 @@ class GroundEffect(Effect):
         }
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Drag over height."""
+        """Return drag over height."""
         low, high = data.extent["z"]
         height = np.linspace(0.0, high - low, 121)
         drag = 1.0 + effect["strength"] * np.exp(-height / effect["length"])

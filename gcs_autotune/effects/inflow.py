@@ -1,4 +1,7 @@
-"""Effects of the water that flows to an actuator: steering by way or by a propeller's wash, thrust lost with speed."""
+"""Effects of the flow at an actuator.
+
+Steering depends on the boat's speed or on the propeller's wash, and thrust decreases with speed.
+"""
 
 from __future__ import annotations
 
@@ -19,23 +22,29 @@ __all__ = ["AdvanceSpeedLoss", "PropellerWash", "SpeedDependentSteering"]
 
 
 VARIES = 0.1
-"""Speeds must range over this share of their root mean square for their effect to be seen."""
+"""Least range of the speed, relative to its root mean square, for its effect to be visible."""
 
 GAIN_OF = "gain_"
-"""Constants ``gain_N`` and so on: what a simulated flow multiplies, the base model's forces per input."""
+"""Start of the names of constants: ``gain_N`` and so on, the base model's forces per unit of input.
+
+A simulated flow multiplies these forces.
+"""
 
 WIDTHS = (5, 9, 15, 25, 41, 67, 111)
-"""Numbers of samples of a smoothing parabola for the speed; each run selects one."""
+"""Widths, in samples, of the parabola that smooths the speed; one is selected for each run."""
 
 
 class SpeedDependentSteering(ActuatorEffect):
-    """Commands act times ``(1 - share) + share (U/U_ref)^2``: rudder force goes with the square of the flow.
+    """Commands are multiplied by ``(1 - share) + share (U/U_ref)^2``: rudder force is proportional to the flow
+    squared.
 
-    ``U`` is the surge speed through the water: the simulated one where surge is simulated, as noise in a measured one
-    would come out as a weaker effect; else the measured ``u`` (or speed over ground), smoothed as its noise asks.
-    ``U_ref`` is the root mean square of the recorded one over the runs. Miskovic2010, (2.37):
-    ``k_r1 U^2 delta`` from the boat's way, and a rest, from the propeller's race, that does not depend on it. Where the
-    input's gain is fitted and surge simulated, ``share`` is one of the base model's gain.
+    ``U`` is the surge speed through the water. If surge is simulated, the simulated speed is used, because noise in a
+    measured speed would reduce the estimated effect. Otherwise the measured ``u`` (or speed over ground) is used,
+    smoothed according to its noise. ``U_ref`` is the root mean square of the recorded speed over the runs.
+
+    The source is Miskovic2010, (2.37): ``k_r1 U^2 delta`` from the boat's speed, and a constant part from the
+    propeller's wash. If the input's gain is fitted and surge is simulated, ``share`` is relative to the base model's
+    gain.
     """
 
     slug = "speed-dependent-steering"
@@ -54,7 +63,7 @@ class SpeedDependentSteering(ActuatorEffect):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that turns the craft, when a speed is recorded and varies."""
+        """Return every input that turns the craft, if a speed is recorded and varies."""
         name = _speed(data.channels)
         if name is None or name in data.still or data.rms.get(name, 0.0) <= 0.0:
             return ()
@@ -64,22 +73,23 @@ class SpeedDependentSteering(ActuatorEffect):
         return tuple(n for n in super().places(data) if steers(n, data))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Partly, and wholly."""
+        """Return a partial and a nearly full dependence on speed."""
         return ({"share": 0.4}, {"share": 0.9})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A little beyond the physical 0 to 1, so that a fit can end at either."""
+        """Return a range slightly beyond the physical 0 to 1, so that a fit can end at either value."""
         return {"share": (-0.2, 1.2)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """The root mean square of the recorded speed, and where surge is simulated what it multiplies."""
+        """Return the root mean square of the recorded speed; if surge is simulated, also the forces per unit of
+        input."""
         name = _speed(data.channels)
         if name is None:
             return {}
         return {"U_ref": data.rms[name], **_gains(place, data)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``N_N`` and ``N_|u||u|N`` and so on, where surge is simulated."""
+        """Return ``N_N`` and ``N_|u||u|N`` and so on, if surge is simulated."""
         found = {}
         for key, gain in effect.constants.items():
             if key.startswith(GAIN_OF):
@@ -89,7 +99,7 @@ class SpeedDependentSteering(ActuatorEffect):
         return found
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Scale the commands with the measured flow, held at its mean between stamps, where surge is not simulated."""
+        """Scale the commands with the measured flow if surge is not simulated; between stamps its mean is used."""
         name = _speed(drive.measured)
         if name is None or any(key.startswith(GAIN_OF) for key in effect.constants):
             return drive
@@ -105,7 +115,7 @@ class SpeedDependentSteering(ActuatorEffect):
         return redrawn(drive, effect.place, lambda _: (t, u * gain))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Gain over speed."""
+        """Return gain over speed."""
         name = _speed(data.channels) or "u"
         low, high = data.extent.get(name, (0.0, 2.0 * effect["U_ref"]))
         speed = np.linspace(min(low, 0.0), high, 201)
@@ -121,19 +131,23 @@ class SpeedDependentSteering(ActuatorEffect):
 
 
 THRUST = "X"
-"""The command of the propeller whose wash a rudder lies in."""
+"""Name of the propeller's command; the rudder lies in its wash."""
 
 WASH = 0.05
-"""Chosen: least range of that command over its root mean square: a command has no noise."""
+"""Least range of that command, relative to its root mean square.
+
+It is set by hand, and smaller than that of a speed, because a command has no noise.
+"""
 
 
 class PropellerWash(ActuatorEffect):
-    """At ``"N+X"`` the command acts times ``(1 - share) + share X|X|/X_ref^2``: a rudder in a propeller's race.
+    """At ``"N+X"`` the command is multiplied by ``(1 - share) + share X|X|/X_ref^2``: a rudder in a propeller's wash.
 
-    ``X`` is the recorded command ahead, held from stamp to stamp; ``X_ref`` its root mean square over the runs. The
-    race flows with the propeller speed, and thrust with its square (Miskovic2010, (2.37): ``k_r2 n^2 delta``). Inertia
-    and drag per rudder angle, as a fit of yaw alone has them, then fall with ``n^2`` together. A ``share`` below 0
-    means that more thrust steers less: between 36 and 49 V^2 they rise by a tenth (Miskovic2010, table 7.12).
+    ``X`` is the recorded command ahead, held until the next stamp. ``X_ref`` is its root mean square over the runs. The
+    flow of the wash is proportional to the propeller speed, and thrust to its square (Miskovic2010, (2.37):
+    ``k_r2 n^2 delta``). A fit of yaw alone gives inertia and drag per rudder angle; both then decrease with ``n^2``. A
+    ``share`` below 0 means that more thrust steers less. Example: between 36 and 49 V^2 inertia and drag increase by a
+    tenth (Miskovic2010, table 7.12).
     """
 
     slug = "propeller-wash"
@@ -152,7 +166,7 @@ class PropellerWash(ActuatorEffect):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every input that turns the craft and nothing else, where the thrust commanded is recorded and varies."""
+        """Return every input that only turns the craft, if the thrust command is recorded and varies."""
         low, high = data.extent.get(THRUST, (0.0, 0.0))
         if THRUST not in data.channels or high - low <= WASH * data.rms.get(THRUST, 0.0):
             return ()
@@ -160,19 +174,19 @@ class PropellerWash(ActuatorEffect):
         return tuple(f"{n}+{THRUST}" for n in own)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A little less, partly, and wholly."""
+        """Return a slight decrease with thrust, a partial and a nearly full dependence."""
         return ({"share": -0.2}, {"share": 0.4}, {"share": 0.9})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A little beyond the physical 1, and as far below 0."""
+        """Return a range slightly beyond the physical 1, and equally far below 0."""
         return {"share": (-1.2, 1.2)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """The root mean square of the thrust commanded."""
+        """Return the root mean square of the thrust command."""
         return {"X_ref": data.rms[THRUST]}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Scale the commands with the thrust commanded, or with what other effects have made of it."""
+        """Scale the commands with the thrust command; if it drives the craft, it includes the preceding effects."""
         name, other = columns_of(effect.place)
         both = with_other(drive, name, other)
         if both is None:
@@ -184,7 +198,7 @@ class PropellerWash(ActuatorEffect):
         return gain
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Gain over thrust."""
+        """Return gain over thrust."""
         name = columns_of(effect.place)[0]
         low, high = data.extent.get(THRUST, (0.0, 2.0 * effect["X_ref"]))
         thrust = np.linspace(min(low, 0.0), high, 201)
@@ -199,7 +213,7 @@ def _speed(channels: Mapping[str, object] | frozenset[str]) -> str | None:
 
 
 def _gains(place: str, data: DataSummary) -> dict[str, float]:
-    """Return the gain of every force the input drives, none when surge is not simulated or a gain is not known."""
+    """Return the gain of every force that the input drives; empty if surge is not simulated or a gain is unknown."""
     if "surge" not in data.form.dofs:
         return {}
     driven = {DOFS[d].force for d in data.form.dofs}
@@ -219,7 +233,10 @@ def _gains(place: str, data: DataSummary) -> dict[str, float]:
 
 @lru_cache(maxsize=64)
 def _smooth(speed: Channel) -> tuple[Array, Array]:
-    """Return stamps and smoothed speeds (n,) of the samples there are: noise would come out as speed that varies."""
+    """Return the stamps of the valid samples and the smoothed speeds (n,).
+
+    Without smoothing, noise would look like a varying speed.
+    """
     good = np.isfinite(speed.values)
     t, values = speed.t[good], speed.values[good]
     widths = [w for w in WIDTHS if 3 * w <= len(values)]
@@ -230,21 +247,24 @@ def _smooth(speed: Channel) -> tuple[Array, Array]:
 
 
 GAIN, AXIS = "gain", "axis"
-"""Constants: magnitude of the base model's force per input, and which force (0 to 5: X Y Z K M N)."""
+"""Names of the constants of a thruster.
+
+GAIN: magnitude of the base model's force per unit of input. AXIS: index of the force (0 to 5: X Y Z K M N).
+"""
 
 RUDDER = "rad"
-"""Inputs of this unit are angles, not thrusters."""
+"""Unit of inputs that are angles, not thrusters."""
 
 PER_SPEED = "s/m or s/rad"
 
 
 class AdvanceSpeedLoss(SharedActuatorEffect):
-    """The force of a thruster is lowered by ``loss |force| nu``: the bilinear thruster.
+    """The force of a thruster is reduced by ``loss |force| nu`` (bilinear thruster).
 
-    Miskovic2010, (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; ZhaoUSV, eq. (4). ``nu`` is the velocity
-    through the water along the thruster's axis, which must drive one degree of freedom only. It is a term ``X_|X|u`` of
-    the equations of motion and sees what acts, whatever other effects made of the command. Where the input's gain is
-    fitted, the force meant is that of the base model's gain.
+    Miskovic2010, (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; ZhaoUSV, eq. (4). ``nu`` is the velocity through the water
+    along the thruster's axis, which must drive one degree of freedom only. The effect is a term ``X_|X|u`` of the
+    equations of motion. It depends on the actual output, after all other effects on the command. If the input's gain is
+    fitted, ``force`` is that of the base model's gain.
     """
 
     slug = "advance-speed-loss"
@@ -261,31 +281,32 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every thruster along one simulated axis."""
+        """Return every thruster along a single simulated axis."""
         thrusters = [n for n in data.inputs if data.inputs[n] != RUDDER and _axis(n, data) is not None]
         return tuple(place for place in super().places(data) if set(columns_of(place)) <= set(thrusters))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A fifth and two thirds of the thrust at the highest speed."""
+        """Return losses of a fifth and two thirds of the thrust at the highest speed."""
         return tuple({"loss": share / _fastest(place, data)} for share in (0.2, 0.67))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """No gain with speed; at the highest speed at most a few times what it gives from rest."""
+        """Return bounds: thrust does not increase with speed, and the loss at the highest speed is at most four times
+        it."""
         return {"loss": (0.0, 4.0 / _fastest(place, data))}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """The gain of the input, and which axis it drives."""
+        """Return the gain of the input and the axis that it drives."""
         ((force, gain),) = data.form.inputs[columns_of(place)[0]]
         size = abs(data.base.get(gain.lstrip("-"), 1.0)) if isinstance(gain, str) else abs(gain)
         return {GAIN: size, AXIS: float(FORCES.index(force))}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """``X_|X|u`` and so on, of each thruster."""
+        """Return ``X_|X|u`` and so on for each thruster."""
         i = int(effect[AXIS])
         return {f"{FORCES[i]}_|{n}|{STATES[i]}": -effect["loss"] * effect[GAIN] for n in columns_of(effect.place)}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Force at full command over speed ahead."""
+        """Return force at full command over speed ahead."""
         force, velocity = FORCES[int(effect[AXIS])], STATES[int(effect[AXIS])]
         nu = np.linspace(0.0, _fastest(effect.place, data), 101)
         rest = np.full_like(nu, effect[GAIN] * largest(effect.place, data))
@@ -294,20 +315,20 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
         return EffectCurve(nu, rest * (1.0 - effect["loss"] * nu), x_label, y_label, "Thrust over speed", plain=rest)
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Seconds per metre, or per radian."""
+        """Return seconds per metre, or per radian."""
         dof = _axis(place, data)
         return "s/rad" if dof is not None and dof.angular else "s/m"
 
 
 def _axis(place: str, data: DataSummary) -> Dof | None:
-    """Return the only degree of freedom an input drives, None when it drives none or several."""
+    """Return the only degree of freedom that an input drives; None if it drives none or several."""
     pairs = data.form.inputs.get(columns_of(place)[0], ())
     driven = [DOFS[d] for d in data.form.dofs for force, _ in pairs if DOFS[d].force == force]
     return driven[0] if len(pairs) == 1 and len(driven) == 1 else None
 
 
 def _fastest(place: str, data: DataSummary) -> float:
-    """Return the highest speed along an input's axis: measured, or guessed from how far the position goes."""
+    """Return the highest speed along an input's axis: measured, or estimated from the spread of positions."""
     dof = _axis(place, data)
     if dof is None:
         return 1.0

@@ -1,16 +1,16 @@
-"""Compiled kernels of effects: actuators between stamps, backlash, and a sampled motion as it was a moment ago.
+"""Compiled kernels of effects: actuators between stamps, backlash, and a sampled motion at an earlier time.
 
-**Between stamps.** A craft of time constant ``tau`` sees a motion of slope ``s``, held at its mean over a piece of
-length ``H``, wrong by at most ``s H**2 / (8 tau)``. So pieces are as long as ``s H**2`` stays below ``resolution``;
-their mean is exact, and so the impulse. Where the motion has settled no stamp is added. Pieces are counted from each
-stamp on and the last one ends at the next, so every stamp and value moves continuously with the parameters:
-differences by them are smooth. :func:`following`, :func:`limited` and :func:`fading` return stamps and values (k,),
-each value held from its stamp on.
+**Between stamps.** A motion with slope ``s`` is approximated by its mean over a piece of length ``H``. The response of
+a craft of time constant ``tau`` then has an error of at most ``s H**2 / (8 tau)``. Pieces are therefore so short that
+``s H**2`` is below ``resolution``. Their mean is exact, and so is the impulse. Once the motion has settled, no stamp is
+added. Pieces are counted from each stamp on, and the last one ends at the next. Every stamp and value therefore changes
+continuously with the parameters, and difference quotients are smooth. :func:`following`, :func:`limited` and
+:func:`fading` return stamps and values (k,), each value held from its stamp on.
 
-**A moment ago.** A velocity has a kink wherever its command jumps, mostly at a stamp. In each interval the three
-cubics through four neighbouring samples are mixed by how smooth they are, as weighted essentially non-oscillatory
-schemes do (Liu1994): away from kinks the error is of fourth order, and next to one the cubic that does not cross it
-counts.
+**At an earlier time.** A velocity has a kink where its command jumps, mostly at a stamp. In each interval, the three
+cubics through four neighbouring samples are weighted by their smoothness. Weighted essentially non-oscillatory schemes
+use the same method (Liu1994). Away from kinks the error is of fourth order. Next to a kink, the cubic that does not
+cross it has the largest weight.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Array = NDArray[np.float64]
 
 
 SETTLED = 20.0
-"""Time constants after which a lag has settled."""
+"""Number of time constants after which a lag has settled."""
 
 
 @njit(cache=True)
 def following(t: Array, u: Array, time_constant: float, resolution: float) -> tuple[Array, Array]:
-    """Return the first-order lag of held commands *u* (n,) at *t* (n,), starting at the first.
+    """Return the first-order lag of held commands *u* (n,) at *t* (n,), starting at the first command.
 
-    After a stamp the distance ``d`` to the command fades as ``exp(-s / T)``; pieces end where
-    ``2 sqrt(|d| T / resolution) (1 - exp(-s / 2T))``, the number of pieces the slope asks for, is whole.
+    After a stamp the distance ``d`` to the command decays as ``exp(-s / T)``. A piece ends where the number of pieces
+    so far, ``2 sqrt(|d| T / resolution) (1 - exp(-s / 2T))``, is an integer.
     """
     n, T = len(t), time_constant
     stamps, values = np.empty(0), np.empty(0)
@@ -64,7 +64,7 @@ def following(t: Array, u: Array, time_constant: float, resolution: float) -> tu
 
 @njit(cache=True)
 def limited(t: Array, u: Array, rate: float, resolution: float) -> tuple[Array, Array]:
-    """Return held commands *u* (n,) at *t* (n,) approached no faster than *rate*, starting at the first."""
+    """Return held commands *u* (n,) at *t* (n,), rate-limited to *rate*, starting at the first command."""
     n = len(t)
     length = np.sqrt(resolution / rate)
     stamps, values = np.empty(0), np.empty(0)
@@ -108,7 +108,7 @@ def _fade(s: float, rate: float, floor: float) -> float:
 def fading(
     t: Array, u: Array, start: float, end: float, rate: float, floor: float, resolution: float
 ) -> tuple[Array, Array]:
-    """Return held commands *u* (n,) at *t* (n,) times ``max(1 - rate (t - start), floor)``, drawn up to *end*."""
+    """Return held commands *u* (n,) at *t* (n,) times ``max(1 - rate (t - start), floor)``, up to *end*."""
     n = len(t)
     stamps, values = np.empty(0), np.empty(0)
     low = start + (1.0 - floor) / rate if rate > 0.0 else np.inf
@@ -139,7 +139,7 @@ def fading(
 
 @njit(cache=True)
 def backlash(u: Array, half: float) -> Array:
-    """Return what acts (n,) behind a backlash of *half* either way, starting at the first command."""
+    """Return the output (n,) of a backlash of *half* in each direction, starting at the first command."""
     acting = np.empty(len(u))
     y = u[0]
     for i in range(len(u)):
@@ -149,13 +149,16 @@ def backlash(u: Array, half: float) -> Array:
 
 
 CLOSE = 0.3
-"""Stamps nearer than this share of the median interval are passed over: a cubic through them magnifies rounding."""
+"""Distance of stamps, relative to the median interval, below which a stamp is skipped.
+
+A cubic through such close stamps would magnify rounding.
+"""
 
 
 def earlier(t: Array, y: Array, delay: float, *, coasting: bool) -> Array:
-    """Return *y* (s,), known at stamps *t* (s,) [s], as it was *delay* >= 0 [s] before each.
+    """Return *y* (s,), known at stamps *t* (s,) [s], as it was *delay* >= 0 [s] before each stamp.
 
-    Before the first stamp the motion is not known: a position (*coasting*) goes on as it began, a velocity holds.
+    Before the first stamp the motion is unknown. A position (*coasting*) is extrapolated linearly, a velocity is held.
     """
     nodes = _nodes(t)
     if len(nodes) < 4:
@@ -177,7 +180,7 @@ def _nodes(t: Array) -> NDArray[np.intp]:
 
 @njit(cache=True)
 def _cubic(t: Array, y: Array, first: int, x: float) -> tuple[float, float]:
-    """Return the cubic through four samples from *first* on at *x*, and its third divided difference."""
+    """Return the value at *x* of the cubic through four samples from *first* on, and its third divided difference."""
     t0, t1, t2, t3 = t[first], t[first + 1], t[first + 2], t[first + 3]
     a, b, c = y[first], y[first + 1], y[first + 2]
     d01, d12, d23 = (b - a) / (t1 - t0), (c - b) / (t2 - t1), (y[first + 3] - c) / (t3 - t2)

@@ -1,10 +1,11 @@
-"""A narrow-band force on a craft, in white noise: a damped oscillator, the craft's own lag, and a Kalman filter.
+"""A narrow-band force on a craft, with white measurement noise: damped oscillator, the craft's lag, and a Kalman
+filter.
 
-The force is white noise through ``K s / (s^2 + 2 zeta omega s + omega^2)`` (Fossen2011, (8.118)), the velocity
-answers it with the craft's time constant, the position is its integral. With ``x`` the oscillator's position and ``z``
-what a lag makes of it, ``T z' = x - z``, a measured position shows ``z`` and a velocity ``x - z``, each with white
-noise; all sampled exactly. The prediction errors of the filter are white when the law is right, and the determinant of
-the whole is the product of their variances (Harvey1989, section 3.4).
+The force is white noise through ``K s / (s^2 + 2 zeta omega s + omega^2)`` (Fossen2011, (8.118)). The velocity follows
+the force with the craft's time constant, and the position is the integral of the velocity. Let ``x`` be the
+oscillator's position and ``z`` its lagged value, ``T z' = x - z``. A measured position then shows ``z``, and a measured
+velocity ``x - z``, each with white noise. All are sampled exactly. If the model is right, the prediction errors of the
+filter are white. The determinant of the covariance is the product of their variances (Harvey1989, section 3.4).
 """
 
 from __future__ import annotations
@@ -22,20 +23,21 @@ __all__ = ["Oscillator", "Record", "cost", "driven", "rung", "whitened"]
 Array = NDArray[np.float64]
 
 Record = tuple[Array, Array]
-"""Stamps (n,) [s] and what is left over (n,) of one signal of one run."""
+"""Stamps (n,) [s] and residual (n,) of one signal of one run."""
 
 
 DEAF = 0.03
-"""Chosen: least damping ratio of what a craft's own motion may ring up."""
+"""Least damping ratio of an oscillator that the craft's own motion excites. Set by hand, see :func:`driven`."""
 SETTLED = 20
-"""Samples before the filter's gain may be taken for the one it keeps (stamps being even)."""
+"""Number of samples after which the filter's gain counts as stationary, for even stamps."""
 
 
 @dataclass(frozen=True, slots=True)
 class Oscillator:
-    """The law of one signal: ``omega`` [rad/s], damping ratio ``zeta`` < 1, ``lag`` [s] of the craft.
+    """Model of one signal: frequency ``omega`` [rad/s], damping ratio ``zeta`` < 1, ``lag`` [s] of the craft.
 
-    ``rho``: variance of the oscillation per that of the noise; ``rate``: a velocity is measured, not a position.
+    ``rho``: variance of the oscillation relative to that of the noise. ``rate``: whether a velocity is measured, not a
+    position.
     """
 
     omega: float
@@ -46,15 +48,16 @@ class Oscillator:
 
     @property
     def share(self) -> float:
-        """Variance of the position's ``z`` per that of ``x``; the velocity's is one less this."""
+        """Variance of ``z`` in a position, relative to that of ``x``; for a velocity, one minus this value."""
         return _lagged(self.omega, self.zeta, self.lag)[0]
 
 
 def whitened(law: Oscillator, t: Array, columns: Array) -> tuple[Array, Array]:
-    """Return one-step prediction errors of *columns* (n, k), over their relative deviation, and the latter (n,).
+    """Return one-step prediction errors of *columns* (n, k), divided by their relative deviation, and the deviation
+    (n,).
 
-    The first column is the record, the others (derivatives, regressors) go through the same filter. The deviation is
-    the standard one, relative to that of the white noise.
+    The first column is the record. The others (derivatives, regressors) pass through the same filter. The deviation is
+    the standard deviation relative to that of the white noise.
     """
     E, S = _innovations(
         np.ascontiguousarray(t, dtype=np.float64),
@@ -70,9 +73,9 @@ def whitened(law: Oscillator, t: Array, columns: Array) -> tuple[Array, Array]:
 
 
 def cost(law: Oscillator | None, records: Sequence[Record]) -> float:
-    """Return minus twice the log-likelihood of one signal's *records*, the noise level at its best; None: white noise.
+    """Return minus twice the log-likelihood of one signal's *records*, at the optimal noise level.
 
-    Less ``n (1 + log(2 pi))``.
+    The constant ``n (1 + log(2 pi))`` is left out. If *law* is None, the residual is white noise.
     """
     n, square, logs = 0, 0.0, 0.0
     for t, error in records:
@@ -87,23 +90,24 @@ def cost(law: Oscillator | None, records: Sequence[Record]) -> float:
 
 
 def driven(law: Oscillator, t: Array, push: Array) -> tuple[Array, Array]:
-    """Return how the oscillator answers to *push* (n,): position and velocity over omega, (n,) each.
+    """Return position and velocity/omega, (n,) each, of the oscillator excited by *push* (n,).
 
-    It begins where the first push holds it, and is damped by :data:`DEAF` at least: what rings for ever
-    explains any tone.
+    It starts in equilibrium with the first push. Its damping ratio is at least :data:`DEAF`, because an undamped
+    oscillator would explain any tone.
     """
     return rung(law.omega, max(law.zeta, DEAF), t, push)
 
 
 def rung(omega: float, zeta: float, t: Array, push: Array) -> tuple[Array, Array]:
-    """Return position and velocity over *omega*, (n,) each, of a spring and mass held at *push* (n,) at first."""
+    """Return position and velocity/*omega*, (n,) each, of a spring and mass in equilibrium with the first *push*
+    (n,)."""
     found = _driven(np.ascontiguousarray(t), np.ascontiguousarray(push), omega, zeta)
     return found[:, 0], found[:, 1]
 
 
 @njit(cache=True)
 def _transition(omega: float, zeta: float, dt: float) -> tuple[float, float, float, float]:
-    """Return the transition of (x, x'/omega) over *dt*, row by row."""
+    """Return the transition matrix of (x, x'/omega) over *dt*, row by row."""
     damped = np.sqrt(1.0 - zeta * zeta)
     decay = np.exp(-zeta * omega * dt)
     c, s = np.cos(damped * omega * dt), np.sin(damped * omega * dt) / damped
@@ -112,7 +116,7 @@ def _transition(omega: float, zeta: float, dt: float) -> tuple[float, float, flo
 
 @njit(cache=True)
 def _lagged(omega: float, zeta: float, lag: float) -> tuple[float, float]:
-    """Return the stationary covariances of z with x and with x'/omega, both of unit variance."""
+    """Return the stationary covariances of z with x and with x'/omega, for x and x'/omega of unit variance."""
     # s (I/T - O') = (1/T, 0), O = [[0, omega], [-omega, -2 zeta omega]]
     a, d = 1.0 / lag, 1.0 / lag + 2.0 * zeta * omega
     det = a * d + omega * omega
@@ -121,7 +125,7 @@ def _lagged(omega: float, zeta: float, lag: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def _step(omega: float, zeta: float, lag: float, dt: float, F: Array) -> None:
-    """Fill *F* (3, 3), the transition of (x, x'/omega, z) over *dt*."""
+    """Fill *F* (3, 3) with the transition matrix of (x, x'/omega, z) over *dt*."""
     f00, f01, f10, f11 = _transition(omega, zeta, dt)
     e = np.exp(-dt / lag)
     # z less X (x, x'/omega) decays by itself, with X (O + I/T) = (1/T, 0)

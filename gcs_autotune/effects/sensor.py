@@ -1,4 +1,4 @@
-"""Effects of sensors on the signal: a place off the centre, compass deviation, gyro bias, late reports."""
+"""Effects of sensors on the signal: off-centre position, compass deviation, gyro bias, delayed reports."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ __all__ = ["CompassDeviation", "GyroBias", "MeasurementDelay", "SensorPosition"]
 
 
 class SensorPosition(Effect):
-    """Velocities, positions or both are those of a point ``x_P`` ahead and ``y_P`` to starboard of the craft's middle.
+    """Velocities, positions or both are measured at a point ``x_P`` ahead and ``y_P`` to starboard of the centre.
 
-    A craft known to surge and turn only has no sway to show: ``x_P`` is sought where ``v`` or a track is measured.
-    Depth shows it where the model tilts.
+    For a craft with surge and yaw only, there is no sway to identify ``x_P``. It is then estimated only if ``v`` or a
+    track is measured. Depth identifies the position if the model has pitch or roll.
     """
 
     slug = "sensor-position"
@@ -45,7 +45,7 @@ class SensorPosition(Effect):
     separated_by = "a turn on the spot: the track of a sensor off the centre is a circle of that radius"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Velocities, track and both together, as far as measured; depth where the model has pitch or roll."""
+        """Return velocities, track and both together, if measured; return depth if the model has pitch or roll."""
         form, seen = data.form, set(data.signals)
         if set(LEVER_ARM) & set(form.parameters):
             return ()
@@ -59,7 +59,10 @@ class SensorPosition(Effect):
         return (*found, *["+".join(n for n in ("z", "w") if n in seen)][:tilts])
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """The distance at which a turn makes a fifth of the largest speed, ahead or aside; either sign by scaling."""
+        """Return the distance at which turning contributes a fifth of the largest speed, ahead or abeam.
+
+        Scaling gives the opposite sign.
+        """
         turning = max(top_speed(d, data) for d in ("yaw", "pitch", "roll") if d in data.form.dofs)
         moving = max((top_speed(d, data) for d in ("surge", "sway", "heave") if d in data.form.dofs), default=1.0)
         size = 0.2 * moving / turning
@@ -70,11 +73,11 @@ class SensorPosition(Effect):
         return ({"x_P": size, "y_P": 0.0}, {"x_P": 0.0, "y_P": size})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """No ship is larger."""
+        """Return bounds of :data:`LONGEST`, the size of a large ship."""
         return {"x_P": (-LONGEST, LONGEST), "y_P": (-LONGEST, LONGEST)}
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Show what the sensor's place does."""
+        """Convert the signals to those at the sensor's position."""
         arm = (effect.values.get("x_P", 0.0), effect.values.get("y_P", 0.0))
         none = np.empty((len(seen.t), 0))
         true = {n: (y, none) for n, y in seen.signals.items()}
@@ -86,15 +89,15 @@ class SensorPosition(Effect):
 
 
 LONGEST = 200.0
-"""Largest distance [m] a sensor is sought at."""
+"""Largest distance [m] of a sensor from the centre."""
 
 
 class CompassDeviation(Effect):
-    """The compass shows ``psi + A + B sin(psi) + C cos(psi)``: iron and currents aboard.
+    """The compass shows ``psi + A + B sin(psi) + C cos(psi)``, because of iron and currents aboard.
 
-    ``A``, a misaligned compass, is sought only where a track, ``x`` and ``y``, tells it from another choice of north.
-    At ``"psi+u+v"`` the velocities are a satellite receiver's, turned into the body by the same compass, as in
-    :mod:`gcs_autotune.models.coupled.compass`.
+    ``A``, a misaligned compass, is estimated only if a track ``x``, ``y`` is measured. Otherwise it is only another
+    choice of north. At ``"psi+u+v"`` the velocities are those of a satellite receiver, rotated into the body frame with
+    the same compass, as in :mod:`gcs_autotune.models.coupled.compass`.
     """
 
     slug = "compass-deviation"
@@ -112,23 +115,23 @@ class CompassDeviation(Effect):
     separated_by = "two slow full turns, one each way"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """The heading, when it is measured; with it the velocities, when both are."""
+        """Return the heading, if it is measured; with it the velocities, if both are."""
         if "psi" not in data.signals:
             return ()
         return ("psi", "psi+u+v") if {"u", "v"} <= set(data.signals) else ("psi",)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A few degrees each way."""
+        """Return deviations of three degrees in both directions."""
         A = {"A": 0.0} if _tracked(data) else {}
         return ({"B": 0.05, "C": 0.0, **A}, {"B": 0.0, "C": 0.05, **A}, {"B": -0.05, "C": -0.05, **A})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Beyond 40 degrees a compass is broken, not deviating."""
+        """Return bounds of 40 degrees; a compass with a larger error is defective."""
         names = ("B", "C", "A") if _tracked(data) else ("B", "C")
         return dict.fromkeys(names, (-0.7, 0.7))
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Add the deviation to the heading, and turn the velocities that were turned by it."""
+        """Add the deviation to the heading, and rotate the velocities that depend on the compass."""
         psi = seen.signals["psi"]
         d = _deviation(effect, psi)
         shown = seen.with_signal("psi", psi + d)
@@ -139,7 +142,7 @@ class CompassDeviation(Effect):
         return shown.with_signal("u", cosine * u + sine * v).with_signal("v", cosine * v - sine * u)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """The deviation card."""
+        """Return the deviation card."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
         return EffectCurve(
             psi, _deviation(effect, psi), "heading [rad]", "deviation [rad]", "Deviation card", polar=True
@@ -156,7 +159,7 @@ def _tracked(data: DataSummary) -> bool:
 
 
 class GyroBias(Effect):
-    """The gyro reads ``bias`` too much, all the time."""
+    """The gyro reads a constant ``bias`` too much."""
 
     slug = "gyro-bias"
     family = "sensor"
@@ -169,15 +172,15 @@ class GyroBias(Effect):
     separated_by = "a minute moored or aground with the recorder running: only the gyro still turns"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """The rates of turn that are measured."""
+        """Return the measured rates of turn."""
         return tuple(s for s in ("r", "p", "q") if s in data.signals)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A tenth of the rate's spread, to be scaled: the effect is linear."""
+        """Return a tenth of the rate's standard deviation; the effect is linear, so the search scales it."""
         return ({"bias": 0.1 * data.spread[place]},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """No more than the largest rate ever read."""
+        """Return bounds: at most the largest recorded rate."""
         most = max((abs(v) for v in data.extent.get(place, ())), default=3.0 * data.spread[place])
         return {"bias": (-most, most)}
 
@@ -190,7 +193,8 @@ _POSITIONS = frozenset(d.position for d in DOFS.values())
 
 
 class MeasurementDelay(Effect):
-    """One signal, or all (``"psi+r"``), shows what was ``delay`` ago: a filter in the sensor, a slow bus."""
+    """One signal, or all (``"psi+r"``), shows the value of ``delay`` ago, as from a filter in the sensor or a slow
+    bus."""
 
     slug = "measurement-delay"
     family = "sensor"
@@ -204,12 +208,12 @@ class MeasurementDelay(Effect):
     separated_by = "a zig-zag with gyro and compass both recorded: a late sensor lags its kin, a late push does not"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Each signal, and all together."""
+        """Return each signal, and all together."""
         names = tuple(data.signals)
         return (*names, "+".join(names)) if len(names) > 1 else names
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A sample and a half, and shares of the craft's time constant."""
+        """Return delays of 1.5 samples, and of 0.2 and 0.7 of the craft's time constant."""
         low, high = self.bounds(place, data)["delay"]
         sizes = {
             min(max(s, low), 0.8 * high)
@@ -218,11 +222,11 @@ class MeasurementDelay(Effect):
         return tuple({"delay": s} for s in sorted(sizes))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Two time constants, a dozen samples at least; never more than a quarter of a run."""
+        """Return two time constants or a dozen samples, whichever is longer, but at most a quarter of a run."""
         return {"delay": (0.0, min(max(2.0 * data.time_constant, 12.0 * data.interval), 0.25 * data.duration))}
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Show what was."""
+        """Delay the signals."""
         if effect["delay"] == 0.0:
             return seen
         t = np.ascontiguousarray(seen.t, dtype=np.float64)

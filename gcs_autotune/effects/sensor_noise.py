@@ -1,6 +1,6 @@
 """Sensor effects on the noise: rounding and outliers, with their likelihoods.
 
-The contaminated normal law: Tukey1960; the algorithm that finds it: Dempster1977.
+The contaminated normal distribution is that of Tukey1960; the algorithm that fits it is that of Dempster1977.
 """
 
 from __future__ import annotations
@@ -22,21 +22,24 @@ __all__ = ["Outliers", "Quantisation", "contamination", "grid_step"]
 
 
 MATTERS = 0.15
-"""Chosen: rounding counts from this share of the residual's mean square on; it is ``step^2 / 12`` (Widrow1961)."""
+"""Least fraction of the residual's mean square that rounding, ``step^2 / 12`` (Widrow1961), must explain.
+
+The value is set by hand.
+"""
 FINEST = 0.02
 """Noise before rounding, in steps, below which it is not resolved."""
 FEWEST = 20
-"""Samples of a run whose grid is looked for."""
+"""Minimum number of samples of a run to look for a grid of values."""
 HEADINGS = ("psi", "phi", "theta")
 VISIBLE = 2.0 * math.log(2.0)
-"""Evidence per sample that it lies on the grid: without one it lay half-way between at least as often."""
+"""Evidence per sample that it lies on the grid: without a grid, it would lie between two values as often."""
 
 
 class Quantisation(Effect):
-    """Values are rounded to multiples of ``step``: few bits, few digits.
+    """Values are rounded to multiples of ``step``, because of few bits or few digits.
 
-    No simulation foretells the noise before rounding, so nothing is fitted: given the prediction, a reading says that
-    prediction and noise together lie within half a step of it, and the likelihood is that of this interval.
+    No simulation predicts the noise before rounding, so no parameter is fitted. A reading means that the sum of
+    prediction and noise lies within half a step of it. The likelihood is that of this interval.
     """
 
     slug = "quantisation"
@@ -50,19 +53,20 @@ class Quantisation(Effect):
     fixed = ("step",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every signal."""
+        """Return every signal."""
         return tuple(data.signals)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """None yet; :meth:`learn` looks at the readings."""
+        """Return a step of zero; :meth:`learn` estimates it from the readings."""
         return ({"step": 0.0},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Steps as large as the signal leave nothing of it."""
+        """Return bounds: at most three standard deviations of the signal."""
         return {"step": (0.0, 3.0 * data.spread[place])}
 
     def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
-        """Take the readings' grid for the cause when it is a fair share of what is left; size the noise before it."""
+        """Estimate the step from the readings, if rounding explains enough of the residual; also estimate the noise
+        before it."""
         mine = [x for x in left if x.signal == effect.place and len(x.error) >= FEWEST]
         steps = [_step(x) for x in mine]
         step = min(steps, default=0.0)
@@ -72,11 +76,11 @@ class Quantisation(Effect):
         return replace(effect.with_values({"step": step}), constants={"level": _level(error, step)})
 
     def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-        """Return the expected noise before rounding, at its own size.
+        """Return the expected noise before rounding, scaled to the level of the noise.
 
-        It is stretched from the size it has as an expectation, here and now, to that of the noise, and the columns
-        shrunk likewise: so cost, step of a fit and standard errors are those of the interval likelihood, wherever the
-        level was learnt.
+        The expectation is smaller than the noise, so it is stretched, and the columns are shrunk by the same factor.
+        Cost, step of a fit and standard errors are then those of the interval likelihood, at whatever residual the
+        level was estimated.
         """
         step, n = effect["step"], len(left.error)
         if left.signal != effect.place or step <= 0.0 or n == 0:
@@ -89,9 +93,10 @@ class Quantisation(Effect):
         return stretch * noise, columns / stretch, penalty
 
     def normal(self, effect: EffectInstance, left: EffectResidual) -> Array:
-        """Return noise drawn from within each reading's interval, on the scale of a standard normal (Dunn1996).
+        """Return noise drawn from each reading's interval, on the scale of a standard normal distribution (Dunn1996).
 
-        What is expected there is mostly nothing, sometimes much: heavy tails by construction. A draw has none.
+        The expected noise is mostly zero and sometimes large, which is heavy-tailed by construction. A random draw is
+        not.
         """
         step, level = effect["step"], effect.constants.get("level", 0.0)
         if left.signal != effect.place or step <= 0.0 or level <= 0.0:
@@ -103,11 +108,11 @@ class Quantisation(Effect):
         return side * ndtri_exp(upper + np.log1p((chance - 1.0) * -np.expm1(np.minimum(below - upper, 0.0))))
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """Return the precision of a grid."""
+        """Return the uncertainty of the step: the tolerance of the grid."""
         return {"step": TOLERANCE * effect["step"]}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """The stairs, about zero."""
+        """Return the staircase of rounded over true values, about zero."""
         x = np.linspace(-5.0, 5.0, 1001) * effect["step"]
         y = np.round(x / effect["step"]) * effect["step"] if effect["step"] > 0.0 else x
         unit = data.signals[effect.place]
@@ -117,14 +122,14 @@ class Quantisation(Effect):
 
 
 def _step(x: EffectResidual) -> float:
-    """Return the grid of a run's readings; of a heading also before unwrapping."""
+    """Return the grid step of a run's readings; a heading is also tried before unwrapping."""
     turn = 2.0 * math.pi
     ways = (x.measured, np.mod(x.measured, turn), np.mod(x.measured + math.pi, turn) - math.pi)
     return next((step for y in ways[: 3 if x.signal in HEADINGS else 1] if (step := grid_step(y)) > 0.0), 0.0)
 
 
 def _noise(error: Array, step: float, level: float) -> tuple[Array, Array]:
-    """Return the noise (n,) expected within half a *step* of *error*, and the log chance (n,) of that interval."""
+    """Return the noise (n,) expected within half a *step* of *error*, and the log probability (n,) of that interval."""
     side = np.where(error > 0.0, -1.0, 1.0)  # the far tail is computed from below, where it does not cancel
     low, high = (side * error - 0.5 * step) / level, (side * error + 0.5 * step) / level
     upper = log_ndtr(high)
@@ -135,7 +140,7 @@ def _noise(error: Array, step: float, level: float) -> tuple[Array, Array]:
 
 
 def _level(error: Array, step: float) -> float:
-    """Return the noise before rounding, by maximum likelihood."""
+    """Return the noise level before rounding, by maximum likelihood."""
     low, high = math.log(FINEST * step), math.log(max(2.0 * float(np.sqrt(np.mean(error**2))), step))
     found = minimize_scalar(
         lambda log_level: -float(np.sum(_noise(error, step, math.exp(log_level))[1])),
@@ -146,15 +151,15 @@ def _level(error: Array, step: float) -> float:
 
 
 TOLERANCE = 0.02
-"""Largest deviation of a reading from the grid, in steps: files contain rounded numbers."""
+"""Largest deviation of a reading from the grid, in steps; it allows for rounded numbers in files."""
 FINEST_GRID = 1e-5
-"""A grid finer than this share of the range is not looked for."""
+"""Finest grid, relative to the range of the values, that is looked for."""
 
 
 def grid_step(values: Array) -> float:
-    """Return the distance of neighbours on the coarsest grid that holds all *values* (n,), as recorded; 0: none.
+    """Return the step of the coarsest grid that contains all *values* (n,) as recorded; 0 if there is none.
 
-    An angle is to be given as it was recorded, before it is unwrapped: a turn need not be a multiple of the step.
+    An angle must be given as recorded, before unwrapping, because a full turn need not be a multiple of the step.
     """
     ordered = np.sort(values[np.isfinite(values)])
     if len(ordered) < 10 or ordered[-1] == ordered[0]:
@@ -174,9 +179,10 @@ def grid_step(values: Array) -> float:
 
 
 class Outliers(Effect):
-    """A ``share`` of the samples is off by about ``size`` (rms): lost bits, reflections, a fix that jumps.
+    """A ``share`` of the samples has errors of about ``size`` (rms): lost bits, reflections, a fix that jumps.
 
-    They strike anywhere: deviations that come in flocks or with the motion's changes are a wrong model, not outliers.
+    Outliers occur independently of the motion. Errors that come in groups, or with changes of the motion, indicate a
+    wrong model instead.
     """
 
     slug = "outliers"
@@ -193,19 +199,20 @@ class Outliers(Effect):
     fixed = ("share", "size")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every signal."""
+        """Return every signal."""
         return tuple(data.signals)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """None yet; :meth:`learn` counts and sizes them."""
+        """Return a share of zero; :meth:`learn` estimates share and size."""
         return ({"share": 0.0, "size": 0.1 * data.spread[place]},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """More than a third are no exceptions."""
+        """Return bounds: at most 30 % of the samples, because more are not exceptions."""
         return {"share": (0.0, 0.3), "size": (0.0, 1e3 * data.spread[place])}
 
     def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
-        """Count and size what stands out of its neighbours; none when it keeps to the motion or to flocks."""
+        """Estimate share and size of single large errors; the share is zero if they depend on the motion or come in
+        groups."""
         mine = [x for x in left if x.signal == effect.place]
         found = contamination(np.concatenate([stray(x.error) for x in mine])) if mine else None
         if found is None or not without_motion(
@@ -216,7 +223,7 @@ class Outliers(Effect):
         return replace(effect, constants={**effect.constants, "level": found.level})
 
     def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-        """Weigh outliers by the size they may have, at the price of that size and of picking them."""
+        """Weight outliers by their expected size, with a penalty for that size and for selecting them."""
         if left.signal != effect.place or effect["share"] <= 0.0:
             return left.error, columns, 0.0
         law = Contamination(effect["share"], effect["size"], effect.constants["level"])
@@ -228,13 +235,13 @@ class Outliers(Effect):
         return weight * left.error, weight[:, None] * columns, count * math.log(broader) - 2.0 * odds
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """Return the standard errors of a count, and of an rms of that many values."""
+        """Return the standard errors of the fraction, and of the rms of that many values."""
         n = sum(len(x.error) for x in left if x.signal == effect.place)
         count = max(effect["share"] * n, 1.0)
         return {"share": math.sqrt(effect["share"] / max(n, 1)), "size": effect["size"] / math.sqrt(2.0 * count)}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
-        """The law of the errors: a narrow bell on broad feet."""
+        """Return the distribution of the errors: a narrow core with broad tails."""
         level = effect.constants.get("level", 0.0)
         if level <= 0.0:
             return None
@@ -251,24 +258,25 @@ class Outliers(Effect):
 Flags = NDArray[np.bool_]
 
 WINDOW = 7
-"""Samples around a single deviation that it is compared with."""
+"""Width, in samples, of the median filter that each error is compared with."""
 MOST, LEAST_SIZE = 0.3, 3.0
-"""Most outliers as a share of the samples, and their least size in multiples of the noise. Chosen."""
+"""Largest fraction of outliers (MOST), and their least size relative to the noise (LEAST_SIZE). Both are set by
+hand."""
 DOUBT = 1e-3
-"""Chance of taking outliers that strike anywhere for ones that do not."""
+"""Probability of rejecting real outliers as dependent on the motion."""
 SWEEPS = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Contamination:
-    """A ``share`` of the errors has rms ``size`` on top of the noise ``level`` all have."""
+    """A fraction ``share`` of the errors has an additional rms ``size``, beside the noise ``level`` of all."""
 
     share: float
     size: float
     level: float
 
     def odds(self, error: Array) -> Array:
-        """Return log odds (n,) that an error is one of the share."""
+        """Return the log odds (n,) that an error is an outlier."""
         variance = self.level**2 + self.size**2
         narrow = math.log1p(-self.share) - math.log(self.level) - 0.5 * (error / self.level) ** 2
         broad = math.log(self.share) - 0.5 * math.log(variance) - 0.5 * error**2 / variance
@@ -276,25 +284,25 @@ class Contamination:
         return odds
 
     def flags(self, error: Array) -> Flags:
-        """Return which errors (n,) are rather than not of the share."""
+        """Return which errors (n,) are more likely outliers than not."""
         return np.asarray(self.odds(error) > 0.0)
 
     def density(self, error: Array) -> Array:
-        """Return the density (n,) of the mixture."""
+        """Return the probability density (n,) of the mixture."""
         variances = (self.level**2, self.level**2 + self.size**2)
         bells = [np.exp(-0.5 * error**2 / v) / math.sqrt(2.0 * math.pi * v) for v in variances]
         return np.asarray((1.0 - self.share) * bells[0] + self.share * bells[1])
 
 
 def stray(error: Array) -> Array:
-    """Return errors (n,) against the median of their neighbours: what of them stands alone."""
+    """Return errors (n,) relative to the median of their neighbours; only isolated errors remain large."""
     from scipy.ndimage import median_filter  # here: a fifth of a second to import, at every command's start
 
     return np.asarray(error - median_filter(error, size=min(WINDOW, len(error)), mode="nearest"))
 
 
 def contamination(error: Array) -> Contamination | None:
-    """Return the mixture *error* (n,) speaks for; None when there is no share of larger ones."""
+    """Return the mixture fitted to *error* (n,); return None if there is no fraction of larger errors."""
     error = error[np.isfinite(error)]
     if len(error) < 20:
         return None
@@ -319,9 +327,9 @@ def contamination(error: Array) -> Contamination | None:
 
 
 def without_motion(flags: Sequence[Flags], motion: Sequence[Array]) -> bool:
-    """Return whether flagged samples strike anywhere: not where the motion (n,) of a run changes fast, not in flocks.
+    """Return whether flagged samples are independent of the motion (n,) and do not come in groups.
 
-    By the rank test of Mann and Whitney on the motion's change, and by how many have a flagged neighbour.
+    The tests are the rank test of Mann and Whitney on the change of the motion, and the number of flagged neighbours.
     """
     change = np.concatenate([_rank(np.abs(np.gradient(m))) for m in motion])
     off = np.concatenate(list(flags))

@@ -1,7 +1,8 @@
-"""What is known of the runs before any effect is fitted, and what that says of units and of sizes to begin from.
+"""Data on the runs that are available before any effect is fitted, with units and typical sizes for start values.
 
-Behind a rudder the base model's moment is told in rudder angle, and a rudder whose positive angle turns to port makes
-inertia and drag come out negative. :func:`sense` is -1 then, so that "damps" and "pulls back" keep their meaning.
+For a craft steered by a rudder, the base model's moment is in units of rudder angle. If a positive rudder angle turns
+the craft to port, inertia and drag are negative. :func:`sense` is then -1, so that damping and restoring forces keep
+their sign.
 """
 
 from __future__ import annotations
@@ -26,12 +27,13 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DataSummary:
-    """What may be known of the runs before any effect is fitted.
+    """Data on the runs that are available before any effect is fitted.
 
-    ``form`` the base model's; ``inputs``/``signals`` unit per driven input and per measured signal; ``amplitude``
-    largest magnitude of each input, ``spread`` standard deviation of each signal, ``level`` its noise (model-free);
-    ``channels`` names of everything recorded; ``interval`` [s] between samples, ``time_constant`` [s] the base
-    model's slowest, ``duration`` [s] the longest run; ``quantum`` the grid step of each signal (0: none).
+    ``form``: form of the base model. ``inputs``/``signals``: unit of each driven input and measured signal.
+    ``amplitude``: largest magnitude of each input. ``spread``: standard deviation of each signal. ``level``: noise of
+    each signal, without a model. ``channels``: names of all recorded channels. ``interval`` [s]: between samples.
+    ``time_constant`` [s]: the base model's slowest. ``duration`` [s]: of the longest run. ``quantum``: grid step of
+    each signal (0: none).
     """
 
     form: Form
@@ -50,19 +52,19 @@ class DataSummary:
     rms: Mapping[str, float] = field(default_factory=dict)
     """Root mean square of every recorded channel."""
     usual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Every recorded channel's quantiles of 10 and of 90 %."""
+    """Quantiles of 10 and 90 % of every recorded channel."""
     base: Mapping[str, float] = field(default_factory=dict)
     """Values of the base model's parameters."""
     runs: tuple[str, ...] = ()
     """Names of the runs."""
     twins: tuple[tuple[str, str], ...] = ()
-    """Pairs of inputs that drive the craft with the same gains, but for a sign: two thrusters of one kind."""
+    """Pairs of inputs with equal gains, apart from the sign: two thrusters of one kind."""
     commanded_alike: tuple[tuple[str, str], ...] = ()
     """Inputs whose commands were nearly equal in all runs, so that they are not distinguished."""
     still: frozenset[str] = frozenset()
     """Recorded velocities that never exceed their noise, so that nothing can depend on them."""
     lags: Mapping[str, float] = field(default_factory=dict)
-    """How late [s] a filter aboard makes each signal, where its stamps have been dated back by that."""
+    """Delay [s] of each signal by a filter aboard, if its stamps have been corrected for it."""
 
     @property
     def full(self) -> Mapping[str, float]:
@@ -70,17 +72,20 @@ class DataSummary:
         return {n: 1.0 if self.inputs.get(n) == "1" else s for n, s in self.amplitude.items()}
 
     def command_unit(self, name: str) -> str:
-        """Return the unit of a command; one that drives nothing here is a share where all those that do are."""
+        """Return the unit of a command.
+
+        A command that does not drive the model is assumed normalised if all driven inputs are.
+        """
         shares = set(self.inputs.values()) == {"1"}
         return self.inputs.get(name, "1" if shares else SIGNALS[name][0])
 
 
 RIGID_BODY = {"surge": "m", "sway": "m", "heave": "m", "roll": "I_x", "pitch": "I_y", "yaw": "I_z"}
-"""Rigid-body inertia per degree of freedom."""
+"""Degree of freedom -> name of its rigid-body inertia."""
 
 
 def known_of(data: DataSummary) -> Mapping[str, float]:
-    """Return the base model's numbers: as fitted, else as its form knows or begins with them."""
+    """Return the base model's numbers: fitted ones, otherwise known ones, otherwise start values."""
     return {**data.form.start, **data.form.known, **data.base}
 
 
@@ -93,7 +98,10 @@ def _drives(dof: str, data: DataSummary) -> Iterator[tuple[str, float | str]]:
 
 
 def force_unit(dof: str, data: DataSummary) -> str:
-    """Return the unit of the force in that equation: the input's where it drives with a known gain, else SI."""
+    """Return the unit of the force in the equation of *dof*.
+
+    If an input with a known gain drives it, this is the input's unit, otherwise the SI unit.
+    """
     for channel, gain in _drives(dof, data):
         if not isinstance(gain, str):
             return data.inputs.get(channel, "1")
@@ -105,12 +113,12 @@ def force_unit(dof: str, data: DataSummary) -> str:
 
 
 def stiffness_unit(dof: str, data: DataSummary) -> str:
-    """Return force per metre or radian."""
+    """Return the unit of force per metre or radian."""
     return f"{force_unit(dof, data)}/{DOFS[dof].position_unit}"
 
 
 def force_scale(dof: str, data: DataSummary) -> float:
-    """Return a size forces in that equation have: what drives it at most, else what its motion takes."""
+    """Return a typical force in the equation of *dof*: the largest from the inputs, otherwise that of the motion."""
     known, total = known_of(data), 0.0
     for channel, gain in _drives(dof, data):
         size = abs(known.get(gain.lstrip("-"), 1.0)) if isinstance(gain, str) else abs(gain)
@@ -119,7 +127,7 @@ def force_scale(dof: str, data: DataSummary) -> float:
 
 
 def inertia_scale(dof: str, data: DataSummary) -> float:
-    """Return the magnitude of the base's inertia, 1 when it is not known."""
+    """Return the magnitude of the base model's inertia; 1 if it is unknown."""
     return abs(_inertia(dof, data)) or 1.0
 
 
@@ -129,12 +137,12 @@ def _inertia(dof: str, data: DataSummary) -> float:
 
 
 def sense(dof: str, data: DataSummary) -> dict[str, float]:
-    """Return the constant ``sense``: the sign of the base's inertia."""
+    """Return the constant ``sense``: the sign of the base model's inertia."""
     return {"sense": -1.0 if _inertia(dof, data) < 0.0 else 1.0}
 
 
 def top_speed(dof: str, data: DataSummary) -> float:
-    """Return the largest recorded speed, else the one implied by recorded positions, else 1."""
+    """Return the largest recorded speed; otherwise that from recorded positions; otherwise 1."""
     d = DOFS[dof]
     fastest = max((abs(e) for e in data.extent.get(d.velocity, ())), default=0.0)
     return fastest or 2.0 * data.spread.get(d.position, 0.0) / max(data.time_constant, data.interval) or 1.0

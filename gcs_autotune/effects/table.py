@@ -1,8 +1,9 @@
-"""The table of effects: everything a simulation may get wrong that this package knows by name.
+"""The table of effects: everything that this package can identify as wrong in a simulation.
 
-Adding one is one class and one line here; or, from another package, one class and one line in its ``pyproject.toml``
-(entry points of the group :data:`GROUP`). The order is that in which effects act on a command, a motion and a
-measurement, and that in which equals are named; errors of the data come first, because they mimic physics.
+A new effect takes one class and one line here. In another package it takes one class and one line in its
+``pyproject.toml`` (entry points of the group :data:`GROUP`). The order is that in which effects act on a command, a
+motion and a measurement. It also decides which of two equally likely effects is reported. Errors of the data come
+first, because they can look like physical effects.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ __all__ = ["CRAFT", "EFFECTS", "GROUP", "usual_bounds"]
 
 
 GROUP = "gcs_autotune.effects"
-"""Entry points under which other packages offer effects: ``[project.entry-points."gcs_autotune.effects"]``."""
+"""Entry-point group for effects of other packages: ``[project.entry-points."gcs_autotune.effects"]``."""
 
 OURS: tuple[Effect, ...] = (
     TimeScale(),
@@ -93,7 +94,7 @@ OURS: tuple[Effect, ...] = (
 
 
 class Effects(Mapping[str, Effect]):
-    """Slug -> effect: built-in ones, then those of other packages, loaded on first use."""
+    """Table of effects by slug: built-in ones, then those of other packages, which are loaded on first use."""
 
     def __init__(self) -> None:
         self._rows: dict[str, Effect] | None = None
@@ -121,7 +122,7 @@ def _offered() -> Iterator[Effect]:
     Raises
     ------
     UsageError
-        One cannot be loaded, or is no effect.
+        An entry point cannot be loaded, or is not an effect.
     """
     from importlib.metadata import entry_points  # slow to import, and no other module here needs it
 
@@ -136,7 +137,7 @@ def _offered() -> Iterator[Effect]:
 
 
 EFFECTS = Effects()
-"""Slug -> effect."""
+"""All known effects, by slug."""
 
 
 CRAFT = "largest command 1, time constant 1 s, signals of standard deviation 1, one run of 60 s at 10 Hz"
@@ -147,12 +148,12 @@ _UNITS = {**dict.fromkeys("XYZ", "N"), "N": "N m", "delta": "rad"}
 
 
 def usual_bounds(effect: Effect) -> Mapping[str, tuple[float, float]]:
-    """Return parameter -> (smallest, largest) at the first place that has it; infinite where there is no bound.
+    """Return parameter -> (smallest, largest) at the first place of the effect; infinite without bound.
 
     Raises
     ------
     LookupError
-        None of the craft here has a place for it.
+        None of the reference craft has a place for the effect.
     """
     for data in _SCENES:
         for place in effect.places(data):
@@ -199,4 +200,7 @@ _SCENES = (
     _data_summary(("yaw",), {"N": "yaw"}, ("r", "psi"), drag=False),
     _data_summary(("yaw",), {"N": "yaw"}, ("r", "psi", "u", "v")),
 )
-"""All but yaw by a rudder; that; a craft without linear drag; and one whose flow was measured and is not simulated."""
+"""Reference craft for the bounds of effects.
+
+In order: all degrees of freedom without a rudder; yaw by a rudder; no linear drag; flow measured but not simulated.
+"""

@@ -1,12 +1,13 @@
 """Hydrodynamic forces proportional to products of velocities: one family, generated systematically.
 
-:func:`product_terms` lists every product of one or two velocities (three on request), with moduli, that a hull alike to
-port and starboard can have, and those of a craft that pulls to one side. The terms are those of Abkowitz1964 (odd and
-even powers), of Norrbin1971 (moduli, for headway and sternway alike) and of Fossen2011 (chapter 6). Each is a SNAME
-derivative. Linear and quadratic drag, the couplings of :mod:`.hydrodynamics` and the named effects here contain them.
-:class:`VelocityProduct` is any other.
+:func:`product_terms` lists every product of one or two velocities (three on request), with moduli, that a hull with
+port-starboard symmetry can have. It also lists those of a craft that pulls to one side. The terms are those of
+Abkowitz1964 (odd and even powers), of Norrbin1971 (moduli, equal for headway and sternway) and of Fossen2011 (chapter
+6). Each is a SNAME derivative.
 
-A velocity that is simulated enters as the simulated one, a velocity that was only measured as an input.
+Some of these terms are other effects: linear and quadratic drag, the couplings of :mod:`.hydrodynamics`, and the named
+effects in this module. :class:`VelocityProduct` is any other term. A simulated velocity enters as simulated, a velocity
+that was only measured enters as an input.
 """
 
 from __future__ import annotations
@@ -38,21 +39,25 @@ __all__ = [
 ]
 
 ODD = frozenset("vprYKN")
-"""Velocities, and forces, that change sign in the mirror image of a craft to port and starboard."""
+"""Velocities and forces that change sign when a craft is mirrored from port to starboard."""
 
 ONE_SIDED = frozenset({"N_u", "N_|u|u", "Y_u", "Y_|u|u"})
-"""Of a craft that pulls to one side under way: no mirror image has them, many boats do."""
+"""Terms of a craft that pulls to one side when moving.
+
+A hull with port-starboard symmetry does not have them, but many boats do.
+"""
 
 Factor = tuple[str, bool]
-"""A velocity, and whether its modulus."""
+"""A velocity, and whether its modulus is taken."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProductTerm:
     """A force or moment per product of velocities.
 
-    ``derivative`` its SNAME name, ``row`` the force, ``factors`` its velocities, moduli first; ``words`` what it is,
-    ``source`` who wrote it. ``damps``: it takes energy out of its own motion, so its sign is known.
+    ``derivative``: its SNAME name. ``row``: the force. ``factors``: its velocities, moduli first. ``words``: a
+    description. ``source``: its reference. ``damps``: whether it takes energy out of its own motion, so that its sign
+    is known.
     """
 
     derivative: str
@@ -64,17 +69,17 @@ class ProductTerm:
 
     @property
     def own(self) -> str:
-        """The velocity of the row itself."""
+        """The velocity of the row's own degree of freedom."""
         return STATES[FORCES.index(self.row)]
 
     @property
     def code(self) -> Term:
-        """What the term is however its name is spelled."""
+        """The term independent of its spelling."""
         return canonical(self.derivative)
 
 
 def canonical(derivative: str, inputs: Sequence[str] = ()) -> Term:
-    """Return the term of a derivative with its factors in order: ``N_rr`` and ``N_|r|r`` are one."""
+    """Return the term of a derivative with sorted factors, so that ``N_rr`` and ``N_|r|r`` are equal."""
     term = term_of(derivative, inputs)
     return Term(term.row, tuple(sorted(term.factors)))
 
@@ -109,14 +114,14 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "Z_uw": ("lift of a hull at an angle of attack", "Fossen2011"),
     "M_uw": ("Munk's moment of a hull at an angle of attack", "Fossen2011"),
 }
-"""Derivative -> what a hydrodynamicist calls it, and a source."""
+"""Derivative -> its hydrodynamic meaning, and a source."""
 
 
 def product_terms(velocities: str = "uvwpqr", order: int = 2) -> Iterator[ProductTerm]:
     """Yield the terms of all rows of *velocities* with up to *order* factors among these velocities.
 
-    Symmetry to port and starboard decides which. A product of moduli alone is kept where it is a square, and not of the
-    row's own velocity: that would push one way only.
+    Port-starboard symmetry decides which terms exist. A product of moduli alone is yielded only if it is a square, and
+    not of the row's own velocity. With its own velocity, that force would act in one direction only.
     """
     known = [s for s in STATES if s in velocities]
     products = [p for count in range(1, order + 1) for p in combinations_with_replacement(known, count)]
@@ -128,7 +133,7 @@ def product_terms(velocities: str = "uvwpqr", order: int = 2) -> Iterator[Produc
 
 
 def _moduli(letters: Sequence[str], own: str) -> Iterator[tuple[bool, ...]]:
-    """Yield which factors stand with their moduli, each product once; of three only what Abkowitz1964 has: none."""
+    """Yield which factors have moduli, each product once; products of three have none (Abkowitz1964)."""
     if len(letters) == 1:
         yield (False,)
     elif len(letters) > 2:
@@ -172,16 +177,16 @@ DOF_OF: Mapping[str, str] = {d.velocity: d.name for d in DOFS.values()}
 """Velocity -> degree of freedom."""
 
 TERMS: Mapping[str, ProductTerm] = {t.derivative: t for t in product_terms(order=3)}
-"""Derivative -> term, all six rows, up to three factors."""
+"""Derivative -> term, for all six rows, up to three factors."""
 
 
 def term_named(derivative: str) -> ProductTerm:
-    """Return the term of that derivative, however it is spelled.
+    """Return the term of a derivative, in any spelling.
 
     Raises
     ------
     KeyError
-        The family has none.
+        The family has no such term.
     """
     if derivative in TERMS:
         return TERMS[derivative]
@@ -195,26 +200,29 @@ def term_named(derivative: str) -> ProductTerm:
 # -- as effects
 
 VARIES = 0.02
-"""Least spread of a measured velocity, in shares of what it is: what hardly changes acts like a constant."""
+"""Least range of a measured velocity, relative to its largest value; a constant velocity acts like a constant force."""
 
 ASTERN = 0.05
-"""Chosen: share of the largest speed ahead that a craft must make astern for ``u`` and its modulus to be two things."""
+"""Least speed astern, relative to the largest speed ahead, that distinguishes ``u`` from its modulus. Set by hand."""
 
 SHARE = 0.2
-"""Share of the largest force to begin from, at the largest speeds."""
+"""Start value of a coefficient: its force relative to the largest force, at the largest speeds."""
 
 LOOKED_AT = "uvr"
-"""Velocities that enter where they were only measured; others where they are simulated."""
+"""Velocities that may enter as measured; others enter only if they are simulated."""
 
 SIMULATED = "simulated_"
-"""Constants ``simulated_u`` and so on: velocities that the model has itself; others are inputs, as measured."""
+"""Start of the names of constants: ``simulated_u`` and so on, for velocities that the model simulates.
+
+The other velocities are inputs, as measured.
+"""
 
 MASSES = frozenset({"X_vr", "Y_ur", "N_uv"})
-"""Terms that a form with Coriolis forces has from its masses."""
+"""Terms that a form with Coriolis forces derives from its masses."""
 
 
 def seen_or_simulated(term: ProductTerm, data: DataSummary) -> bool:
-    """Whether the model has every velocity of *term*, or it was measured and changes by more than its noise."""
+    """Return whether every velocity of *term* is simulated, or measured with a change above its noise."""
     for letter, _ in term.factors:
         if DOF_OF[letter] in data.form.dofs:
             continue
@@ -225,7 +233,7 @@ def seen_or_simulated(term: ProductTerm, data: DataSummary) -> bool:
 
 
 def is_in(form: Form, term: ProductTerm) -> bool:
-    """Whether a form has *term* already, by whatever spelling."""
+    """Return whether a form already contains *term*, in any spelling."""
     if term.derivative in MASSES and form.coriolis:
         return True
     inputs = tuple(form.inputs)
@@ -236,13 +244,13 @@ def is_in(form: Form, term: ProductTerm) -> bool:
 
 
 def ahead_only(data: DataSummary) -> bool:
-    """Return whether the craft never went astern, as far as is known: ``u`` then equals its modulus."""
+    """Return whether the craft never went astern, as far as is known; ``u`` then equals its modulus."""
     low, high = data.extent.get("u", (0.0, 0.0))
     return low > -ASTERN * abs(high)
 
 
 class ProductEffect(Effect):
-    """A force proportional to a product of velocities; a subclass defines which one, and where."""
+    """A force proportional to a product of velocities; a subclass defines which one, and where it acts."""
 
     family = "hydrodynamics"
     is_structural = True
@@ -252,13 +260,16 @@ class ProductEffect(Effect):
         raise NotImplementedError
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Which velocities the model has itself."""
+        """Return which velocities the model simulates."""
         term = self.term(place)
         letters = dict.fromkeys(s for s, _ in term.factors if s != term.own and DOF_OF[s] in data.form.dofs)
         return {f"{SIMULATED}{s}": 1.0 for s in letters}
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """A fair share of the largest force, at the largest speeds; either way, unless it damps."""
+        """Return values that give a fifth of the largest force at the largest speeds.
+
+        Both signs are returned, unless the term is a damping term.
+        """
         term, (name,) = self.term(place), (q.name for q in self.parameters)
         dof = DOF_OF[term.own]
         size = SHARE * force_scale(dof, data) / prod(top_speed(DOF_OF[s], data) for s, _ in term.factors)
@@ -266,7 +277,7 @@ class ProductEffect(Effect):
         return tuple({name: sign * size} for sign in signs)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Either sign, unless it damps."""
+        """Return bounds: either sign, unless the term is a damping term."""
         term, (name,) = self.term(place), (q.name for q in self.parameters)
         if not term.damps:
             return {name: (-inf, inf)}
@@ -278,11 +289,11 @@ class ProductEffect(Effect):
         return [s for s in letters if f"{SIMULATED}{s}" not in effect.constants]
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
-        """The velocities that were only measured."""
+        """Return the velocities that were only measured, as inputs."""
         return tuple(SEEN[s] for s in self._measured(effect))
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Add the measured velocities, between their stamps the mean of both."""
+        """Add the measured velocities as inputs; between two stamps they are the mean of both."""
         for letter in self._measured(effect):
             if SEEN[letter] in drive.channels:
                 continue
@@ -294,14 +305,15 @@ class ProductEffect(Effect):
         return drive
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Its SNAME derivative, the inputs ``surge``, ``sway``, ``yaw`` for velocities that were only measured."""
+        """Return the SNAME derivative, with the inputs ``surge``, ``sway``, ``yaw`` for velocities that were only
+        measured."""
         term, measured = self.term(effect.place), self._measured(effect)
         words = ((SEEN[s] if s in measured else s, size) for s, size in term.factors)
         name = f"{term.row}_" + "".join(f"|{word}|" if size else word for word, size in words)
         return {name: next(iter(effect.values.values()))}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Force or moment per product of speeds."""
+        """Return the unit of force or moment per product of speeds."""
         term = self.term(place)
         turning = sum(DOFS[DOF_OF[s]].angular for s, _ in term.factors)
         powers = [("m", len(term.factors) - turning), ("rad", turning)]
@@ -312,7 +324,7 @@ class ProductEffect(Effect):
 
 
 class NamedProduct(ProductEffect):
-    """A term that has a name of its own. Its place is the degree of freedom it acts in."""
+    """A term that is an effect with its own slug; its place is the degree of freedom that it acts in."""
 
     derivative: ClassVar[str]
 
@@ -325,7 +337,7 @@ class NamedProduct(ProductEffect):
         return TERMS[self.derivative]
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Its degree of freedom, if the model lacks the term and its velocities are simulated or measured."""
+        """Return its degree of freedom, if the model lacks the term and its velocities are simulated or measured."""
         term = TERMS[self.derivative]
         dof = DOF_OF[term.own]
         if dof not in data.form.dofs or not seen_or_simulated(term, data) or is_in(data.form, term):
@@ -334,7 +346,7 @@ class NamedProduct(ProductEffect):
 
 
 class SwayMoment(NamedProduct):
-    """``N_v v``: a hull that slides turns (SNAME; positive ``N_v`` turns the bow with it)."""
+    """``N_v v``: a hull that moves sideways turns (SNAME; positive ``N_v`` turns the bow towards the motion)."""
 
     slug = "sway-moment"
     derivative = "N_v"
@@ -347,7 +359,7 @@ class SwayMoment(NamedProduct):
 
 
 class SpeedDamping(NamedProduct):
-    """``N_|u|r |u| r``: what turns is swept along by the flow, so turning is harder with way on, ahead or astern."""
+    """``N_|u|r |u| r``: the flow along the hull damps the turn, so turning is harder at speed, ahead or astern."""
 
     slug = "speed-damping"
     derivative = "N_|u|r"
@@ -360,7 +372,7 @@ class SpeedDamping(NamedProduct):
 
 
 class MunkMoment(NamedProduct):
-    """``N_uv u v``: a hull at an angle to its way turns further (Munk; Fossen2011)."""
+    """``N_uv u v``: a hull at a drift angle turns further (Munk; Fossen2011)."""
 
     slug = "munk-moment"
     derivative = "N_uv"
@@ -377,12 +389,12 @@ NAMED = frozenset({SwayMoment.derivative, SpeedDamping.derivative, MunkMoment.de
 
 
 def _is_drag(term: ProductTerm) -> bool:
-    """Whether the term is linear or quadratic drag."""
+    """Return whether the term is linear or quadratic drag."""
     return {s for s, _ in term.factors} == {term.own} and len(term.factors) < 3
 
 
 def _in_a_coupling(term: ProductTerm, form: Form) -> bool:
-    """Whether the term is part of a coupling of simulated motions that may be looked for in this form."""
+    """Return whether the term is part of a coupling of simulated motions that may be searched for in this form."""
     plane = {"surge", "sway", "yaw"} <= set(form.dofs)
     if term.derivative in MASSES:
         return plane and not form.coriolis and not any(is_in(form, TERMS[n]) for n in MASSES)
@@ -393,11 +405,11 @@ def _in_a_coupling(term: ProductTerm, form: Form) -> bool:
 
 
 VELOCITY_PRODUCT = "velocity-product"
-"""Slug of the products without a name of their own."""
+"""Slug of the products of velocities that are not effects with their own slug."""
 
 
 class VelocityProduct(ProductEffect):
-    """``coefficient`` times a product of velocities that has no name of its own; the place is the derivative."""
+    """``coefficient`` times a product of velocities that is no other effect; the place is the derivative."""
 
     slug = VELOCITY_PRODUCT
     grows_with = ("coefficient",)
@@ -413,13 +425,13 @@ class VelocityProduct(ProductEffect):
     )
 
     def term(self, place: str) -> ProductTerm:
-        """The term that the place names."""
+        """Return the term that the place names."""
         return term_named(place)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Derivatives that the model lacks and no other effect contains, where their velocities are there.
+        """Return derivatives that the model lacks, that no other effect contains, and whose velocities are available.
 
-        Of a craft that was never seen astern ``u`` and its modulus are one thing, which has one place.
+        If the craft never went astern, ``u`` and its modulus are equal and have one place.
         """
         simulated = [DOFS[d].velocity for d in data.form.dofs]
         velocities = "".join(s for s in STATES if s in simulated or s in LOOKED_AT)
@@ -443,11 +455,14 @@ TWINS: Mapping[str, str] = {
     "N_|u|u": "N_u",
     "Y_|u|u": "Y_u",
 }
-"""Derivative -> the one that is the same ahead, or nearly (powers of a speed that hardly changes)."""
+"""Derivative -> the one that is equal or similar when the craft moves ahead only.
+
+Powers of a speed that hardly changes are similar.
+"""
 
 
 def name_of(effect: EffectInstance) -> str:
-    """Return what a cause is called where several are listed: its slug, or the derivative that its place names."""
+    """Return the name of a cause in lists: its slug, or the derivative if it is a velocity product."""
     return effect.place if effect.slug == VELOCITY_PRODUCT else effect.slug
 
 
@@ -461,4 +476,4 @@ def twins_of(effect: EffectInstance, data: DataSummary) -> tuple[str, ...]:
 
 
 OWN: Mapping[str, ProductEffect] = {e.slug: e for e in (SwayMoment(), SpeedDamping(), MunkMoment(), VelocityProduct())}
-"""Slug -> effect of this family."""
+"""Effects of this family, by slug."""

@@ -1,9 +1,12 @@
-"""Waves: a narrow band of frequencies in what is left over, and whether it is one.
+"""Waves: a narrow frequency band in the residual, and a test whether it is one.
 
-A predicting filter gains by any colour a wrong model leaves, so a band must prove itself: damped less than a quarter,
-several periods long, better than noise that is merely red, seen through some noise of the sensors, and no answer of
-the craft to itself: not in proportion to the predicted motion, its rate, its square, nor to what it was some periods
-ago, or rung up by it.
+A predicting filter improves the likelihood for any coloured residual that a wrong model leaves. A band is therefore
+accepted under these conditions:
+
+- its damping ratio is below a quarter, and the run contains several periods;
+- it is better than red noise, and the sensors' noise is visible;
+- it is no response of the craft to its own motion. It must not be proportional to the predicted motion, its rate, its
+  square or its past, nor excited by it.
 """
 
 from __future__ import annotations
@@ -24,28 +27,34 @@ __all__ = ["WaveDisturbance"]
 
 
 NARROW, BROAD = 0.25, 0.7
-"""Damping ratio a band has at most, and that of a law without a peak to hold it against."""
+"""Largest damping ratio of a band (NARROW), and that of a model without a peak to compare with (BROAD)."""
 FEWEST = 40
-"""Samples of a run that is looked at."""
+"""Minimum number of samples of a run."""
 PERIODS = 5.0
-"""A band's period goes at least so often into the longest run."""
+"""Minimum number of periods of the band in the longest run."""
 FASTEST = 0.7
-"""Highest frequency looked at, in shares of half the sample rate."""
+"""Highest frequency searched, relative to half the sampling rate."""
 BETTER = 10.0
-"""Minus twice the log-likelihood a band must gain over red noise."""
+"""Reduction of minus twice the log-likelihood that a band must have over red noise."""
 SMOOTH = 0.005
-"""Chosen: where the filter leaves less than this share of every signal's remainder, the record was smoothed: its next
-sample follows from the last ones whatever is wrong with the model (a ship in a basin left 0.001, waves with their
-sensors' noise a tenth and more)."""
+"""Fraction of every signal's residual that the filter must leave; if it leaves less, the record was smoothed.
+
+The next sample of a smoothed record follows from the last ones, whatever is wrong with the model. The value is set by
+hand: a ship in a basin left 0.001, and waves with sensor noise leave a tenth or more.
+"""
 PARTS, MEMORY = 8, 4
-"""Parts of a period in which, and periods back to which, the craft's own motion is held against the band."""
+"""Delays at which the craft's own motion is compared with the band.
+
+PARTS: number of delays per period. MEMORY: number of periods.
+"""
 OWN, CHANCE = 0.1, 2.0
-"""Allowed gain of the craft's own motion over a band: a share of the band's gain, or an amount per regressor."""
+"""Allowed gain of the craft's own motion over a band: a fraction of the band's gain (OWN), or per regressor
+(CHANCE)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """A band: frequency [rad/s], damping ratio, and per signal the law and the oscillation's rms [signal].
+    """A band: frequency [rad/s] and damping ratio, and for each signal its model and the rms of the oscillation.
 
     ``std``: standard errors of the logarithms of frequency, damping ratio and rms.
     """
@@ -66,7 +75,7 @@ class _Kin:
     lag: float
 
     def law(self, omega: float, zeta: float, rho: float) -> Oscillator:
-        """Return the law, the lag where it makes a difference."""
+        """Return the model of the signal; the lag is limited to the range in which it matters."""
         return Oscillator(omega, zeta, min(max(self.lag, 0.02 / omega), 50.0 / omega), self.rate, rho)
 
     def cost(self, log_omega: float, log_zeta: float, log_rho: float) -> float:
@@ -74,9 +83,9 @@ class _Kin:
 
 
 def band_of(left: Sequence[EffectResidual], *, velocity: str, lag: float) -> Band | None:
-    """Return the narrow band that *left* (of one degree of freedom's position and *velocity*) shows, or None.
+    """Return the narrow band in the residuals *left*; return None if there is none.
 
-    lag : time constant of the craft [s].
+    left : residuals of the position and *velocity* of one degree of freedom. lag : time constant of the craft [s].
     """
     groups: dict[str, list[EffectResidual]] = {}
     for x in left:
@@ -120,7 +129,7 @@ def _total(p: Array, kin: Mapping[str, _Kin]) -> float:
 
 
 def _fitted(kin: Mapping[str, _Kin], low: float, high: float) -> tuple[Array, float]:
-    """Return log omega, log zeta and log rho per signal, and the cost there, from the highest peaks of the spectrum."""
+    """Return log omega, log zeta and log rho per signal, with their cost, from fits started at the highest peaks."""
     span = [(math.log(low), math.log(high)), (math.log(5e-4), math.log(0.35)), *([(-6.0, 16.0)] * len(kin))]
     floor, ceiling = np.array([a for a, _ in span]), np.array([b for _, b in span])
 
@@ -145,7 +154,8 @@ def _fitted(kin: Mapping[str, _Kin], low: float, high: float) -> tuple[Array, fl
 
 
 def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
-    """Return the frequencies [rad/s] of the highest peaks, of the plain spectrum and of one not led by drift."""
+    """Return the frequencies [rad/s] of the highest peaks of the spectrum, and of the spectrum weighted against
+    drift."""
     grid = np.exp(np.linspace(math.log(low), math.log(high), 400))
     power = np.zeros(len(grid))
     for own in kin.values():
@@ -160,7 +170,7 @@ def _peaks(kin: Mapping[str, _Kin], low: float, high: float) -> list[float]:
 
 
 def _broad(kin: Mapping[str, _Kin], low: float) -> float:
-    """Return the cost of red noise in white noise: an oscillator too damped to have a peak."""
+    """Return the cost of red noise plus white noise: an oscillator with too much damping for a peak."""
     total = 0.0
     for own in kin.values():
         found = [cost(None, own.records)]
@@ -183,7 +193,8 @@ def _red(own: _Kin, low: float) -> Callable[[Array], float]:
 
 
 def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[EffectResidual]) -> tuple[float, int]:
-    """Return what regression on the craft's own motion gains on top of the band, and on how many regressors."""
+    """Return the gain from regressing on the craft's own motion in addition to the band, and the number of
+    regressors."""
     tables = []
     for (t, error), x in zip(records, own, strict=True):
         tables.append(whitened(law, t, np.column_stack([error, _with_motion(law, x)]))[0])
@@ -194,20 +205,22 @@ def _own_gain(law: Oscillator, records: Sequence[Record], own: Sequence[EffectRe
 
 
 def _foreseen(law: Oscillator, records: Sequence[Record]) -> float:
-    """Return the rms of one-step prediction errors, in shares of the records'."""
+    """Return the rms of one-step prediction errors relative to that of the records."""
     white, every = _joined(law, records)
     return math.sqrt(float(np.mean(white**2)) / max(float(np.mean(every**2)), 1e-300))
 
 
 def _joined(law: Oscillator, records: Sequence[Record]) -> tuple[Array, Array]:
-    """Return the one-step prediction errors of all *records*, and these themselves (n,)."""
+    """Return the one-step prediction errors of all *records*, and the records themselves (n,)."""
     white = np.concatenate([whitened(law, t, e[:, None])[0][:, 0] for t, e in records])
     return white, np.concatenate([e for _, e in records])
 
 
 def _with_motion(law: Oscillator, x: EffectResidual) -> Array:
-    """Return regressors (n, k): a constant, the predicted motion with its rate and signed square, what it rings up at
-    the band, and the motion of some periods before: any memory of it, linear and that long.
+    """Return regressors (n, k) from the craft's own motion.
+
+    They are a constant, the predicted motion, its rate and signed square, and the oscillation that it excites in the
+    band. The motion at delays of up to some periods is added, for any linear memory of that length.
     """
     motion = x.measured - x.error
     motion = motion - np.mean(motion)
@@ -219,7 +232,7 @@ def _with_motion(law: Oscillator, x: EffectResidual) -> Array:
 
 
 def _rms_of_band(law: Oscillator, records: Sequence[Record]) -> float:
-    """Return the rms of the oscillation: what there is, less the white noise."""
+    """Return the rms of the oscillation: that of the records with the white noise subtracted."""
     white, every = _joined(law, records)
     return math.sqrt(max(float(np.mean(every**2) - np.mean(white**2)), 0.0))
 
@@ -245,11 +258,11 @@ def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float]:
 
 
 class WaveDisturbance(Effect):
-    """A narrow-band force on one degree of freedom, of rms ``amplitude``, ``frequency``, damping ``bandwidth``.
+    """A narrow-band force on one degree of freedom, with rms ``amplitude``, ``frequency`` and damping ``bandwidth``.
 
-    No simulation foretells its phase: it is learned from what is left over of the degree's position and velocity, and
-    judged by predicting one sample ahead. Its force follows from the motion by the base model's inertia and drag
-    (``DataSummary.base``); without them ``amplitude`` is not given.
+    No simulation predicts its phase. It is estimated from the residuals of position and velocity, and judged by
+    predicting one sample ahead. Its force follows from the motion with the base model's inertia and drag
+    (``DataSummary.base``). Without these, ``amplitude`` is not calculated.
     """
 
     slug = "wave-disturbance"
@@ -267,25 +280,25 @@ class WaveDisturbance(Effect):
     fixed = ("amplitude", "frequency", "bandwidth")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Every degree of freedom of which something is measured."""
+        """Return every degree of freedom with a measured signal."""
         return tuple(d for d in data.form.dofs if {DOFS[d].position, DOFS[d].velocity} & set(data.signals))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """None yet; :meth:`learn` finds the band."""
+        """Return an amplitude of zero; :meth:`learn` estimates the band."""
         amplitude = {} if _gains(place, data) is None else {"amplitude": 0.0}
         return ({**amplitude, "frequency": 6.0 / data.time_constant, "bandwidth": 0.05},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """A period seen several times, and sampled."""
+        """Return bounds: the frequency is at most half the sampling rate, and the band is narrow."""
         amplitude = {} if _gains(place, data) is None else {"amplitude": (0.0, 10.0 * max(data.amplitude.values()))}
         return {**amplitude, "frequency": (0.0, math.pi / data.interval), "bandwidth": (0.0, NARROW)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Inertia and time constant of the base model, on the side of the input."""
+        """Return inertia and time constant of the base model, per unit of input."""
         return _gains(place, data) or {"lag": data.time_constant}
 
     def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
-        """Find the band, if there is one."""
+        """Estimate the band; leave the amplitude zero if there is none."""
         dof, lag = DOFS[effect.place], effect.constants["lag"]
         mine = [x for x in left if x.signal in (dof.position, dof.velocity)]
         band = band_of(mine, velocity=dof.velocity, lag=lag)
@@ -303,7 +316,7 @@ class WaveDisturbance(Effect):
         return replace(effect.with_values(found), constants={**kept, **used, **ratios, **errors})
 
     def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-        """Return one-step prediction errors, at the size they have once the filter is settled."""
+        """Return one-step prediction errors, scaled to their size once the filter is stationary."""
         rho = effect.constants.get(f"ratio {left.signal}", 0.0)
         if rho <= 0.0 or len(left.error) == 0:
             return left.error, columns, 0.0
@@ -315,8 +328,10 @@ class WaveDisturbance(Effect):
         return white[:, 0], white[:, 1:], 2.0 * float(np.sum(np.log(deviation / settled)))
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """Return standard errors from the curvature of the likelihood; the amplitude's from the number of independent
-        oscillations."""
+        """Return standard errors from the curvature of the likelihood.
+
+        That of the amplitude follows from the number of independent oscillations.
+        """
         if "std frequency" not in effect.constants:
             return {}
         found = {n: effect[n] * effect.constants[f"std {n}"] for n in ("frequency", "bandwidth")}
@@ -326,7 +341,7 @@ class WaveDisturbance(Effect):
         return found
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
-        """The spectrum of the force."""
+        """Return the spectrum of the force."""
         omega, zeta, a = effect["frequency"], max(effect["bandwidth"], 0.002), effect.values.get("amplitude", 0.0)
         if a <= 0.0:
             return None
@@ -338,14 +353,14 @@ class WaveDisturbance(Effect):
         )
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """The force's, or that of the input when forces are known as fractions or angles."""
+        """Return the unit of the force; that of the input if forces are known only as fractions or angles."""
         if name != "amplitude":
             return next(q.unit for q in self.parameters if q.name == name)
         return data.inputs.get(DOFS[place].force, next(iter(data.inputs.values()), "1"))
 
 
 def _gains(place: str, data: DataSummary) -> dict[str, float] | None:
-    """Return inertia and drag per unit of input, or None when the base model has no numbers yet."""
+    """Return inertia and drag per unit of input; return None if the base model has no numbers yet."""
     dof, form = DOFS[place], data.form
     known = {**form.known, **data.base}
     body = {"yaw": "I_z", "roll": "I_x", "pitch": "I_y"}.get(place, "m")
@@ -362,7 +377,7 @@ def _gains(place: str, data: DataSummary) -> dict[str, float] | None:
 
 
 def _force(band: Band, effect: EffectInstance) -> float:
-    """Return the rms of the force [input] behind the motion."""
+    """Return the rms of the force [input unit] that causes the motion."""
     dof = DOFS[effect.place]
     signal = dof.velocity if dof.velocity in band.rms else dof.position
     law = band.laws[signal]

@@ -1,19 +1,19 @@
-"""Identifiability, design of the next experiment, and choice of structure.
+"""Identifiability, design of the next experiment, and selection of the model structure.
 
 ==================  ===================================================================================
-comparison          two models by final value and rise time of a step
+comparison          two models compared by final value and rise time of a step
 identifiability     correlated and poorly identifiable parameters
 scales              the size of a parameter with a noticeable effect
 profile_likelihood  interval of one parameter, open if the runs do not bound it
-preview             simulated manoeuvre inside the range of the runs; its space
+preview             simulated manoeuvre inside the range of the runs, and its space
 next_manoeuvre      manoeuvres ranked by expected improvement
 cross_validation    folds, likelihood and held-out errors
 form_choice         coupled forms compared by information criteria and held-out errors
 drag_choice         the same for the drag of one degree of freedom, with Miskovic2010, eq. (7.1)-(7.2)
-pictures            the same in figures
+pictures            figures of these results
 ==================  ===================================================================================
 
-The information matrix is that of the fit: :mod:`gcs_autotune.identify.information`.
+The information matrix is that of the fit: :mod:`gcs_autotune.identify.problems.information`.
 """
 
 from __future__ import annotations

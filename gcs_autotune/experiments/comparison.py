@@ -1,7 +1,8 @@
-"""Two models of one degree of freedom compared by what they do: where a step settles, and how soon.
+"""Compare two models of one degree of freedom by their step responses: steady state and rise time.
 
-Numbers of two models can differ much and their motion little, where the sensor is coarse or slow beside the craft:
-Miskovic2010, section 7.2, (7.4)-(7.11) (of (7.11) the factor is ``1/sqrt(|tau|)``, of (7.10) the share tanh(1) = 76 %).
+With a coarse or slow sensor, the numbers of two models can differ much although their motions hardly differ
+(Miskovic2010, section 7.2, (7.4)-(7.11)). In (7.11) the factor is ``1/sqrt(|tau|)``; in (7.10) the fraction is tanh(1)
+= 76 %.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ Array = NDArray[np.float64]
 SETTLING = 1.0 - math.exp(-1.0)
 """Fraction of the steady state reached after ``alpha / beta`` with linear drag."""
 SETTLING_QUADRATIC = math.tanh(1.0)
-"""The same after ``alpha / sqrt(beta_nn |tau|)`` where it is quadratic."""
+"""Fraction of the steady state reached after ``alpha / sqrt(beta_nn |tau|)`` with quadratic drag."""
 
 SMALLEST = 0.05
-"""Quantile of the inputs applied that counts as the smallest: single samples on the way to a step do not."""
+"""Quantile of the applied inputs that counts as the smallest, so that single samples during a step do not count."""
 
 
 @dataclass(frozen=True, slots=True)
 class DofComparison:
-    """What two models make of the largest and of the smallest input applied, SI and radians.
+    """Step responses of two models to the largest and to the smallest applied input, SI and radians.
 
-    ``steady``: velocity each settles at under ``largest``; ``quantum``: what the sensor resolves of a velocity, 0 where
-    it is not coarse. ``rise``: seconds each takes to ``share`` of its steady state under ``smallest``; ``interval``:
-    seconds between samples.
+    ``steady``: steady velocity of each under ``largest``. ``quantum``: resolution of the velocity, 0 if it is fine.
+    ``rise``: time [s] of each to the fraction ``share`` of its steady state under ``smallest``. ``interval`` [s]:
+    between samples.
     """
 
     dof: str
@@ -54,12 +55,12 @@ class DofComparison:
 
     @property
     def steady_apart(self) -> float:
-        """Difference of the steady states; Miskovic2010, (7.5), (7.7)."""
+        """Difference of the steady states (Miskovic2010, (7.5), (7.7))."""
         return abs(self.steady[0] - self.steady[1])
 
     @property
     def rise_apart(self) -> float:
-        """Difference of the time constants [s]; Miskovic2010, (7.9), (7.11)."""
+        """Difference of the time constants [s] (Miskovic2010, (7.9), (7.11))."""
         return abs(self.rise[0] - self.rise[1])
 
     @property
@@ -92,15 +93,15 @@ class DofComparison:
 def compare_dof(
     models: tuple[SingleDof, SingleDof], largest: float, smallest: float, *, quantum: float = 0.0, interval: float = 0.1
 ) -> DofComparison:
-    """Compare two models of one degree of freedom, their constant forces left out.
+    """Compare two models of one degree of freedom, without their constant forces.
 
-    Where both have linear drag only, or both quadratic drag only, time constants are Miskovic2010's; any other pair is
-    compared by the time to 63 % of its steady state.
+    If both have linear drag only, or both quadratic drag only, time constants are those of Miskovic2010. Any other pair
+    is compared by the time to 63 % of its steady state.
 
     Raises
     ------
     UsageError
-        Models of two degrees of freedom, or in two units of input; or an input of nothing.
+        The models differ in degree of freedom or input unit, or the input is zero.
     """
     one, other = models
     if (one.dof, one.input_unit) != (other.dof, other.input_unit):
@@ -135,14 +136,14 @@ def compare_models(
     units: tuple[Mapping[str, str], Mapping[str, str]],
     runs: Sequence[Trial],
 ) -> tuple[DofComparison, ...]:
-    """Compare two models, axis by axis, under the inputs of *runs*; coupling is left out.
+    """Compare two models, axis by axis, under the inputs of *runs*, without coupling.
 
-    units : of the inputs of each.
+    units : unit of each input.
 
     Raises
     ------
     UsageError
-        They have no degree of freedom in common that something recorded drives.
+        They have no common degree of freedom that a recorded input drives.
     """
     found = []
     for dof in (d for d in one.base.form.dofs if d in other.base.form.dofs):
@@ -173,9 +174,10 @@ def compare_models(
 
 
 def _resolved(dof: str, runs: Sequence[Trial]) -> tuple[float, float]:
-    """Return the resolution of a velocity, 0 if fine, and the time between samples [s].
+    """Return the resolution of a velocity, 0 if it is fine, and the time between samples [s].
 
-    A velocity that is not measured is a difference of positions: one compass step per sample interval.
+    A velocity that is not measured is a difference of positions. Its resolution is one position step per sample
+    interval.
     """
     axis = DOFS[dof]
     for name in (axis.velocity, axis.position):

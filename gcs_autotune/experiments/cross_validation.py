@@ -1,9 +1,9 @@
 """Scores of a structure from free runs: likelihood, information criteria, held-out errors.
 
-Runs are split by run where there are several, else by time. The criteria are computed from free-run residuals,
-whichever method made the fit, one noise level per signal at its most likely value. Coloured residuals would make every
-extra parameter look certain; the likelihood is therefore tempered by their correlation time, common to all rivals, as
-on single axes (:mod:`gcs_autotune.identify.axis.evidence`).
+Several runs are split by run, a single one by time. The criteria are calculated from free-run residuals, whichever
+method made the fit, with one noise level per signal at its most likely value. Coloured residuals would make every extra
+parameter look certain. The likelihood is therefore divided by their correlation time, which is common to all rivals, as
+for single axes (:mod:`gcs_autotune.identify.axis.evidence`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, Model, Trace, correlation_time, validate
+from gcs_autotune.identify import Fit, Model, Trace, validate
+from gcs_autotune.identify.signals import correlation_time
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = [
@@ -32,22 +33,25 @@ __all__ = [
 ]
 
 BLOCKS = 4
-"""Blocks one single run is cut into. Chosen: three quarters are left to learn from each time."""
+"""Number of blocks that a single run is divided into; three quarters of the run then remain for each fit."""
 
 MOST_FOLDS = 6
-"""Folds at most; with more runs than that several are left out together."""
+"""Maximum number of folds; with more runs, several are left out together."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """``held`` is predicted by what was fitted to ``train``."""
+    """One fold: the model is fitted to ``train`` and predicts ``held``."""
 
     train: tuple[Trial, ...]
     held: tuple[Trial, ...]
 
 
 def folds_of(trials: Sequence[Trial], inputs: Sequence[str]) -> tuple[Fold, ...]:
-    """Return the folds of *trials*; *inputs* are held over cuts in time."""
+    """Return the folds of *trials*.
+
+    inputs : channels that are held across cuts in time.
+    """
     if len(trials) == 1:
         return _in_time(trials[0], frozenset(inputs))
     groups = np.array_split(np.arange(len(trials)), min(len(trials), MOST_FOLDS))
@@ -64,7 +68,7 @@ def _in_time(trial: Trial, inputs: frozenset[str]) -> tuple[Fold, ...]:
 
 
 def _part(trial: Trial, start: float, end: float, k: int, inputs: frozenset[str]) -> Trial:
-    """Return the part with ``start <= t < end``, its inputs in force from the start on."""
+    """Return the part with ``start <= t < end``, with the inputs at its start."""
     channels = {}
     for name, channel in trial.channels.items():
         keep = (channel.t >= start) & (channel.t < end)
@@ -79,7 +83,7 @@ Fitter = Callable[[Sequence[Trial]], Fit[Model]]
 
 
 def log_likelihood_of(traces: Sequence[Trace]) -> float:
-    """Return the log-likelihood of white noise, its level per signal the most likely one."""
+    """Return the log-likelihood of white noise, with the most likely noise level for each signal."""
     total = 0.0
     for errors in _by_signal(traces).values():
         rms = math.sqrt(float(np.mean(np.square(errors))))
@@ -88,7 +92,7 @@ def log_likelihood_of(traces: Sequence[Trace]) -> float:
 
 
 def correlation_of(traces: Sequence[Trace]) -> float:
-    """Return how many samples make one independent one, 1 when no signal is coloured."""
+    """Return the number of samples that carry as much information as one independent sample; 1 for white residuals."""
     errors = [t.measured - t.fitted for t in traces if len(t.t) >= 20]
     return correlation_time(errors) if errors else 1.0
 
@@ -99,7 +103,7 @@ def rms_per_signal(traces: Sequence[Trace]) -> dict[str, float]:
 
 
 def amplitudes_of(traces: Sequence[Trace]) -> dict[str, float]:
-    """Return the standard deviation of each measured signal, what an error is compared with."""
+    """Return the standard deviation of each measured signal, with which its error is compared."""
     names = dict.fromkeys(t.signal for t in traces)
     return {n: float(np.std(np.concatenate([t.measured for t in traces if t.signal == n]))) for n in names}
 
@@ -107,10 +111,10 @@ def amplitudes_of(traces: Sequence[Trace]) -> dict[str, float]:
 def cross_validated(
     fitter: Fitter, folds: Sequence[Fold], swings: Mapping[str, float]
 ) -> tuple[list[float], dict[str, float]]:
-    """Return the error per fold relative to the signals' ranges, and the rms per signal over all folds.
+    """Return the error of each fold relative to the signals' ranges, and the rms per signal over all folds.
 
-    A fold whose training part cannot be fitted, or whose fit diverges on held-out data, counts as infinite, since such
-    a structure does not generalise. Folds without information are skipped.
+    A fold counts as infinite if its training part cannot be fitted or the fit diverges on the held-out data. Such a
+    structure does not generalise. Folds without information are skipped.
     """
     errors, traces = [], []
     for fold in folds:

@@ -1,8 +1,7 @@
-"""Which drag does one degree of freedom have? Three witnesses side by side: Miskovic2010, criterion, data left out.
+"""Select the drag law of one degree of freedom by three criteria: Miskovic2010, Bayesian, held-out error.
 
-The fit brings the two-experiment decision (Miskovic2010 (7.1)-(7.2)) and the Bayesian criterion of its candidates;
-this adds
-the free-run error on runs (or blocks of one run) that were left out.
+The fit contains the two-experiment decision (Miskovic2010 (7.1)-(7.2)) and the Bayesian criterion of its candidates.
+This module adds the free-run error on left-out runs (or blocks of one run).
 """
 
 from __future__ import annotations
@@ -10,28 +9,28 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from gcs_autotune.experiments.cross_validation import amplitudes_of, cross_validated, folds_of
-from gcs_autotune.identify import FREE, AxisFit, Decision, Structure, fit_axis, structure_of, validate
+from gcs_autotune.identify import AxisFit, Decision, Structure, fit_axis, structure_of, validate
 from gcs_autotune.sname import signal_meaning
 from gcs_autotune.trial import Trial
 
 __all__ = ["AxisChoice", "ScoredDrag", "weigh_drags"]
 
 ALIKE = 0.02
-"""Relative difference of the errors on data left out below which they are called alike."""
+"""Relative difference of held-out errors below which they count as equal."""
 
 
 WORDS = {"linear": "linear damping", "nonlinear": "quadratic damping", "affine": "linear and quadratic damping"}
-"""Structure -> what it means."""
+"""Structure -> its description."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoredDrag:
-    """One drag structure: its criterion (NaN when the method gives none) and its rms error on data left out [SI]."""
+    """One drag structure: its criterion (NaN if the method has none), and its held-out rms error [SI]."""
 
     structure: Structure
     bic: float
@@ -41,7 +40,7 @@ class ScoredDrag:
 
 @dataclass(frozen=True, slots=True)
 class AxisChoice:
-    """The structure of ``fit`` and the result of each criterion; ``signal``: that of the errors."""
+    """The structure of ``fit`` and the result of each criterion; ``signal``: the signal of the errors."""
 
     chosen: Structure
     decision: Decision | None
@@ -63,10 +62,10 @@ class AxisChoice:
 
 
 def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
-    """Return what speaks for each drag structure, the fit's own choice beside it.
+    """Return the scores of each drag structure, with the fit's own choice.
 
-    Every structure is fitted by output error with the delay of *fit* to all but one run (or a quarter of the only one)
-    and let loose on what was left out.
+    Every structure is fitted by output error, with the delay of *fit*, to all but one run (or to three quarters of a
+    single one). The rest is then simulated freely.
 
     Raises
     ------
@@ -80,7 +79,7 @@ def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
     folds = folds_of(runs, (*(d for d in ("delta", fit.model.axis.force)),))
     bic = {c.structure: c.bic for c in fit.candidates}
     table = []
-    for structure in FREE:
+    for structure in get_args(Structure):
 
         def refit(train: Sequence[Trial], structure: Structure = structure) -> AxisFit:
             return fit_axis(train, dof=fit.dof, structure=structure, delay=fit.model.delay)

@@ -1,9 +1,9 @@
-"""Which terms does a coupled model need? Forms fitted, weighed by criteria and by errors on data left out.
+"""Select the terms of a coupled model: forms are compared by information criteria and held-out errors.
 
-A richer form is preferred to a simpler one only if both speak for it: its Bayesian criterion is lower by more than
-:data:`CLEAR`, and it predicts what was left out no worse. :func:`eliminate` walks from a rich form downwards: it drops
-the term the fit is least sure of (smallest value over standard error, the Wald statistic), fits again, and keeps the
-simpler form unless the loss is justified by that rule. A form that is unphysical stands behind those that are not.
+A richer form is preferred to a simpler one under two conditions. Its Bayesian criterion must be lower by more than
+:data:`CLEAR`, and its held-out error must not be larger. :func:`eliminate` starts at a rich form. It drops the least
+certain term (smallest value over standard error, the Wald statistic) and fits again. The simpler form is kept unless
+these conditions support the richer one. An unphysical form ranks below all physical ones.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ from gcs_autotune.experiments.cross_validation import (
     log_likelihood_of,
     rms_per_signal,
 )
-from gcs_autotune.identify import METHODS, Case, Fit, Model, physical, prepare_form, validate
+from gcs_autotune.identify import METHODS, Case, Fit, Model, validate
+from gcs_autotune.identify.problems import Limits
+from gcs_autotune.identify.signals import prepare_form
 from gcs_autotune.models import RIGID_BODY, CoupledModel, Form, inertia_of
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import SIGNALS
@@ -46,14 +48,14 @@ __all__ = [
 ]
 
 SURE = 3.0
-"""Standard errors beyond zero from which negative damping is reported. Chosen."""
+"""Number of standard errors below zero from which negative damping is reported."""
 
 
 def complaints_about(fit: Fit[Model]) -> tuple[str, ...]:
     """Return the unphysical values in *fit*: inertia that is not positive, negative damping.
 
-    Inertia must be symmetric positive definite (Fossen2011, (3.54)); a craft's own drag must damp. Sway may
-    drive yaw, so only the diagonal of the damping is checked.
+    Inertia must be symmetric positive definite (Fossen2011, (3.54)), and a craft's own drag must damp. Sway may drive
+    yaw, so only the diagonal of the damping is checked.
     """
     model = fit.model
     if not isinstance(model, CoupledModel):
@@ -62,7 +64,7 @@ def complaints_about(fit: Fit[Model]) -> tuple[str, ...]:
     M = model.inertia
     if float(np.linalg.eigvalsh(0.5 * (M + M.T)).min()) <= 0.0:
         found.append("its inertia is not positive")
-    for name in physical(model.form).high:
+    for name in Limits.physical(model.form).high:
         parameter = fit.parameters.get(name)
         if inertia_of(name) is None and parameter is not None and parameter.value > SURE * parameter.std:
             found.append(f"{name} is negative damping")
@@ -77,9 +79,9 @@ CLEAR = 2.0
 class ScoredForm:
     """One form with its scores.
 
-    ``parameters`` fitted; ``fit_percent`` of the free run on the runs fitted; ``left_out`` held-out error
-    relative to the signals' ranges, mean over folds, ``per_fold`` likewise; ``left_out_rms`` per signal [SI];
-    ``complaints`` its unphysical values. ``fit`` None: it could not be fitted.
+    ``parameters``: number of fitted ones. ``fit_percent``: that of the free run on the fitted runs. ``left_out``:
+    held-out error relative to the signals' ranges, mean over folds. ``per_fold``: the same for each fold.
+    ``left_out_rms``: per signal [SI]. ``complaints``: its unphysical values. ``fit`` is None if it could not be fitted.
     """
 
     form: Form
@@ -113,20 +115,20 @@ class ScoredForm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FormChoice:
-    """The verdict over all forms tried: ``chosen``, and ``reasons`` one sentence per rival or term dropped."""
+    """The selection among all forms tried: ``chosen``, and ``reasons``, one sentence per rival or dropped term."""
 
     chosen: ScoredForm
     table: tuple[ScoredForm, ...]
     reasons: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return verdict and table as plain data."""
+        """Return the selection and the table as plain data."""
         rows = [row.to_dict() for row in self.table]
         return {"chosen": self.chosen.form.name, "reasons": list(self.reasons), "table": rows}
 
 
 def needed(richer: ScoredForm, simpler: ScoredForm) -> bool:
-    """Whether both the criterion and what was left out speak for the richer form."""
+    """Return whether both the criterion and the held-out error support the richer form."""
     if simpler.fit is None:
         return True
     if len(simpler.complaints) > len(richer.complaints):
@@ -135,12 +137,12 @@ def needed(richer: ScoredForm, simpler: ScoredForm) -> bool:
 
 
 def best(table: Sequence[ScoredForm]) -> ScoredForm:
-    """Return the form of least criterion among those that are physical, or a simpler one if it is hardly worse.
+    """Return the physical form with the smallest criterion, or a simpler one if it is hardly worse.
 
     Raises
     ------
     NotInformative
-        None could be fitted.
+        No form could be fitted.
     """
     fitted = [row for row in table if row.fit is not None]
     if not fitted:
@@ -154,13 +156,13 @@ def best(table: Sequence[ScoredForm]) -> ScoredForm:
 
 
 def said(term: str, richer: ScoredForm, simpler: ScoredForm, wanted: bool) -> str:
-    """Return why *term*, which *simpler* lacks, is needed or not."""
+    """Return the reason why *term*, which *simpler* lacks, is needed or not."""
     verdict = "is needed" if wanted else "is not supported by the data"
     return f"{term} {verdict}: {_numbers(richer, simpler)}"
 
 
 def compared(chosen: ScoredForm, other: ScoredForm) -> str:
-    """Return why *chosen* and not *other*."""
+    """Return the reason for *chosen* instead of *other*."""
     if other.fit is None:
         return f"'{other.form.name}' {other.complaints[0]}"
     richer, simpler = (chosen, other) if chosen.parameters >= other.parameters else (other, chosen)
@@ -171,7 +173,7 @@ def compared(chosen: ScoredForm, other: ScoredForm) -> str:
 
 
 def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
-    """Return the comparison in numbers: error on data left out in the worst signal's unit, and the criterion."""
+    """Return the comparison in numbers: the held-out error in the worst signal's unit, and the criterion."""
     if simpler.fit is None:
         return f"without it {simpler.complaints[0]}"
     both = [n for n in richer.left_out_rms if n in simpler.left_out_rms]
@@ -186,15 +188,18 @@ def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
 
 
 PATIENCE = 2
-"""Terms found to be needed after which no better-determined term is tried."""
+"""Number of terms kept as needed after which no better-determined term is tried."""
 
 CERTAIN = 10.0
-"""Standard errors from zero at which a term is needed without trial: the criterion would rise by about the square."""
+"""Standard errors from zero above which a term is needed without a trial.
+
+The criterion would rise by about the square.
+"""
 
 
 @dataclass(slots=True)
 class _Judge:
-    """Fits and scores forms on the same runs, folds and correlation time."""
+    """Fit and score forms on the same runs, folds and correlation time."""
 
     trials: tuple[Trial, ...]
     method: str
@@ -264,14 +269,14 @@ def choose_form(
     delay: float | None = 0.0,
     **options: Any,
 ) -> FormChoice:
-    """Fit every form of *forms* and choose.
+    """Fit every form of *forms* and select one.
 
     Raises
     ------
     UsageError
-        No form given, forms with different inputs, a method that fits none.
+        No form was supplied, the forms have different inputs, or the method fits none of them.
     NotInformative
-        None could be fitted.
+        No form could be fitted.
     """
     judge = _judge(trials, forms, method, delay, options)
     table: list[ScoredForm] = []
@@ -290,7 +295,7 @@ def eliminate(
     delay: float | None = 0.0,
     **options: Any,
 ) -> FormChoice:
-    """Drop the terms of *form* that these runs do not justify, one at a time, the least certain first.
+    """Drop the terms of *form* that these runs do not support, one at a time, the least certain first.
 
     Raises
     ------
@@ -328,7 +333,7 @@ def eliminate(
 
 
 def droppable(form: Form) -> tuple[str, ...]:
-    """Return the free parameters a form can do without: all but inertias on the diagonal and input gains."""
+    """Return the free parameters that a form can do without: all except diagonal inertias and input gains."""
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     kept = set(RIGID_BODY) | gains
     found = []
@@ -351,7 +356,7 @@ def _judge(
 
 
 def _started(form: Form, fit: Fit[Model], name: str = "") -> Form:
-    """Return *form* with the search begun where *fit* ended."""
+    """Return *form* with the result of *fit* as start values."""
     model = fit.model
     assert isinstance(model, CoupledModel)
     start = {n: model[n] for n in form.free}
@@ -359,7 +364,7 @@ def _started(form: Form, fit: Fit[Model], name: str = "") -> Form:
 
 
 def _near(form: Form, table: Sequence[ScoredForm]) -> Form:
-    """Return *form* begun from the smallest richer form fitted before it, as it is when there is none."""
+    """Return *form* with start values from the smallest richer form fitted before; unchanged if there is none."""
     for row in reversed(table):
         alike = row.form.inputs == form.inputs and row.form.known == form.known
         if row.fit is not None and alike and set(form.free) <= set(row.form.free):
@@ -378,6 +383,6 @@ def _weakest(scored: ScoredForm, kept: set[str]) -> str | None:
 
 
 def _sureness(fit: Fit[Model], name: str) -> float:
-    """Return how many standard errors a term is from zero; 0 for what is not determined at all."""
+    """Return the distance of a term from zero in standard errors; 0 for a term that is not determined."""
     parameter = fit.parameters[name]
     return abs(parameter.value) / parameter.std if parameter.std > 0.0 else 0.0

@@ -1,10 +1,10 @@
-"""Identifiability: groups of correlated parameters, poorly identifiable parameters, and the sentences about them.
+"""Identifiability: groups of correlated parameters, poorly identifiable parameters, and sentences about them.
 
-The root of the information, its columns scaled to length one, is decomposed into singular values and vectors. A value
-of zero is a joint change without any effect on the measured signals (*exact*: due to the model, the inputs or the
-signals, independent of noise). A value below ``1/TOGETHER`` is a group whose members can replace one another
-("collinearity index" above 10: Brun2001, (11)); it is reported if
-the change within noise is relevant. A parameter whose standard error exceeds its value is *poorly identifiable*.
+The root of the information matrix, with columns scaled to length one, is decomposed into singular values and vectors. A
+value of zero is a joint change without any effect on the measured signals. Such a change is *exact*: it is due to the
+model, the inputs or the signals, and does not depend on noise. A value below ``1/TOGETHER`` is a group whose members
+can replace one another ("collinearity index" above 10: Brun2001, (11)). It is reported if the change within the noise
+is relevant. A parameter whose standard error exceeds its value is *poorly identifiable*.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.experiments.preview import ManoeuvringRoom, room_of_runs
 from gcs_autotune.experiments.scales import Scales, scales_of
-from gcs_autotune.identify import BLIND, Doubt, Fit, FittedModel, Information, Model, fitted_model_of, information_on
+from gcs_autotune.identify import Doubt, Fit, Model
+from gcs_autotune.identify.problems import BLIND, FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.models import STATES, inertia_of
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Trial
@@ -40,11 +41,11 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Direction:
-    """A joint change of parameters that runs do not see, or hardly.
+    """A joint change of parameters with little or no effect on the measured signals.
 
-    ``derivatives``: the members' SNAME names. ``changes`` relative to each value (0.4: 40 % larger in magnitude): for a
-    practical direction what stays within 95 % of the noise, for an ``exact`` one only the ratios mean anything.
-    ``scaling``: all by the same factor.
+    ``derivatives``: the members' SNAME names. ``changes``: relative to each value (0.4: 40 % larger in magnitude). For
+    a practical direction they are within 95 % of the noise; for an ``exact`` one only their ratios matter. ``scaling``:
+    whether all change by the same factor.
     """
 
     members: tuple[str, ...]
@@ -58,7 +59,7 @@ class Direction:
 class Unseen:
     """A parameter whose standard error exceeds its value.
 
-    ``derivative`` its SNAME name; ``slight``: its force is nevertheless negligible in these runs.
+    ``derivative``: its SNAME name. ``slight``: whether its force is negligible in these runs.
     """
 
     name: str
@@ -72,11 +73,11 @@ class Unseen:
 SLUG = "cannot-tell"
 
 _HUGE = 10.0
-"""Relative change from which words replace the number. Chosen."""
+"""Relative change above which words replace the number."""
 
 
 def direction_doubt(direction: Direction, seen: ManoeuvringRoom) -> Doubt:
-    """Return the doubt about parameters that move together."""
+    """Return the doubt about parameters that are not identifiable separately."""
     names = joined(direction.members)
     if direction.scaling:
         return Doubt(
@@ -120,7 +121,7 @@ def joined(names: Sequence[str]) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share as per cent, with two digits; past ten times, as a factor."""
+    """Return a fraction as per cent with two digits; above ten times, as a factor."""
     if math.isinf(share):
         return "any amount"
     if abs(share) >= _HUGE:
@@ -133,7 +134,7 @@ def _here(seen: ManoeuvringRoom) -> str:
 
 
 def _leading(direction: Direction) -> tuple[str, ...]:
-    """Return the SNAME names of the members that change most, two at least."""
+    """Return the SNAME names of the members that change most, at least two."""
     changes = [abs(direction.changes[n]) for n in direction.members]
     floor = min(0.3 * max(changes), sorted(changes)[-2])
     return tuple(d for d, c in zip(direction.derivatives, changes, strict=True) if c >= floor)
@@ -206,20 +207,20 @@ def _cure(derivatives: Sequence[str], seen: ManoeuvringRoom) -> str:
 Array = NDArray[np.float64]
 
 TOGETHER = 10.0
-"""Collinearity index from which parameters count as moving together; Brun et al. name 10 to 15."""
+"""Collinearity index above which parameters count as a group; Brun et al. name 10 to 15."""
 
 MATTERS = 0.2
-"""Joint change, relative to the parameters' size, that must be open within the noise to be reported."""
+"""Joint change, relative to the parameters' sizes, that the noise must permit for a group to be reported."""
 
 MEMBER = 0.05
-"""Smallest change, relative to the largest in its group, that makes a parameter a member worth naming."""
+"""Smallest change, relative to the largest in its group, of a parameter that is listed as a member."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identifiability:
     """Identifiability of a fit's parameters from runs.
 
-    ``relative`` (p,) standard errors over sizes (see :mod:`.scales`); ``directions`` worst first.
+    ``relative`` (p,): standard errors over sizes (see :mod:`.scales`). ``directions``: the worst first.
     """
 
     information: Information
@@ -231,17 +232,17 @@ class Identifiability:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The fitted parameters."""
+        """Names of the fitted parameters."""
         return self.information.names
 
     @property
     def correlation(self) -> Array:
-        """Correlation (p, p) of an efficient estimate from these runs."""
+        """Correlation matrix (p, p) of an efficient estimate from these runs."""
         return self.information.correlation
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
-        """The same in words: ``cannot-tell`` per group and per unseen parameter."""
+        """The result as doubts: ``cannot-tell`` for each group and each poorly identifiable parameter."""
         groups = [direction_doubt(d, self.seen) for d in self.directions]
         return (*groups, *(unseen_doubt(u, self.seen) for u in self.unseen))
 
@@ -252,7 +253,7 @@ def identifiability(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> Identif
     Raises
     ------
     UsageError, NotInformative
-        As :func:`gcs_autotune.identify.information.fitted_model_of`.
+        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
     """
     return check_identifiability(fitted_model_of(fit, trials))
 
@@ -288,9 +289,9 @@ def _exact(subject: FittedModel, information: Information, scales: Scales) -> tu
 
 
 def _practical(subject: FittedModel, information: Information, scales: Scales) -> tuple[Direction, ...]:
-    """Return the joint changes the noise leaves open, worst first.
+    """Return the joint changes that the noise permits, worst first.
 
-    Weak vectors of like singular values may come mixed; they are recombined so that each has few members.
+    Singular vectors of similar singular values may be mixed. They are recombined so that each has few members.
     """
     sigma, vectors, seen = information.modes()
     alone = np.where(seen, information.alone, 0.0)
@@ -320,7 +321,7 @@ def _direction(
 def _changes(
     information: Information, scales: Scales, relative: Array, members: NDArray[np.int64]
 ) -> Mapping[str, float]:
-    """Return each member's change relative to its value where it has one of its size, the first one growing."""
+    """Return each member's change relative to its value, if it has a noticeable one; the first one increases."""
     values = information.values
     share = relative * scales.size / np.where(np.abs(values) >= 0.5 * scales.size, values, scales.size)
     sign = -1.0 if share[members[0]] < 0.0 else 1.0
@@ -328,7 +329,7 @@ def _changes(
 
 
 def _sparse(basis: Array) -> Array:
-    """Return another basis (d, p) of the same space: reduced, so that every row has a parameter of its own."""
+    """Return another basis (d, p) of the same space, in reduced form: every row has a parameter of its own."""
     rows = basis / np.abs(basis).max(axis=1, keepdims=True)
     free = list(range(len(rows)))
     for _ in range(len(rows)):
@@ -348,7 +349,7 @@ def _sparse(basis: Array) -> Array:
 def _unseen(
     subject: FittedModel, information: Information, scales: Scales, std: Array, told: set[str]
 ) -> tuple[Unseen, ...]:
-    """Return the parameters whose standard error exceeds their value, without those already *told*."""
+    """Return the parameters whose standard error exceeds their value, except those already *told*."""
     found = []
     for i, (name, own) in enumerate(zip(subject.names, subject.free, strict=True)):
         if own.endswith("_0") and std[i] <= scales.felt[i]:

@@ -1,10 +1,10 @@
-"""Which manoeuvre to fly next: what each would add to the information the runs already gave.
+"""Rank manoeuvres by the information that each would add to the existing runs.
 
-Every candidate is flown by the identified model within the inputs the runs have used; its information is added to that
-of the runs, and the standard errors expected from both together follow. Ranked by the worst of them relative to the
-parameters' sizes (``worst``, close to E-optimality) or by the volume of the confidence region (``volume``,
-D-optimality); Goodwin1977, chapter 6. The expectation holds at the present estimates and noise: it is a
-design for the craft as far as it is known, and best repeated after each run.
+Every candidate is simulated with the identified model, within the range of inputs in the runs. Its information is added
+to that of the runs, which gives the expected standard errors from both together. The ranking uses the largest of them
+relative to the parameters' sizes (``worst``, close to E-optimality) or the volume of the confidence region (``volume``,
+D-optimality; Goodwin1977, chapter 6). The expectation holds at the present estimates and noise. Repeat the ranking
+after each run.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from gcs_autotune.experiments.preview import (
     allocation_of_shares,
     fly,
 )
-from gcs_autotune.identify import Fit, FittedModel, Information, Model, fitted_model_of, information_on
+from gcs_autotune.identify import Fit, Model
+from gcs_autotune.identify.problems import FittedModel, Information, fitted_model_of, information_on
 from gcs_autotune.manoeuvres import MANOEUVRES, Preset
 from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
@@ -48,21 +49,22 @@ __all__ = [
 Array = NDArray[np.float64]
 
 PRESETS: Mapping[str, Preset] = {p.name: p for kind in MANOEUVRES.values() for p in kind.presets}
-"""Name -> manoeuvre of a given size, of every kind in the table."""
+"""Name -> manoeuvre of a given size, for every kind in the table."""
 
 Criterion = Literal["worst", "volume"]
 
 FAR = 1.5
-"""Factor by which a motion must exceed what the runs have seen to be flagged. Chosen: half as much again."""
+"""Ratio of a motion to that in the runs above which it is flagged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ranking:
-    """One candidate manoeuvre and what it is expected to bring.
+    """One candidate manoeuvre with its expected result.
 
-    ``std`` (p,) standard errors expected from the runs and this manoeuvre together; ``worst`` the largest of them
-    relative to the sizes; ``gain`` the factor by which standard errors fall on (geometric) average, correlations
-    included, infinite where something becomes visible at all; ``flags`` where the motion exceeds what was seen.
+    ``std`` (p,): standard errors expected from the runs and this manoeuvre together. ``worst``: the largest of them,
+    relative to the sizes. ``gain``: factor by which standard errors decrease on (geometric) average, correlations
+    included; infinite if a parameter becomes identifiable. ``flags``: quantities of the motion that exceed those in the
+    runs.
     """
 
     candidate: Preset
@@ -75,13 +77,13 @@ class Ranking:
 
     @property
     def reach(self) -> ManoeuvringRoom:
-        """Speeds, turning and room the manoeuvre is expected to take."""
+        """Expected speeds, turning and space of the manoeuvre."""
         return self.flight.reach
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RankedManoeuvre:
-    """Manoeuvres ranked, best first, relative to the information ``now``.
+    """Ranked manoeuvres, best first, relative to the information ``now``.
 
     ``hopeless``: parameters that no candidate identifies; the ranking ignores them.
     """
@@ -93,7 +95,7 @@ class RankedManoeuvre:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The fitted parameters."""
+        """Names of the fitted parameters."""
         return self.now.names
 
     @property
@@ -102,14 +104,14 @@ class RankedManoeuvre:
         return self.plans[0]
 
     def factors(self, plan: Ranking) -> Mapping[str, float]:
-        """Return by which factor each standard error falls."""
+        """Return the factor by which each standard error decreases."""
         before = self.now.information.std
         with np.errstate(invalid="ignore"):
             ratio = np.where(np.isfinite(plan.std), before / plan.std, 1.0)
         return dict(zip(self.names, ratio.tolist(), strict=True))
 
     def say(self, plan: Ranking) -> str:
-        """Return one sentence: the manoeuvre, the standard errors it improves most, the room it takes."""
+        """Return one sentence: the manoeuvre, the standard errors it improves most, and the space it needs."""
         before, after = self.now.relative, plan.std / self.now.scales.size
         order = [i for i in np.argsort(-before) if self.names[i] not in self.hopeless][:3]
         told = [f"{self.names[i]} from {percent(float(before[i]))} to {percent(float(after[i]))}" for i in order]
@@ -123,7 +125,7 @@ class RankedManoeuvre:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The three best, one sentence each, and what no manoeuvre cures."""
+        """The three best manoeuvres, one sentence each, and the parameters that no manoeuvre identifies."""
         lines = [self.say(plan) for plan in self.plans[:3]]
         if self.hopeless:
             lines.append(
@@ -144,8 +146,8 @@ def plan_next(
 
     Parameters
     ----------
-    candidates : names in :data:`PRESETS` or own manoeuvres; None: all that the inputs allow.
-    seconds : length of the next run, its approach included.
+    candidates : names in :data:`PRESETS`, or own manoeuvres; None: all that the inputs permit.
+    seconds : length of the next run, including its approach.
 
     Raises
     ------
@@ -181,12 +183,14 @@ def plan_next(
 
 
 ROUGHLY = 0.4
-"""Chosen [s]: the step between commands, and samples, with which all manoeuvres are weighed before the best are again;
-four times what they are flown with."""
+"""Interval [s] of commands and samples for the first, approximate ranking of all manoeuvres.
+
+It is four times the interval with which they are flown.
+"""
 FINALISTS = 12
-"""Chosen: so many are weighed again as they are flown."""
+"""Number of manoeuvres that are ranked again with the flown interval."""
 UNTOLD = 1e3
-"""Chosen: relative standard error that counts for a parameter nothing is known of yet."""
+"""Relative standard error assumed for a parameter that is not yet identified."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,7 +198,7 @@ class PrecisionGain:
     """Expected effect of a manoeuvre on the required precision.
 
     ``relative``: expected standard error over value of each parameter. ``rate``: improvement per minute, in natural
-    logarithms of the standard errors still too large. ``seconds``: total duration.
+    logarithms of the standard errors that are still too large. ``seconds``: total duration.
     """
 
     candidate: Preset
@@ -205,7 +209,8 @@ class PrecisionGain:
 
 
 def shortfall(relative: Mapping[str, float], wanted: Mapping[str, float]) -> float:
-    """Return the distance of relative standard errors from those required: the sum of logarithms of their ratios."""
+    """Return the distance from the required precision: the sum of logarithms of the ratios of relative standard
+    errors."""
     return sum(math.log(max(min(relative[n], UNTOLD) / share, 1.0)) for n, share in wanted.items())
 
 
@@ -235,12 +240,14 @@ def rank_by_precision(
     ----------
     fit : a model on *trials*, with normalised inputs.
     wanted : parameter -> required standard error over value.
-    longest : longest simulated duration [s]. overhead : additional time of each [s].
+    longest : longest simulated duration [s].
+    overhead : additional time of each [s].
     most : force -> normalised output at which its actuators saturate, if known.
 
-    Expected standard errors are those of the information (Goodwin1977, chapter 6) times what the present ones exceed
-    theirs by (coloured residuals), so that a model that misses something does not promise too much. All are weighed
-    roughly (:data:`ROUGHLY`), and the :data:`FINALISTS` best of them again as they are flown: those come first.
+    Expected standard errors follow from the information (Goodwin1977, chapter 6). They are multiplied by the ratio of
+    the present standard errors to those of the information, which exceeds 1 for coloured residuals. An incomplete model
+    then does not promise too much. All manoeuvres are first ranked approximately (:data:`ROUGHLY`). The
+    :data:`FINALISTS` best are ranked again as flown and come first.
 
     Raises
     ------
@@ -287,7 +294,7 @@ def _gain_of(
 
 
 def ranking_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Ranking | None:
-    """Return what a flight would bring, None when there is none or its sensitivities run away."""
+    """Return the expected result of a flight; return None without a flight, or if its sensitivities diverge."""
     if flight is None:
         return None
     try:

@@ -1,7 +1,7 @@
 """Simulation of a proposed manoeuvre: inputs, motion, space, and the expected record.
 
-For any input channels (thrust and moment, a rudder, a pair of thrusters) a manoeuvre commands normalised forces per
-equation; :class:`ChannelAllocation` converts them into channel values inside the range of the runs.
+A manoeuvre commands normalised forces per equation. The input channels may be any (thrust and moment, a rudder, a pair
+of thrusters). :class:`ChannelAllocation` converts the forces into channel values inside the range of the runs.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.craft import Actuate, Command, Observation
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import FittedModel, Segment, Signal
+from gcs_autotune.identify.problems import FittedModel
+from gcs_autotune.identify.signals import Segment, Signal
 from gcs_autotune.manoeuvres import Preset, fly_on
 from gcs_autotune.models import FORCES, Form, Simulator, states_of
 from gcs_autotune.sname import DOFS, SIGNALS
@@ -40,16 +41,16 @@ Array = NDArray[np.float64]
 Kind = Literal["circle", "straight run", "zig-zag", "run"]
 
 STEADY = 3.0
-"""Mean yaw rate over its standard deviation above which a turn counts as a circle."""
+"""Ratio of mean yaw rate to its standard deviation above which a turn counts as a circle."""
 
 
 @dataclass(frozen=True, slots=True)
 class ManoeuvringRoom:
     """Extremes of a motion, SI units.
 
-    ``largest`` magnitude per velocity (``u`` .. ``r``); ``turned`` total range of the heading [rad], ``tilt`` largest
-    roll or pitch [rad]; ``room`` longer side of the box around the track [m], ``deep`` range of the depth [m], 0 where
-    the form has none; ``seconds`` of motion; ``kind`` what it looks like.
+    ``largest``: magnitude of each velocity (``u`` .. ``r``). ``turned``: total range of the heading [rad]. ``tilt``:
+    largest roll or pitch [rad]. ``room``: longer side of the box around the track [m]. ``deep``: range of the depth
+    [m], 0 if the form has none. ``seconds``: duration of the motion. ``kind``: the kind of manoeuvre it looks like.
     """
 
     largest: Mapping[str, float]
@@ -61,7 +62,7 @@ class ManoeuvringRoom:
     kind: Kind
 
     def beyond(self, seen: ManoeuvringRoom, factor: float) -> tuple[str, ...]:
-        """Return, in words, what exceeds *seen* by more than *factor*; turning and depth count too."""
+        """Return, in words, the quantities that exceed *seen* by more than *factor*, including turning and depth."""
         said = []
         for name, value in self.largest.items():
             unit = SIGNALS[name][0]
@@ -80,7 +81,7 @@ class ManoeuvringRoom:
 
 
 def room_of(form: Form, t: Array, X: Array) -> ManoeuvringRoom:
-    """Return the reach of simulated states *X* (s, n) at stamps *t* (s,)."""
+    """Return the extremes of simulated states *X* (s, n) at stamps *t* (s,)."""
     states = states_of(form)
 
     def span(name: str) -> float:
@@ -100,7 +101,7 @@ def room_of(form: Form, t: Array, X: Array) -> ManoeuvringRoom:
 
 
 def room_of_runs(subject: FittedModel) -> tuple[ManoeuvringRoom, tuple[ManoeuvringRoom, ...]]:
-    """Return the reach of all runs together and of each record, as the model moves on their inputs."""
+    """Return the extremes of all runs together and of each record, simulated with their inputs."""
     each = tuple(room_of(subject.form, *subject.motion(i)) for i in range(len(subject.records)))
     return _together(each), each
 
@@ -131,12 +132,18 @@ def _kind(r: Array | None, turned: float) -> Kind:
 
 
 ROLES: Mapping[str, str] = {"N": "steer", "X": "thrust", "Z": "heave", "Y": "sway", "K": "roll", "M": "pitch"}
-"""Force letter -> role. In this order roles are given to channels: a rudder, which also pushes sideways, steers."""
+"""Force letter -> role.
+
+Roles are assigned to channels in this order, so that a rudder, which also pushes sideways, steers.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelAllocation:
-    """``columns[role]`` (m,): channel values of a role at full share; ``low``, ``high`` (m,) what may be commanded."""
+    """Conversion of roles to channel values.
+
+    ``columns[role]`` (m,): channel values of a role at full output. ``low``, ``high`` (m,): limits of the channels.
+    """
 
     channels: tuple[str, ...]
     columns: Mapping[str, Array]
@@ -144,7 +151,7 @@ class ChannelAllocation:
     high: Array
 
     def inputs(self, shares: Mapping[str, float]) -> Array:
-        """Return channel values (m,) for shares in -1..1 per role; together they stay within the limits."""
+        """Return channel values (m,) for normalised outputs of -1..1 per role, limited to the range of the channels."""
         total = np.zeros(len(self.channels))
         for role, share in shares.items():
             if role in self.columns:  # thrust ahead moves nothing in a model of the yaw alone
@@ -164,7 +171,7 @@ def allocation_of_shares(form: Form, most: Mapping[str, float]) -> ChannelAlloca
 def allocation_of(form: Form, theta: Array, records: Sequence[Segment]) -> ChannelAllocation:
     """Return the allocation of a form whose gains have the values *theta*, limited to the inputs of *records*.
 
-    A surge channel that was never negative stays so; other channels use both signs.
+    A surge channel that was never negative stays positive; other channels use both signs.
 
     Raises
     ------
@@ -215,14 +222,14 @@ def _gains(form: Form, theta: Array) -> Array:
 _SHOWN = frozenset(f.name for f in fields(Observation))
 
 CONTROL_STEP = 0.1
-"""Seconds between two commands of a proposed manoeuvre."""
+"""Interval [s] between two commands of a proposed manoeuvre."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """``t`` (j,) and ``inputs`` (j, m) as commanded, each held; ``record`` as it would be recorded, without noise.
+    """A simulated flight: ``t`` (j,) and ``inputs`` (j, m) as commanded and held, ``record`` without noise.
 
-    ``thinned``: for each signal, how many samples of the runs one of the record stands for.
+    ``thinned``: for each signal, the number of samples in the runs that one sample of the record represents.
     """
 
     t: Array
@@ -233,7 +240,8 @@ class Flight:
     thinned: Mapping[str, float]
 
     def as_fitted_model(self, subject: FittedModel) -> FittedModel:
-        """Return *subject* on this flight alone; a sample that stands for *n* has the noise of their mean."""
+        """Return *subject* with this flight as its only run; a sample that represents *n* has the noise of their
+        mean."""
         noise = {n: std / math.sqrt(self.thinned.get(n, 1.0)) for n, std in subject.noise.items()}
         return replace(subject, records=(self.record,), initial=(self.initial,), noise=noise)
 
@@ -247,12 +255,12 @@ def fly(
     to_its_end: bool = False,
     step: float = CONTROL_STEP,
 ) -> Flight | None:
-    """Let the model fly *preset* for *seconds*; None when it runs away.
+    """Simulate *preset* with the model for *seconds*; return None if the motion diverges.
 
-    It starts from rest, or, when no input drives surge, at the median speed of the runs. ``to_its_end``: the flight
-    ends with the manoeuvre, and is None where that takes more than *seconds* or comes to no good end; else the inputs
-    are none from there on. ``step`` [s]: between two commands; a longer one is quicker to compute, and the record is
-    then thinned to it, too.
+    The simulation starts at rest. If no input drives surge, it starts at the median speed of the runs. ``to_its_end``:
+    the flight ends with the manoeuvre. It is then None if the manoeuvre takes more than *seconds* or is aborted.
+    Otherwise the inputs are zero after the manoeuvre. ``step`` [s]: interval between two commands. A longer one is
+    faster to calculate; the record is then thinned to it as well.
     """
     x_0 = _start(subject, allocation)
     t: Array = np.arange(round(seconds / step), dtype=np.float64) * step
@@ -292,10 +300,10 @@ def fly(
 
 
 class _FittedPlant:
-    """The identified model, starting in the state *x_0*, under commands at the stamps *t* (j,).
+    """The identified model as a plant: it starts in the state *x_0* and receives commands at the stamps *t* (j,).
 
-    closed : whether it moves between the commands; else the state stays and only the time passes. ``inputs`` (j, m) are
-    none after the last command taken, the ``used``-th.
+    closed : whether it moves between the commands; otherwise the state stays and only time passes. ``inputs`` (j, m)
+    are zero after the last command, which is the ``used``-th.
     """
 
     def __init__(
@@ -307,16 +315,16 @@ class _FittedPlant:
         self.used = 0
 
     def observe(self) -> Observation:
-        """Return the motion now."""
+        """Return the present motion."""
         return _observed(float(self._t[self.used]), self._simulator.states, self._x)
 
     def take(self, command: Command) -> None:
-        """Take the command of this tick."""
+        """Apply the command of this tick."""
         self.inputs[self.used] = self._allocation.inputs(_shares(command))
         self.used += 1
 
     def advance(self, seconds: float) -> bool:
-        """Move on to the next stamp."""
+        """Advance to the next stamp."""
         if not self._closed:
             return True
         t, k = self._t, self.used

@@ -1,8 +1,8 @@
-"""How much of a parameter would be felt: the measure against which a standard error is large or small.
+"""Size of a parameter with a noticeable effect, with which its standard error is compared.
 
-A derivative is as large as its value, or as what would change the balance of its equation by :data:`FELT` of the
-largest force in it at the motion the runs have seen, whichever is larger: a coefficient that is nearly zero and acts on
-nothing should not rule what is flown next.
+The size of a derivative is the larger of two: its value, and the change that alters its equation by :data:`FELT` of the
+largest force, at the motion in the runs. A coefficient near zero without effect should not determine the next
+manoeuvre.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify import FittedModel, RecordedMotion, model_delay
+from gcs_autotune.identify.problems import FittedModel
 from gcs_autotune.models import SPECIAL, balance_of, program_of, states_of
 
 __all__ = ["FELT", "Scales", "scales_of"]
@@ -21,13 +21,15 @@ __all__ = ["FELT", "Scales", "scales_of"]
 Array = NDArray[np.float64]
 
 FELT = 0.05
-"""Fraction of an equation's largest force that is noticeable to pilots and controllers. Chosen."""
+"""Fraction of an equation's largest force that is noticeable to pilots and controllers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scales:
-    """Per fitted parameter: ``size`` (p,) what its error is measured against, ``felt`` (p,) the amount that would be
-    felt in the motion seen (infinite where nothing excites it), both in the parameter's unit.
+    """Scales of the fitted parameters, in the parameter's unit.
+
+    ``size`` (p,): with which its error is compared. ``felt`` (p,): change with a noticeable effect in the motion of the
+    runs; infinite if nothing excites it.
     """
 
     size: Array
@@ -40,7 +42,7 @@ def scales_of(subject: FittedModel) -> Scales:
     Raises
     ------
     NotInformative
-        The model runs away on its runs.
+        The model diverges on its runs.
     """
     strongest, effects = _forces(subject)
     values, felt = np.abs(subject.values), np.full(len(subject.free), np.inf)
@@ -57,9 +59,9 @@ def scales_of(subject: FittedModel) -> Scales:
 
 
 def _forces(subject: FittedModel) -> tuple[Array, Mapping[str, Array]]:
-    """Return the largest force (k,) per equation, and per parameter the largest effect (k,) of one unit of it."""
+    """Return the largest force (k,) of each equation, and the largest effect (k,) of one unit of each parameter."""
     form = subject.form
-    motions = [_moving(subject, i) for i in range(len(subject.records))]
+    motions = [subject.recorded_motion(i) for i in range(len(subject.records))]
     zero = np.where([n in SPECIAL for n in form.parameters], subject.theta, 0.0)
     balances = [balance_of(program_of(form), zero, m.X, m.nu_dot, m.inputs) for m in motions]
     strongest = np.max([np.abs(b.values).max(axis=0) for b in balances], axis=0)
@@ -70,17 +72,6 @@ def _forces(subject: FittedModel) -> tuple[Array, Mapping[str, Array]]:
         effects[name] = np.max([np.abs(b.by[:, :, place]).max(axis=0) for b in balances], axis=0)
         strongest = np.maximum(strongest, effects[name] * abs(subject.theta[place]))
     return strongest, effects
-
-
-def _moving(subject: FittedModel, i: int) -> RecordedMotion:
-    form, record = subject.form, subject.records[i]
-    t, X = subject.motion(i)
-    t, at = np.unique(t, return_index=True)
-    k = len(form.dofs)
-    nu_dot = np.gradient(X[at, k : 2 * k], t, axis=0) if len(t) > 1 else np.zeros((len(t), k))
-    row = np.searchsorted(record.t_in, t - model_delay(form, subject.theta), side="right") - 1
-    inputs = np.ascontiguousarray(record.inputs[np.maximum(row, 0)])
-    return RecordedMotion(t, np.ascontiguousarray(X[at]), nu_dot, inputs, np.ones(k, dtype=bool))
 
 
 def _felt_special(subject: FittedModel, name: str) -> float:

@@ -1,6 +1,6 @@
-"""Export of identified models to other simulators: :func:`export_model`, one file and one line per target.
+"""Export identified models to other simulators: :func:`export_model`, with one file and one table row per target.
 
-``equations`` converts a model into mass matrix, force terms and inputs (SNAME, Fossen2011); each target writes them in
+``equations`` converts a model into mass matrix, force terms and inputs (SNAME, Fossen2011). Each target writes them in
 its format. Parts that a target cannot express are always reported.
 """
 
@@ -40,12 +40,12 @@ TARGETS: Mapping[str, Target] = {
     "matlab": Target(".m", "MATLAB function of the equations of motion, with an example", to_matlab),
     "csv": Target(".csv", "parameters with units and standard errors", to_csv),
 }
-"""Name -> target."""
+"""Export formats by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """A model for another simulator: text, usual suffix, and what is not in it."""
+    """A model for another simulator: text, usual suffix, and sentences about omitted parts."""
 
     text: str
     suffix: str
@@ -60,7 +60,7 @@ def export_model(file: ModelFile, target: str, full_scale: Mapping[str, float] |
     Raises
     ------
     UnknownName
-        There is no such target. UsageError: the model cannot be expressed there.
+        There is no such target. UsageError: the target cannot express the model.
     """
     chosen = lookup(TARGETS, target, "target")
     equations = equations_of(file, full_scale or {})

@@ -1,4 +1,5 @@
-"""A model as numbers: ``M nu_dot + C(nu) nu = sum of terms``, ``C`` from ``M`` (Fossen2011, (3.46)) or none."""
+"""A model as numbers: ``M nu_dot + C(nu) nu = sum of terms``; ``C`` follows from ``M`` (Fossen2011, (3.46)) or is
+zero."""
 
 from __future__ import annotations
 
@@ -32,9 +33,9 @@ Array = NDArray[np.float64]
 POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
 SHAPES = ("sin(phi)", "sin(theta)", "sin(psi)", "cos(psi)")
 WITHIN = ("delay", "lag")
-"""Constants that are no forces and are carried over."""
+"""Constants that are not forces and are exported."""
 AT_THE_INPUT = {"input-delay": "delay", "actuator-lag": "time_constant"}
-"""Effects that are carried over as a delay or lag of their input."""
+"""Effects that are exported as a delay or lag of their input."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,7 @@ class ForceTerm:
 
     @property
     def text(self) -> str:
-        """The product as Python and MATLAB both read it."""
+        """The product as text that is valid in Python and in MATLAB."""
         return " * ".join((f"({self.coefficient!r})", *self.factors))
 
 
@@ -57,11 +58,14 @@ class MotionEquations:
 
     Attributes
     ----------
-    rows : which of the six equations exist. inertia : M (6, 6), zero outside them. rigid : rigid-body part of M
-        (6, 6), zero if only the sum is known.
-    terms : all forces, those of the inputs too. inputs : channel -> unit. full : channel -> value at full output, if
-        known. delay, lag : channel -> seconds.
-    parameters : (name, value, unit, standard error) of the model, the error NaN where unknown.
+    rows : indices of the equations that exist, of six.
+    inertia : M (6, 6), zero in other rows.
+    rigid : rigid-body part of M (6, 6), zero if only the sum is known.
+    terms : all forces, including those of the inputs.
+    inputs : channel -> unit.
+    full : channel -> value at full output, if known.
+    delay, lag : channel -> seconds.
+    parameters : (name, value, unit, standard error) of the model, the error NaN if unknown.
     left : sentences about parts of the model that are not in these equations.
     """
 
@@ -80,12 +84,13 @@ class MotionEquations:
 
     @property
     def identifier(self) -> str:
-        """The name as programs want it."""
+        """The name as a valid identifier."""
         plain = re.sub(r"\W+", "_", self.name).strip("_").lower() or "craft"
         return plain if plain[0].isalpha() else f"craft_{plain}"
 
     def acceleration(self, nu: Array, eta: Array, inputs: Mapping[str, float]) -> Array:
-        """Return nu_dot (6,) at velocity *nu* (6,), position *eta* (6,) and inputs; zero outside :attr:`rows`."""
+        """Return nu_dot (6,) for velocity *nu* (6,), position *eta* (6,) and inputs; zero for rows not in
+        :attr:`rows`."""
         known = dict(zip(STATES, nu, strict=True)) | dict(zip(POSITIONS, eta, strict=True)) | dict(inputs)
         force = np.zeros(6)
         for term in self.terms:
@@ -170,12 +175,12 @@ _STRANGE = re.compile(r"[^\w .,;:=@()^/*|+-]+", re.ASCII)
 
 
 def _plain(text: str) -> str:
-    """Return a file's words without what could end a comment or a string of a program."""
+    """Return a file's words without characters that could end a comment or a string of a program."""
     return _STRANGE.sub("_", text).replace("*/", "* /").replace("--", "- -")
 
 
 def _factor(code: int, inputs: tuple[str, ...]) -> str:
-    """Return a factor's text; empty for what is left out."""
+    """Return a factor as text; empty if it is omitted."""
     if code >= INPUT_SIZE:
         return f"abs({inputs[code - INPUT_SIZE]})"
     if code >= INPUT:
@@ -188,7 +193,7 @@ def _factor(code: int, inputs: tuple[str, ...]) -> str:
 
 
 def _rigid(values: Mapping[str, float], rows: tuple[int, ...]) -> Array:
-    """Return the rigid body's part of the inertia, as far as the model knows it, its centre in the middle."""
+    """Return the rigid-body part of the inertia, as far as the model contains it, with its centre at the origin."""
     own = np.zeros((6, 6))
     for row, name in enumerate(("m", "m", "m", "I_x", "I_y", "I_z")):
         if row in rows:
@@ -199,14 +204,14 @@ def _rigid(values: Mapping[str, float], rows: tuple[int, ...]) -> Array:
 def _full(
     file: ModelFile, inputs: tuple[str, ...], units: Mapping[str, str], given: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return what is known of each input at full output."""
+    """Return the known values of the inputs at full output."""
     told = {c: float(v) for c, v in file.model.amplitude.items() if c in inputs}
     shares = {c: 1.0 for c in inputs if units[c] == "1"}
     return {**told, **shares, **{c: v for c, v in given.items() if c in inputs}}
 
 
 def _parameters(file: ModelFile) -> tuple[tuple[str, float, str, float], ...]:
-    """Return (name, value, unit, standard error) of the base, then of the effects."""
+    """Return (name, value, unit, standard error) of the base model's parameters, then of the effects'."""
     base = file.model.base
     std = dict(zip(file.names, np.sqrt(np.maximum(np.diag(file.covariance), 0.0)), strict=False))
     units = {c: file.inputs.get(c, "") for c in base.form.inputs}

@@ -8,7 +8,7 @@ __all__ = ["to_fossen"]
 
 
 def to_fossen(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return a Python file with the class; it needs NumPy only. Everything in the equations is in it."""
+    """Return a Python file with the class; it needs NumPy only and contains all parts of the equations."""
     inputs = tuple(equations.inputs)
     rows = list(equations.rows)
     lines = "\n".join(f"        tau[{t.row}] += {t.text.replace('sin(', 'np.sin(').replace('cos(', 'np.cos(')}"

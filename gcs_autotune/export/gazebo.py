@@ -1,7 +1,7 @@
-"""Gazebo (gz-sim): the Hydrodynamics plugin's element, in the frame of a link that looks ahead, left and up.
+"""Gazebo (gz-sim): the Hydrodynamics plugin's element, in the frame of a link with axes forward, left and up.
 
-Its coefficients are SNAME's, negative where they damp: ``xU`` times u, ``xUabsU`` times u |u|, ``xUV`` times u v,
-``xDotU`` the added mass. Turning from down to up changes the sign of v, w, q, r and of Y, Z, M, N.
+Its coefficients are SNAME's, negative for damping: ``xU`` times u, ``xUabsU`` times u |u|, ``xUV`` times u v, ``xDotU``
+the added mass. The change of axis from down to up changes the sign of v, w, q, r and of Y, Z, M, N.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _SIZE = re.compile(r"abs\((\w)\)")
 
 
 def to_gazebo(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return the plugin's element for a ``<model>``, and what the plugin cannot express."""
+    """Return the plugin's element for a ``<model>``, and sentences about what the plugin cannot express."""
     found: dict[str, float] = {}
     left: list[str] = []
     added = equations.inertia - equations.rigid
@@ -63,7 +63,7 @@ def _add(found: dict[str, float], name: str, value: float) -> None:
 
 
 def _named(term: ForceTerm) -> tuple[str, float]:
-    """Return the plugin's name for a term and its coefficient; an empty name when it has none."""
+    """Return the plugin's name for a term, and its coefficient; the name is empty if it has none."""
     plain = [f for f in term.factors if f in STATES]
     sizes = [m[1] for f in term.factors if (m := _SIZE.fullmatch(f)) and m[1] in STATES]
     if len(plain) + len(sizes) != len(term.factors) or (len(plain), len(sizes)) not in ((1, 0), (2, 0), (1, 1)):

@@ -8,7 +8,7 @@ __all__ = ["to_matlab"]
 
 
 def to_matlab(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return a ``.m`` file; delays and lags are numbers in its head, and its caller's to apply."""
+    """Return a ``.m`` file; delays and lags are constants at its start, which the caller must apply."""
     inputs = tuple(equations.inputs)
     late = [
         f"the {what} of {c}, {s:.6g} s (a number in the file; apply it to the input)"

@@ -1,7 +1,8 @@
-"""A vehicle file of our simulator: under our autopilot, or as external physics of ArduPilot's own (--ardupilot-json).
+"""A vehicle file for this project's simulator.
 
-The hull is the model's; sensors, link and parameters are those of a craft of the table: the BlueROV2 for one that
-dives, the BlueBoat for one that floats and is steered by two thrusters.
+The simulator runs with its own autopilot model, or as external physics of ArduPilot (--ardupilot-json). The hull is the
+model's. Sensors, link and parameters are those of a craft in the table: the BlueROV2 for a craft that dives, the
+BlueBoat for a craft on the surface with two thrusters.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ PLANE = ("u", "v", "r")
 
 
 def to_vehicle_file(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return the TOML, and what is not in it.
+    """Return the TOML text, and sentences about omitted parts.
 
     Raises
     ------
     UsageError
-        Our simulated frames cannot be driven like that, or full output of an input is not known.
+        The simulated frames cannot be driven in this way, or full output of an input is unknown.
     """
     _see(equations)
     dives, left = 2 in equations.rows, []
@@ -80,7 +81,7 @@ def _quoted(text: str) -> str:
 
 
 def _sum(equations: MotionEquations, row: int, factors: tuple[str, ...], own: set[int]) -> float:
-    """Return the coefficient of all terms with these factors, noted as taken."""
+    """Return the sum of the coefficients of all terms with these factors, and mark the terms as exported."""
     total = 0.0
     for k, term in enumerate(equations.terms):
         if term.row == row and tuple(sorted(term.factors)) == tuple(sorted(factors)):
@@ -90,7 +91,7 @@ def _sum(equations: MotionEquations, row: int, factors: tuple[str, ...], own: se
 
 
 def _authority(equations: MotionEquations, row: int, own: set[int]) -> float:
-    """Return the force of the row's own input at full output; 0 when nothing drives it."""
+    """Return the force of the row's own input at full output; 0 if no input drives it."""
     channel = FORCES[row]
     return abs(_sum(equations, row, (channel,), own) * equations.full.get(channel, 0.0))
 
@@ -108,7 +109,7 @@ def _thrusters(equations: MotionEquations, own: set[int], *, dives: bool) -> lis
 
 
 def _coupling(equations: MotionEquations, own: set[int], left: list[str]) -> str:
-    """Return what ties surge, sway and yaw."""
+    """Return the coupling terms of surge, sway and yaw."""
     values: dict[str, float] = {}
     for name, (i, j) in {"Y_rdot": (1, 5), "N_vdot": (5, 1)}.items():
         if equations.inertia[i, j]:
@@ -126,7 +127,7 @@ def _coupling(equations: MotionEquations, own: set[int], left: list[str]) -> str
 
 
 def _derivative(term: ForceTerm) -> str:
-    """Return the SNAME name of a product of u, v, r in X, Y or N; empty for anything else."""
+    """Return the SNAME name of a product of u, v, r in X, Y or N; empty for any other product."""
     plain = [f.replace("abs(", "|").replace(")", "|") for f in term.factors]
     if term.row not in (0, 1, 5) or not plain or any(f.strip("|") not in PLANE for f in plain):
         return ""

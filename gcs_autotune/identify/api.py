@@ -1,5 +1,7 @@
-"""Entry points of identification: :func:`fit` for any structure and method, :func:`fit_axis` for one degree of
-freedom."""
+"""Entry points of identification.
+
+:func:`fit` accepts any structure and method. :func:`fit_axis` is for one degree of freedom.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +14,20 @@ from typing import Any, Literal, TypeVar
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.form import FREE, Structure, axis_form, structure_of
-from gcs_autotune.identify.base_model import by_thrusters, plain_form
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.cleaning import noted
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.extended.by_output_error import fit_with_effects
 from gcs_autotune.identify.extended.effect_spec import effect_spec_of
-from gcs_autotune.identify.information import with_bounds
-from gcs_autotune.identify.intake import CONTRADICTION, prepared_runs, take_in
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
-from gcs_autotune.identify.preparation import form_driven, guess_dof, prepare, prepare_as_recorded, prepare_form
+from gcs_autotune.identify.problems.base_model import by_thrusters, plain_form
+from gcs_autotune.identify.problems.information import with_bounds
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
-from gcs_autotune.identify.result import AxisFit, Doubt, Fit, LimitCycle, Model
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.result import AxisFit, Fit, LimitCycle, Model
+from gcs_autotune.identify.signals.cleaning import noted
+from gcs_autotune.identify.signals.intake import CONTRADICTION, prepared_runs, take_in
+from gcs_autotune.identify.signals.preparation import form_driven, guess_dof, prepare, prepare_as_recorded, prepare_form
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import FORMS, LEVER_ARM, RIGID_BODY, Form, load_form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS, Dof
@@ -51,17 +54,17 @@ def fit(
     Parameters
     ----------
     structure : for one degree of freedom its damping: ``linear``, ``nonlinear`` (quadratic) or ``affine`` (both);
-        decided by evidence when None. For several a name in ``FORMS`` (``horizontal``, ``6dof`` and so on), a form file
-        (TOML) or a ``Form``.
+        None chooses by evidence. For several degrees of freedom it is a name in ``FORMS`` (``horizontal``, ``6dof`` and
+        so on), a form file (TOML) or a ``Form``.
     method : name in ``METHODS``.
-    dof : name in ``DOFS`` or ``FORMS``; guessed from *structure* and from what moves when None.
-    delay : between input and motion [s]; ``auto`` fits one and keeps it on strong evidence only.
-    use : names of the signals to fit; chosen when None.
+    dof : name in ``DOFS`` or ``FORMS``; None derives it from *structure* and from the motion.
+    delay : between input and motion [s]; ``auto`` fits one and keeps it only if the evidence is strong.
+    use : names of the signals to fit; None chooses them.
     loss : ``soft_l1`` reduces the weight of outliers.
-    effects : effects to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without
-        *structure* the base is then the plain one: uncoupled, linear damping, what the runs show.
-    start : a model to begin at, its structure and effects included (see :mod:`gcs_autotune.identify.model_file`);
-        or start values by name, for a method that has that option.
+    effects : effects to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without *structure*
+        the base model is then uncoupled, with linear damping and the degrees of freedom that the runs show.
+    start : the model to start from, including its structure and effects (see :mod:`gcs_autotune.identify.model_file`);
+        or start values by name, if the method has that option.
     options : options of this *method*, see ``METHODS[method].options``.
 
     Returns
@@ -72,9 +75,9 @@ def fit(
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        The runs cannot be used; the message says why and what to try.
+        The runs cannot be used. The message states why and what to try.
     UsageError
-        Arguments that contradict the runs or each other.
+        An argument contradicts the runs or another argument.
     """
     if start is not None and not isinstance(start, ExtendedModel):
         options, start = {**options, "start": start}, None
@@ -91,8 +94,10 @@ def fit(
 
 
 def form_of(structure: str | Form | Path | None, dof: str | None, runs: Sequence[Trial] = ()) -> Form | None:
-    """Return the required coupled form, chosen by the inputs of *runs* if none is given; None for one degree of
-    freedom."""
+    """Return the requested coupled form, or None for one degree of freedom.
+
+    If no form is requested, the inputs of *runs* determine it.
+    """
     if isinstance(structure, Form):
         return structure
     if isinstance(structure, Path) or (isinstance(structure, str) and structure.endswith(".toml")):
@@ -107,7 +112,7 @@ def form_of(structure: str | Form | Path | None, dof: str | None, runs: Sequence
 
 
 def _refuse_what_effects_cannot(method: str, options: dict[str, Any], structure: object) -> None:
-    """Reject arguments that a fit with effects does not support."""
+    """Raise UsageError for arguments that a fit with effects does not support."""
     if method != "output-error":
         raise UsageError(f"effects and start values need method output-error, not '{method}'")
     if options:
@@ -125,7 +130,7 @@ def _case_with_effects(
     effects: Sequence[str],
     start: ExtendedModel | None,
 ) -> Case:
-    """Return the question about a form with effects, of runs as they were recorded."""
+    """Return the identification task of a form with effects, on runs without corrections."""
     form = start.base.form if start is not None else form_of(structure, dof)
     if form is None and structure is not None:
         drag = structure_of(str(structure))
@@ -194,10 +199,11 @@ def _fit_coupled(
 
 
 def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
-    """Return *form* with free gains ``k_X`` ... where inputs are normalised and an inertia is known.
+    """Return *form* with free gains such as ``k_X`` if inputs are normalised and an inertia is known.
 
-    If no inertia is known, each equation is per full output of its own force, and a doubt reports that. Only the sum of
-    mass and added mass appears in the equations: a mass alone does not determine a force, which is reported too.
+    If no inertia is known, each equation is scaled to full output of its own force, and a doubt reports this. Only the
+    sum of mass and added mass appears in the equations. A mass alone therefore does not determine a force; a doubt
+    reports this too.
     """
     units = {run[c].unit for run in runs for c in form.inputs if c in run}
     if form.normalised or form.per_inertia or units != {"1"}:
@@ -221,7 +227,10 @@ def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
 
 
 def _masses_beside_shares(form: Form, own: Form) -> list[Doubt]:
-    """Return a doubt for masses and moments of inertia that *form* knows where no force is known: *own* is fitted."""
+    """Return a doubt about known masses and moments of inertia of *form* if no force is in newtons.
+
+    *own* is the form that is fitted.
+    """
     masses = [n for n, value in form.known.items() if n in RIGID_BODY and value != 0.0]
     if not masses:
         return []
@@ -249,12 +258,14 @@ def fit_axis(
     loss: Literal["linear", "soft_l1"] = "linear",
     **options: Any,
 ) -> AxisFit:
-    """Identify one degree of freedom; parameters and errors as those of :func:`fit`.
+    """Identify one degree of freedom.
+
+    Parameters and errors are those of :func:`fit`.
 
     Returns
     -------
     AxisFit
-        With all of ``alpha_*``, ``beta_*``, ``beta_**``, ``delta`` and ``delay``.
+        Its parameters are ``alpha_*``, ``beta_*``, ``beta_**``, ``delta`` and ``delay``.
     """
     runs = _all(trials, use)
     chosen = _method(method, loss, options)
@@ -288,7 +299,7 @@ def fit_axis(
 
 @contextmanager
 def _contradictions_named(runs: Sequence[Trial]) -> Iterator[None]:
-    """Say of runs that nothing can be identified from which of their columns contradict each other, if any do."""
+    """Replace a DataError by an error that lists contradictory columns, if the runs have any."""
     try:
         yield
     except DataError as error:
@@ -303,14 +314,14 @@ ModelT = TypeVar("ModelT", bound=Model)
 
 
 def _with_doubts(fit: Fit[ModelT], doubts: Sequence[Doubt]) -> Fit[ModelT]:
-    """Add the doubts about the runs themselves, each once."""
+    """Return *fit* with the doubts about the runs, each once."""
     known = {(d.slug, d.cause) for d in fit.doubts}
     new = {(d.slug, d.cause): d for d in doubts if (d.slug, d.cause) not in known}
     return replace(fit, doubts=(*new.values(), *fit.doubts)) if new else fit
 
 
 def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[Doubt]:
-    """Return a doubt for what the runs or the arguments require and *method* does not support."""
+    """Return a doubt for each requirement of the runs or arguments that *method* does not support."""
     found = []
     dating = max(s.dating for s in segments)
     if dating > 0.0 and "stamps" not in method.bears:
@@ -361,7 +372,7 @@ def _no_answer(method: str, what: str, others: list[str]) -> str:
 
 
 def _known(delay: Literal["auto"] | float) -> float | None:
-    """Return a known delay [s]; None: to be fitted on evidence."""
+    """Return a known delay [s], or None for ``auto``: a delay to be fitted."""
     return None if delay == "auto" else _seconds(delay)
 
 

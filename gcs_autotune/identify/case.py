@@ -1,4 +1,4 @@
-"""Input of every identification method."""
+"""Input that every identification method receives."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import numpy as np
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.axis.form import Structure, axis_form
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
-from gcs_autotune.identify.result import Doubt, LimitCycle
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.result import LimitCycle
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Trial
 
@@ -24,11 +25,12 @@ __all__ = ["Case"]
 class Case:
     """One identification task: segments of runs, a form, and assumptions.
 
-    ``form``: None for one degree of freedom with damping ``structure`` (None: decide). ``delay``: None to fit one if
-    the evidence is strong. ``use``: signals to fit, None to choose. ``robust``: soft-L1 weights. ``names`` and
-    ``trials``: the runs as given. ``cycles``: their limit cycles. ``dropped_rows``: rows dropped from their files.
-    ``notes``: doubts about the runs. ``effects``: to be fitted with the form, starting at the model ``start`` if there
-    is one. ``options``: of the method alone.
+    ``names``, ``trials``: the runs as supplied. ``records``: their segments. ``form``: None for one degree of freedom.
+    ``structure``: its damping, None to choose one. ``delay`` [s]: None to fit one and keep it only on strong evidence.
+    ``use``: signals to fit, None to choose them. ``robust``: whether to use soft-L1 weights. ``cycles``: limit cycles
+    of the runs. ``dropped_rows``: number of rows dropped from the run files. ``notes``: doubts about the runs.
+    ``effects``: effects to fit with the form. ``start``: model to start from, if any. ``options``: those of one method
+    only.
     """
 
     records: tuple[Segment, ...]
@@ -48,19 +50,22 @@ class Case:
 
     @property
     def the_form(self) -> Form:
-        """The form.
+        """Form to fit.
 
         Raises
         ------
         UsageError
-            One degree of freedom was asked for: see :meth:`as_form`.
+            The task is for one degree of freedom and has no form; see :meth:`as_form`.
         """
         if self.form is None:
             raise UsageError("this method needs a form or a damping structure. Supply one of them")
         return self.form
 
     def as_form(self, structure: Structure) -> Case:
-        """Return a task with one degree of freedom as a task with a form; an unknown delay becomes zero."""
+        """Return this task of one degree of freedom as a task with a form.
+
+        An unknown delay is set to zero.
+        """
         first, delay = self.records[0], self.delay or 0.0
         form = axis_form(
             first.dof, first.input_names[0], structure, normalised=first.input_units[0] == "1", delay=delay
@@ -68,38 +73,44 @@ class Case:
         return replace(self, form=form, delay=delay, records=tuple(self._used(r) for r in self.records))
 
     def _used(self, segment: Segment) -> Segment:
-        """Return *segment* with the signals asked for, by name or as ``position`` and ``velocity``."""
+        """Return *segment* with only the signals chosen by ``use`` (names, ``position`` or ``velocity``)."""
         kinds = {segment.dof.position: "position", segment.dof.velocity: "velocity"}
         return segment.only([n for n in segment.signals if not self.use or kinds[n] in self.use or n in self.use])
 
     @property
     def input_units(self) -> dict[str, str]:
-        """Unit of every input of the form."""
+        """Unit of every input of the form, by name."""
         return dict(zip(self.the_form.inputs, self.records[0].input_units, strict=True))
 
     @property
     def all_notes(self) -> tuple[Doubt, ...]:
-        """Doubts about the runs, then about their segments."""
+        """Doubts about the runs, followed by those about their segments."""
         return (*self.notes, *(doubt for record in self.records for doubt in record.notes))
 
     @property
     def largest(self) -> dict[str, float]:
-        """Largest input of all runs, by name."""
+        """Largest magnitude of the input in all runs, by name of the input."""
         return {self.records[0].input_names[0]: max(float(np.max(np.abs(r.tau))) for r in self.records)}
 
     @property
     def relay_flown(self) -> bool:
-        """Whether a relay was flown; a zig-zag by hand also switches at two headings, but is not a relay."""
+        """Whether a relay was flown.
+
+        A manual zig-zag also switches at two headings, but is not a relay.
+        """
         return any(t.by_relay for t in self.trials)
 
     @property
     def cut_short(self) -> bool:
-        """Whether a relay was ended early because enough was known. It has few periods and need not have settled."""
+        """Whether a relay was ended early because the estimate was accurate enough.
+
+        It then has few periods and may not have settled.
+        """
         return any(t.by_relay and bool(t.meta.get("enough")) for t in self.trials)
 
     @property
     def more_levels(self) -> str:
-        """Advice on what to fly to distinguish kinds of damping, or damping and delay."""
+        """Advice on which run distinguishes kinds of damping, or damping from delay."""
         if self.relay_flown:
             return "fly a second relay with a clearly different output C"
         return "record a run with clearly larger or smaller inputs as well"

@@ -1,6 +1,6 @@
-"""Reasons not to trust an identification, each with cause and remedy: one list, one set of constants.
+"""Collect reasons not to trust an identification, each with its cause and a remedy.
 
-:func:`collect` returns those of one axis for any method, about its runs and its parameters. Doubts about a
+:func:`collect` returns the doubts about the runs and parameters of one axis, for any method. Doubts about a
 maximum-likelihood solution, for any form and effects, are in ``solution_doubts``. Doubts of a single method
 (innovations of a filter, choice of a structure) are in that method's module.
 """
@@ -15,10 +15,11 @@ import numpy as np
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.solution import Solution
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import Decision, Doubt, LimitCycle, Parameter
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.result import Decision, LimitCycle, Parameter
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import SingleDof
 
 __all__ = [
@@ -42,26 +43,29 @@ OF_THE_RUNS = (
     "time-unit",
     "dropped-rows",
 )
-"""Doubts about the runs themselves, for any model."""
+"""Slugs of the doubts about the runs themselves, which apply to any model."""
 
 WEAK = 0.30
 """Relative standard error above which a parameter counts as weakly excited."""
 
 POOR = 70.0
-"""Fit [%] of a signal below which it counts as unexplained."""
+"""Fit [%] of a signal below which the model counts as explaining it only in part."""
 
 COLOUR = 0.2
-"""Autocorrelation of residuals or innovations above which a doubt is raised; a smaller one hardly changes an
+"""Autocorrelation of residuals or innovations above which a doubt is raised. A smaller one hardly changes a confidence
 interval."""
 
 
 def once(doubts: Iterable[Doubt]) -> tuple[Doubt, ...]:
-    """Return *doubts* in their order, each slug and cause once."""
+    """Return *doubts* in their order, without repeats of the same slug and cause."""
     return tuple({(d.slug, d.cause): d for d in doubts}.values())
 
 
 def poor_fit(shares: Mapping[str, float]) -> Doubt | None:
-    """Return a doubt about a model that leaves much of a signal unexplained; *shares* [%] per signal."""
+    """Return a doubt about signals that the model explains only in part, or None.
+
+    shares : fit [%] per signal.
+    """
     poor = [f"{name} ({share:.0f} %)" for name, share in shares.items() if share < POOR]
     if not poor:
         return None
@@ -74,7 +78,10 @@ def poor_fit(shares: Mapping[str, float]) -> Doubt | None:
 
 
 def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
-    """Return a doubt that a delay was fitted, with its *evidence* (difference of the criterion)."""
+    """Return a doubt that a delay was fitted, or None if none was.
+
+    evidence : decrease of the criterion with the delay.
+    """
     if evidence <= 0.0 or "delay" not in solution.free:
         return None
     return Doubt(
@@ -87,9 +94,10 @@ def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """What the checks look at; ``noise`` is that of the main signal.
+    """Values that the checks use.
 
-    ``white``: the residuals are white noise, so that nothing is left to explain.
+    ``noise``: standard deviation of the noise in the main signal. ``white``: whether the residuals are white, so that
+    nothing is left to explain.
     """
 
     case: Case
@@ -103,12 +111,12 @@ class Findings:
 
     @property
     def relays(self) -> Sequence[LimitCycle]:
-        """Limit cycles of relays that were flown."""
+        """Limit cycles of the runs, empty if no relay was flown."""
         return self.case.cycles if self.case.relay_flown else ()
 
 
 def collect(findings: Findings) -> tuple[Doubt, ...]:
-    """Return the doubts of the records and of every check, in that order, each slug and cause once."""
+    """Return the doubts of the records, then those of every check, without repeats."""
     notes = [doubt for record in findings.case.records for doubt in record.notes]
     return once([*notes, *(d for check in _CHECKS if (d := check(findings)) is not None)])
 
@@ -118,7 +126,7 @@ REVERSED_INPUT = Doubt(
     "a positive input turns or pushes against the SNAME convention, so the fitted parameters are negative",
     "this is normal for a rudder angle; otherwise check wiring and sign of the channel",
 )
-"""Doubt for one input and one motion with negative inertia."""
+"""Doubt for a model with negative inertia, which indicates an input of reversed sign."""
 
 
 def _few_periods(f: Findings) -> Doubt | None:
@@ -160,7 +168,7 @@ PUSHES_BOTH_WAYS: Mapping[str, str] = {
     "yaw": "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
     "surge": "fly well-separated steps ahead (throttle-steps), or pulses ahead and astern (doublets)",
 }
-"""Degree of freedom -> what to fly if the input had one sign only; others need a relay or doublets."""
+"""Degree of freedom -> manoeuvre to fly if the input had only one sign. Those not listed need a relay or doublets."""
 
 
 def _one_sided(f: Findings) -> Doubt | None:
@@ -313,4 +321,4 @@ _CHECKS: tuple[Callable[[Findings], Doubt | None], ...] = (
     _poor,
     _disagreement,
 )
-"""Of one axis, in the order in which they are listed."""
+"""Checks of one axis, in the order in which their doubts are listed."""

@@ -1,7 +1,8 @@
-"""Build a :class:`Fit` from the result of a method: the only place where a ``Fit`` of runs is made.
+"""Build a :class:`Fit` from the result of a method.
 
-A method provides a table of its parameters (:func:`table_of`, :func:`axis_table`), the motion of its model
-(:meth:`Motion.freely`, :meth:`Motion.of_solution`) and its doubts. :func:`fit_of` combines them.
+Every ``Fit`` of runs is made here. A method provides a table of its parameters (:func:`table_of`, :func:`axis_table`),
+the motion of its model (:meth:`Motion.freely`, :meth:`Motion.of_solution`) and its doubts. :func:`fit_of` combines
+them.
 """
 
 from __future__ import annotations
@@ -16,21 +17,13 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import once
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, runs_or_doubt
-from gcs_autotune.identify.result import (
-    Decision,
-    Doubt,
-    Fit,
-    IsoEstimate,
-    Parameter,
-    Status,
-    StructureFit,
-    Trace,
-)
-from gcs_autotune.identify.reweighting import rounding_error
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, fit_percents, traces_of
+from gcs_autotune.identify.problems.reweighting import rounding_error
+from gcs_autotune.identify.problems.solution import Solution, fit_percents, traces_of
+from gcs_autotune.identify.result import Decision, Fit, IsoEstimate, Parameter, Status, StructureFit, Trace
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import CoupledModel, Form, SingleDof
 
 __all__ = [
@@ -50,7 +43,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """All parameters of a model, fitted or not, and their covariance (p, p) in that order."""
+    """All parameters of a model, fitted or not, and their covariance (p, p) in the same order."""
 
     parameters: Mapping[str, Parameter]
     covariance: Array
@@ -68,9 +61,10 @@ def table_of(
 ) -> Table:
     """Return the table of all *values*.
 
-    fitted : (f,) names to which *covariance* (f, f) belongs. bounds : Cramer-Rao bounds, NaN where there is none.
-    status : where it is another than "fitted" of these and "fixed" of the others. unknown : names that were fitted
-    without a standard error: theirs is NaN.
+    fitted : (f,) names of the parameters to which *covariance* (f, f) belongs.
+    bounds : Cramer-Rao bounds by name, NaN if missing.
+    status : by name, if it differs from "fitted" for fitted parameters and "fixed" for the others.
+    unknown : names of parameters that were fitted without a standard error; theirs is NaN.
     """
     names = list(values)
     whole = np.zeros((len(names),) * 2)
@@ -95,7 +89,10 @@ def form_table(
     covariance: Array,
     **more: Any,
 ) -> Table:
-    """Return the table of a form's parameters *theta* (p,); *units* of its inputs, the rest as :func:`table_of`."""
+    """Return the table of a form's parameters *theta* (p,).
+
+    units : units of the form's inputs. Other arguments are those of :func:`table_of`.
+    """
     values = dict(zip(form.parameters, theta.tolist(), strict=True))
     return table_of(values, {n: form.unit_of(n, units) for n in values}, fitted, covariance, **more)
 
@@ -103,7 +100,8 @@ def form_table(
 def axis_table(model: SingleDof, covariance: Array, status: Sequence[Status], bounds: Sequence[float] = ()) -> Table:
     """Return the table of one degree of freedom.
 
-    covariance : (5, 5) of (alpha, beta, beta_quadratic, delta, delay). status, bounds : one per parameter.
+    covariance : (5, 5), in the order (alpha, beta, beta_quadratic, delta, delay).
+    status, bounds : one entry per parameter.
     """
     names = (*model.axis.parameter_names(), "delay")
     units = (*model.axis.parameter_units(model.input_unit), "s")
@@ -120,10 +118,10 @@ def axis_table(model: SingleDof, covariance: Array, status: Sequence[Status], bo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Motion of a model on the runs it was fitted to, compared with the measured one.
+    """Motion of a model on the runs it was fitted to, compared with the measured motion.
 
-    ``rms``: of the residual of the main signal, or of all. ``noise``: standard deviation per signal. ``doubts``:
-    whether the motion diverges.
+    ``traces``: measured and fitted motion. ``fit_percent``: 100 (1 - rms/std). ``rms``: of the residual of the main
+    signal, or of all signals. ``noise``: standard deviation per signal. ``doubts``: a doubt if the motion diverges.
     """
 
     traces: tuple[Trace, ...]
@@ -136,13 +134,13 @@ class Motion:
     def freely(
         cls, model: SingleDof | CoupledModel, segments: Sequence[Segment], noise: Mapping[str, float] | None = None
     ) -> Motion:
-        """Return the free run of *model* on all *segments*; without traces if it diverges."""
+        """Return the free run of *model* on all *segments*, without traces if it diverges."""
         traces, runaway = runs_or_doubt(model, segments)
         return cls(traces, fit_percent_of(traces), rms_of(traces), noise or {}, runaway)
 
     @classmethod
     def of_solution(cls, segments: Sequence[Segment], solution: Solution, main: str | None = None) -> Motion:
-        """Return the motion of *solution*; of one signal, *main*, only when it is given."""
+        """Return the motion of *solution*, of the signal *main* only if one is named."""
         percents, traces = fit_percents(solution), traces_of(segments, solution)
         if main is None:
             shares = list(percents.values())
@@ -152,7 +150,10 @@ class Motion:
 
 
 def solution_extra(solution: Solution, **more: float) -> dict[str, Any]:
-    """Return the extra entries of a solution of a form, and *more* on how it was chosen."""
+    """Return the entries of ``Fit.extra`` for the solution of a form.
+
+    more : further entries.
+    """
     return {
         "rounding": {n: rounding_error(solution.rests, n) for n in solution.noise},
         "std_inflation": float(solution.factors.max(initial=1.0)),
@@ -166,7 +167,11 @@ def solution_extra(solution: Solution, **more: float) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisDetails:
-    """Further results for one degree of freedom: ``main`` signal, readings of limit cycles, the choice made."""
+    """Further results for one degree of freedom.
+
+    ``main``: name of the main signal. ``iso``: readings of limit cycles. ``decision``, ``candidates``: how the drag
+    structure was chosen.
+    """
 
     main: str
     iso: tuple[IsoEstimate, ...] = ()
@@ -189,7 +194,10 @@ def fit_of(
     extra: Mapping[str, Any],
     axis: AxisDetails | None = None,
 ) -> Fit[ModelT]:
-    """Return the fit of *case* by *method*; doubts about the runs come before the method's own *doubts*."""
+    """Return the fit of *case* by *method*.
+
+    doubts : those of the method. Doubts about the runs are listed before them.
+    """
     noise_std = math.nan if axis is None else motion.noise.get(axis.main, motion.rms)
     return Fit(
         dof=dof_of(model),
@@ -213,7 +221,7 @@ def fit_of(
 
 
 def dof_of(model: SingleDof | CoupledModel | ExtendedModel) -> str:
-    """Return the degrees of freedom of a model, as ``surge+yaw``."""
+    """Return the degrees of freedom of a model, joined as in ``surge+yaw``."""
     if isinstance(model, SingleDof):
         return model.dof
     base = model.base if isinstance(model, ExtendedModel) else model
@@ -221,5 +229,5 @@ def dof_of(model: SingleDof | CoupledModel | ExtendedModel) -> str:
 
 
 def model_of(form: Form, theta: Array) -> CoupledModel:
-    """Return *form* with the parameters (p,)."""
+    """Return the model of *form* with the parameters *theta* (p,)."""
     return CoupledModel(form, dict(zip(form.parameters, theta.tolist(), strict=True)))

@@ -1,7 +1,7 @@
-"""Free run: simulate a model of any kind from a run's input, with only initial states fitted to the measurements.
+"""Free run: simulate a model of any kind from the inputs of a run.
 
-:func:`validate` is for runs the model has not seen. :func:`run_freely` is for the segments of a method without its own
-simulation.
+Only the initial states are fitted to the measurements. :func:`validate` is for runs that the model was not fitted to.
+:func:`run_freely` is for the segments of a method without its own simulation.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.form import ExplicitForm
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.base_model import base_limits, data_summary_of
-from gcs_autotune.identify.least_squares import Local, descend
-from gcs_autotune.identify.preparation import prepare, prepare_as_recorded, prepare_form
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import first_levels, first_states
-from gcs_autotune.identify.result import AxisFit, Doubt, Trace
-from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import solve
-from gcs_autotune.identify.whiteness import autocorrelation, explained, whiteness
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.base_model import base_limits, data_summary_of
+from gcs_autotune.identify.problems.least_squares import Local, descend
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import first_levels, first_states
+from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.problems.solution import solve
+from gcs_autotune.identify.result import AxisFit, Trace
+from gcs_autotune.identify.signals.preparation import prepare, prepare_as_recorded, prepare_form
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import autocorrelation, explained, whiteness
 from gcs_autotune.models import CoupledModel, Simulator, SingleDof, explicit_parameters
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
@@ -40,7 +41,6 @@ __all__ = [
     "first_state",
     "fit_percent_of",
     "free_run",
-    "join",
     "residual_statistics",
     "rms_of",
     "run_freely",
@@ -51,19 +51,23 @@ __all__ = [
 Array = NDArray[np.float64]
 
 RUNS_AWAY = "runs-away"
-"""Slug of the doubt that the model cannot be simulated on its own runs."""
+"""Slug of the doubt raised if the model cannot be simulated on its own runs."""
 
 HORIZONS = (0.1, 0.35, 1.0)
 """Fractions of a record to which the initial state is fitted, one after the other.
 
-An unstable craft multiplies an error of its initial state, so a rough one is of no use for the whole record.
+In an unstable craft an error of the initial state grows. A rough initial state therefore cannot be fitted to the whole
+record at once.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class ResidualStatistics:
-    """Of measured minus simulated: count, mean, rms, mean absolute value (Miskovic2010, eq. (7.3)), largest magnitude,
-    ``fit_percent`` as in :class:`Fit`, lag-1 autocorrelation, and the probability that white noise looks so.
+    """Statistics of residuals (measured minus simulated).
+
+    Number ``n``, ``mean``, ``rms``, mean absolute value (Miskovic2010, eq. (7.3)), and largest magnitude ``worst``.
+    ``fit_percent`` as in :class:`Fit`. ``lag_one``: autocorrelation at lag 1. ``whiteness_p``: probability that white
+    noise is at least this coloured.
     """
 
     n: int
@@ -78,18 +82,26 @@ class ResidualStatistics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Validation:
-    """How well a model predicts: one trace and its statistics per run and signal."""
+    """Prediction quality of a model: one trace and its statistics per run and signal."""
 
     traces: tuple[Trace, ...]
     statistics: tuple[ResidualStatistics, ...]
 
+    @classmethod
+    def joined(cls, parts: Sequence[Validation]) -> Validation:
+        """Return several validations as one."""
+        return cls(tuple(t for part in parts for t in part.traces), tuple(s for part in parts for s in part.statistics))
+
     @property
     def fit_percent(self) -> float:
-        """100 (1 - rms/std), averaged over runs and signals; 0 is as good as the mean, below 0 worse."""
+        """Average of 100 (1 - rms/std) over runs and signals.
+
+        0 means no better than the mean value; negative is worse.
+        """
         return float(np.mean([s.fit_percent for s in self.statistics])) if self.statistics else math.nan
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the statistics as plain data."""
+        """Return the statistics as data for JSON."""
         rows = [
             {"run": t.run, "signal": t.signal, "unit": t.unit, "rms": s.rms, "fit_percent": s.fit_percent, "n": s.n}
             for t, s in zip(self.traces, self.statistics, strict=True)
@@ -98,14 +110,14 @@ class Validation:
 
 
 def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
-    """Simulate *runs* with *model*, only initial states fitted to them.
+    """Simulate *runs* with *model*, with only the initial states fitted, and return the prediction quality.
 
     Raises
     ------
     UsageError
-        The model is of a kind that cannot be simulated on a run.
+        This kind of model cannot be simulated on a run.
     NotInformative
-        The model diverges on a run's input; and as the preparation of the runs.
+        The model diverges on the inputs of a run, or a run cannot be prepared.
     """
     if not isinstance(model, (SingleDof, CoupledModel, ExtendedModel)):
         raise UsageError(f"a {type(model).__name__} cannot be validated on runs")
@@ -114,29 +126,23 @@ def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
     return Validation(tuple(traces), tuple(residual_statistics(t) for t in traces))
 
 
-def join(parts: Sequence[Validation]) -> Validation:
-    """Return several validations as one."""
-    return Validation(
-        tuple(t for part in parts for t in part.traces), tuple(s for part in parts for s in part.statistics)
-    )
-
-
 def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
-    """Simulate *trial* with a model of one axis, only the initial state fitted to it; the position, or else velocity.
+    """Simulate *trial* with a model of one axis and return the trace of its position (or else velocity).
 
-    The run should be one the model was not identified from. Stretches between holes follow each other.
+    Only the initial state is fitted. Use a run that the model was not identified from. The stretches between gaps are
+    joined into one trace.
 
     Raises
     ------
     NotInformative
-        When the model diverges on this input; and as :func:`gcs_autotune.identify.preparation.prepare`.
+        The model diverges on this input, or as for :func:`gcs_autotune.identify.signals.preparation.prepare`.
     """
     model = fit if isinstance(fit, SingleDof) else fit.model
     return _joined(trial.name, [run_freely(model, record)[0] for record in prepare(trial, model.dof)])
 
 
 def _on_trial(model: SingleDof | CoupledModel | ExtendedModel, trial: Trial) -> list[Trace]:
-    """Return one trace per signal of *trial*, its stretches one after the other."""
+    """Return one trace per signal of *trial*, with its stretches joined."""
     if isinstance(model, ExtendedModel):
         return _with_effects(model, trial)
     if isinstance(model, SingleDof):
@@ -155,7 +161,7 @@ def _joined(run: str, parts: Sequence[Trace]) -> Trace:
 
 
 def _trace(run: str, signal: str, t: Array, measured: Array, fitted: Array) -> Trace:
-    """Return a trace whose band is 1.96 times its rms residual."""
+    """Return a trace with a 95 % band of 1.96 times the rms residual."""
     rms = math.sqrt(float(np.mean((measured - fitted) ** 2)))
     return Trace(run, t, measured, fitted, np.full(len(t), 1.96 * rms), signal, SIGNALS[signal][0])
 
@@ -163,7 +169,7 @@ def _trace(run: str, signal: str, t: Array, measured: Array, fitted: Array) -> T
 def runs_or_doubt(
     model: SingleDof | CoupledModel, segments: Sequence[Segment]
 ) -> tuple[tuple[Trace, ...], tuple[Doubt, ...]]:
-    """Simulate all *segments*; return a doubt if the model diverges on its own runs."""
+    """Return the traces of all *segments*, or a doubt if the model diverges on its own runs."""
     try:
         return tuple(t for s in segments for t in run_freely(model, s)), ()
     except NotInformative as error:
@@ -175,13 +181,16 @@ def runs_or_doubt(
 
 
 def fit_percent_of(traces: Sequence[Trace]) -> float:
-    """Return 100 (1 - rms/std) averaged over signals, each over all runs; NaN where nothing moves."""
+    """Return 100 (1 - rms/std), averaged over signals.
+
+    Each signal is averaged over all runs. The result is NaN if no signal moves.
+    """
     shares = explained((t.signal, t.measured, t.measured - t.fitted) for t in traces)
     return float(np.mean(list(shares.values()))) if shares else math.nan
 
 
 def rms_of(traces: Sequence[Trace]) -> float:
-    """Return the root mean square of what is left over in all *traces*; NaN without any."""
+    """Return the root mean square residual of all *traces*, or NaN without traces."""
     return (
         math.sqrt(float(np.mean(np.concatenate([(t.measured - t.fitted) ** 2 for t in traces]))))
         if traces
@@ -190,14 +199,14 @@ def rms_of(traces: Sequence[Trace]) -> float:
 
 
 def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequence[str] = ()) -> list[Trace]:
-    """Simulate one stretch; one trace per signal.
+    """Simulate one stretch and return one trace per signal.
 
-    names : of the signals a model of one axis is compared with, its position (or else velocity) when none are given.
+    names : signals to compare a model of one axis with. The default is its position, or else its velocity.
 
     Raises
     ------
     NotInformative
-        The model diverges on this run's inputs.
+        The model diverges on the inputs of this run.
     """
     if isinstance(model, SingleDof):
         return _axis(model, segment.only(tuple(names) or first_names([segment])))
@@ -242,7 +251,7 @@ def _with_effects(model: ExtendedModel, trial: Trial) -> list[Trace]:
 
 
 def first_state(record: Segment, states: tuple[str, ...]) -> Array:
-    """Guess the state at ``record.start`` from the first samples; 0 where nothing is measured."""
+    """Return an estimate of the state at ``record.start`` from the first samples; 0 if not measured."""
     guess = np.zeros(len(states))
     for i, name in enumerate(states):
         if name in record.signals:
@@ -268,7 +277,10 @@ def _best_start(
     record: Segment,
     scale: Mapping[str, float],
 ) -> Array:
-    """Return *x_0* with its *columns* fitted to the record by damped least squares; as it was when it runs away."""
+    """Return *x_0* with its *columns* fitted to the record by damped least squares.
+
+    Return *x_0* unchanged if the simulation diverges.
+    """
 
     def local(x: Array) -> Local | None:
         start = x_0.copy()
@@ -292,7 +304,7 @@ def _best_start(
 def _simulated(
     simulator: Simulator, theta: Array, x_0: Array, record: Segment
 ) -> dict[str, tuple[Array, Array]] | None:
-    """Return every signal of *record* at its own stamps with sensitivities; None if the motion diverges."""
+    """Return every signal of *record* at its own stamps, with sensitivities, or None if the motion diverges."""
     stamps = record.stamps
     found = simulator.run(theta, x_0, record.t_in, record.inputs, stamps)
     if found is None:
@@ -307,14 +319,14 @@ def _simulated(
 
 
 def _observable(state: str, record: Segment) -> bool:
-    """Whether a signal of the record answers to this initial state at once."""
+    """Return whether a signal of the record depends directly on this initial state."""
     if state in ("x", "y", "z", "phi", "theta", "psi"):
         return state in record.signals or (state == "psi" and ("x" in record.signals or "y" in record.signals))
     return True
 
 
 def residual_statistics(trace: Trace) -> ResidualStatistics:
-    """Return the statistics of a trace's residuals."""
+    """Return the statistics of the residuals of a trace."""
     error = trace.measured - trace.fitted
     rms = math.sqrt(float(np.mean(error**2)))
     swing = float(np.std(trace.measured))

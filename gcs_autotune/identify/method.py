@@ -1,4 +1,4 @@
-"""Definition of an identification method: a name, one line for ``--help``, and a function per kind of model."""
+"""Definition of an identification method: its name, its line in ``--help``, and its functions."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from gcs_autotune.identify.result import AxisFit, Fit, Model
 __all__ = ["Bears", "Method"]
 
 Bears = Literal["stamps", "rounding", "robust", "delay", "effects", "lever arm"]
-"""Features that a method supports.
+"""Features that a method may support.
 
-Input stamps with a common shift (decision 3); a coarse sensor's rounding, exactly; outliers (``loss="soft_l1"``); an
-unknown delay, fitted on strong evidence; effects in addition to the form's terms; a sensor off the centre.
+``stamps``: a common shift of input stamps (decision 3). ``rounding``: the exact rounding of a coarse sensor.
+``robust``: outliers (``loss="soft_l1"``). ``delay``: an unknown delay, kept only on strong evidence. ``effects``:
+effects in addition to the form's terms. ``lever arm``: a sensor away from the centre.
 """
 
 
@@ -23,10 +24,10 @@ unknown delay, fitted on strong evidence; effects in addition to the form's term
 class Method:
     """One row of ``METHODS``.
 
-    ``axis`` fits one degree of freedom (:class:`SingleDof`), ``coupled`` several
-    (:class:`gcs_autotune.models.coupled.CoupledModel`). None: the method does not support that kind. ``options``:
-    keyword arguments of ``fit`` for this method alone, each with one line of help. ``bears``: supported features. A
-    missing one raises a doubt where it matters.
+    ``summary``: line for ``--help``. ``axis``: fits one degree of freedom (:class:`SingleDof`). ``coupled``: fits
+    several (:class:`gcs_autotune.models.coupled.CoupledModel`). None: the method does not support that kind.
+    ``options``: keyword arguments of ``fit`` for this method only, each with one line of help. ``bears``: supported
+    features. A missing feature raises a doubt if a run needs it.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The identification methods, each loaded when it is first looked up."""
+"""Table of the identification methods. Each is loaded when it is first used."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["METHODS"]
 
 
 class _Methods(Mapping[str, Method]):
-    """Name -> method."""
+    """Mapping from the name of a method to the method. A method's module is imported on first use."""
 
     def __init__(self) -> None:
         self._loaded: dict[str, Method] = {}

@@ -1,8 +1,8 @@
 """Model files: what ``diagnose`` and ``identify`` write, and ``identify --start``, ``tune --model`` and ``sitl`` read.
 
-A model file is the model's own data (``model``: ``extended``, ``coupled`` or ``single-dof``) and, under ``known_from``,
-what its numbers rest on: units of the inputs, noise, parameters with covariance. The JSON that ``identify`` and
-``diagnose`` print, with such data inside, is read as well.
+A model file contains the model's own data (``model``: ``extended``, ``coupled`` or ``single-dof``). Under
+``known_from`` it contains the units of the inputs, the noise, and the parameters with their covariance. The JSON output
+of ``identify`` and ``diagnose`` contains the same data and can be read too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.axis.form import SIGNS, as_extended, derivative_names
+from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, as_extended
 from gcs_autotune.identify.result import Fit, Model
 from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.plain_json import json_text
@@ -31,21 +31,22 @@ __all__ = ["ModelFile", "load_model", "model_document", "model_file_of", "save_m
 Array = NDArray[np.float64]
 
 _SLIGHT = 1e-3
-"""Chosen: by which a correlation may miss being one; rounding in the fit makes 1e-6."""
+"""Tolerance for a correlation matrix that is not exactly symmetric or positive. Rounding in the fit causes errors of
+1e-6."""
 
 KINDS = ("extended", "coupled", "single-dof")
 
 INSIDE = ("model", "extended_model", "base_model")
-"""Entries of printed results that hold a model."""
+"""Keys under which the JSON output of a command may contain a model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFile:
-    """A model, and what is known of where it came from.
+    """A model read from a file, with its uncertainty.
 
-    ``model`` always as one with effects; ``axis`` the model of one degree of freedom it was written as, if any.
-    ``inputs`` unit per input; ``noise`` standard deviation per signal; ``names`` and ``covariance`` (p, p) of the
-    fitted numbers, empty if the file has none.
+    ``model``: always in the form with effects. ``axis``: the model of one degree of freedom in the file, if it is one.
+    ``inputs``: unit per input. ``noise``: standard deviation per signal. ``names`` and ``covariance`` (p, p): of the
+    fitted parameters, empty if the file does not contain them.
     """
 
     name: str
@@ -56,9 +57,16 @@ class ModelFile:
     names: tuple[str, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
+    @property
+    def written_as(self) -> Mapping[str, tuple[str, float]]:
+        """Derivative -> its name in a file of one degree of freedom and the sign between them; else empty."""
+        if self.axis is None:
+            return {}
+        return dict(zip(self.axis.axis.derivative_names(), zip(PHYSICAL, SIGNS, strict=True), strict=True))
+
 
 def save_model(fit: Fit[Model], path: Path) -> None:
-    """Write the model of *fit* to *path*, with what its numbers rest on.
+    """Write the model of *fit* to *path*, with its noise and uncertainty.
 
     Examples
     --------
@@ -73,19 +81,21 @@ def save_model(fit: Fit[Model], path: Path) -> None:
 
 
 def model_document(fit: Fit[Model]) -> dict[str, Any]:
-    """Return what a model file of *fit* holds: the whole model, and what its numbers rest on."""
+    """Return the contents of a model file of *fit*: the whole model, its noise and uncertainty."""
     data = fit.to_dict()
     known = {k: data[k] for k in ("structure", "parameters", "correlation", "noise", "used")}
     return {**data["model"], "known_from": {**known, "inputs": data.get("inputs", {})}}
 
 
 def load_model(path: Path) -> ModelFile:
-    """Read a model file, or the JSON of an identification or a diagnosis.
+    """Read a model file, or the JSON output of an identification or a diagnosis.
 
     Raises
     ------
     BadFile
-        Not readable, or no model in it. UnknownName: an effect that there is not.
+        The file cannot be read or contains no model.
+    UnknownName
+        The model contains an unknown effect.
 
     Examples
     --------
@@ -100,7 +110,7 @@ def load_model(path: Path) -> ModelFile:
 
 
 def model_file_of(fit: Fit[Model]) -> ModelFile:
-    """Return what the model file of *fit* would hold, under the name of its method."""
+    """Return the model file of *fit* without writing it. Its name is that of the method."""
     return _file(model_document(fit), Path(fit.method))
 
 
@@ -117,7 +127,7 @@ def _file(data: Any, path: Path) -> ModelFile:
 
 
 def _model_in(data: Any, path: Path) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Return the model's data, and what is said of it."""
+    """Return the data of the model, and the data on its uncertainty."""
     if isinstance(data, dict):
         if data.get("model") in KINDS:
             return data, data.get("known_from") or {}
@@ -141,7 +151,7 @@ def _built(data: Mapping[str, Any], path: Path) -> tuple[ExtendedModel, SingleDo
 
 
 def _uncertainty(known: KnownFrom, dofs: Sequence[str], path: Path) -> tuple[tuple[str, ...], Array]:
-    """Return the names of what was fitted, as derivatives, and its covariance (p, p)."""
+    """Return the names of the fitted parameters as derivatives, and their covariance (p, p)."""
     parameters, rows = known.parameters, known.correlation
     if parameters is None or rows is None:
         return (), np.zeros((0, 0))
@@ -155,11 +165,14 @@ def _uncertainty(known: KnownFrom, dofs: Sequence[str], path: Path) -> tuple[tup
 
 
 def _as_derivatives(names: tuple[str, ...], covariance: Array, dofs: Sequence[str]) -> tuple[tuple[str, ...], Array]:
-    """Return names and covariance with ``alpha_r`` and its like as ``N_rdot``, of the other sign."""
+    """Return names and covariance in terms of derivatives.
+
+    Names such as ``alpha_r`` become ``N_rdot``, with the opposite sign.
+    """
     if len(dofs) != 1:
         return names, covariance
     dof = DOFS[dofs[0]]
     own = (*dof.parameter_names(), "delay")
-    words = {a: (b, s) for a, b, s in zip(own, derivative_names(dof), SIGNS, strict=True)}
+    words = {a: (b, s) for a, b, s in zip(own, dof.derivative_names(), SIGNS, strict=True)}
     signs = np.array([words.get(n, (n, 1.0))[1] for n in names])
     return tuple(words.get(n, (n, 1.0))[0] for n in names), np.outer(signs, signs) * covariance

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel
-from gcs_autotune.identify.base_model import plain_form
-from gcs_autotune.identify.cleaning import noise_of, quantum
-from gcs_autotune.identify.preparation import INPUTS
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import MIN_SAMPLES
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.base_model import plain_form
+from gcs_autotune.identify.signals.preparation import INPUTS
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES
 from gcs_autotune.models import FORMS
+from gcs_autotune.sensor import noise_of, quantum
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Channel, Trial
 
@@ -23,26 +23,26 @@ __all__ = ["MOVED_TOO", "dof_option", "moved_besides", "moved_too"]
 Array = NDArray[np.float64]
 
 MOVED_TOO = "moved-too"
-"""Slug of the doubt about motion that was not examined."""
+"""Slug of the doubt about motion in degrees of freedom that the model does not include."""
 
 CLEAR = 3.0
-"""Ratio of a velocity's standard deviation to that of its noise, from which it counts as motion."""
+"""Ratio of a velocity's standard deviation to that of its noise, above which it counts as motion."""
 
 DRIVEN = 0.1
-"""Range of a normalised output (10th to 90th percentile) from which it counts as driving something."""
+"""Range of a normalised output (10th to 90th percentile) above which it counts as an active input."""
 
 WINDOW, TURN = 2.0, 0.4
-"""Difference interval for a track without velocities, in time [s] or change of heading [rad].
+"""Longest interval for differences of a track, in time [s] and in change of heading [rad].
 
-The chord is then 0.7 % shorter than the track.
+It is used if no velocities were recorded. At this change of heading the chord is 0.7 % shorter than the track.
 """
 
 
 def moved_besides(runs: Iterable[Trial], dofs: Collection[str]) -> Mapping[str, list[str]]:
     """Return the degrees of freedom that moved and are not in *dofs*, each with the names of its runs.
 
-    Sway counts wherever it moved, and surge with it: both are coupled with yaw. Any other counts where its own input
-    varied as well; without an input nothing can be identified of it.
+    Sway counts if it moved, and surge counts together with sway, because both are coupled with yaw. Any other counts
+    only if its own input varied too. Without an input it cannot be identified.
     """
     found: dict[str, list[str]] = {}
     for run in runs:
@@ -56,7 +56,10 @@ def moved_besides(runs: Iterable[Trial], dofs: Collection[str]) -> Mapping[str, 
 
 
 def dof_option(runs: Sequence[Trial], dofs: Collection[str], besides: Collection[str]) -> str:
-    """Return the value of ``--dof`` that includes *besides* together with *dofs*; empty if the records forbid it."""
+    """Return the value of ``--dof`` that covers *dofs* and *besides*.
+
+    It is empty if the recorded channels do not support such a model.
+    """
     wanted = {*dofs, *besides}
     horizontal = wanted <= set(FORMS["horizontal"].dofs) and "sway" in wanted
     option = "horizontal" if horizontal else ",".join(name for name in DOFS if name in wanted)
@@ -67,7 +70,7 @@ def dof_option(runs: Sequence[Trial], dofs: Collection[str], besides: Collection
 
 
 def moved_too(runs: Sequence[Trial], dofs: Collection[str]) -> list[Doubt]:
-    """Return a doubt about motion in *runs* that is not in *dofs*, with the option that includes it."""
+    """Return a doubt about motion in *runs* outside *dofs*, with the option that includes it."""
     besides = moved_besides(runs, dofs)
     if not besides:
         return []
@@ -92,7 +95,10 @@ def _moved(run: Trial, dof: str) -> bool:
 
 
 def _velocity(run: Trial, dof: str) -> tuple[Array, float] | None:
-    """Return a velocity (n,) and the standard deviation of its noise, from the track where none was recorded."""
+    """Return a velocity (n,) and the standard deviation of its noise.
+
+    If no velocity was recorded, it is derived from the track.
+    """
     measured = _finite(run, DOFS[dof].velocity)
     if measured is not None:
         return measured.values, _floor(measured.values)
@@ -116,12 +122,12 @@ def _velocity(run: Trial, dof: str) -> tuple[Array, float] | None:
 
 
 def _floor(values: Array) -> float:
-    """Return the standard deviation of the noise, at least what rounding makes."""
+    """Return the standard deviation of the noise, at least that caused by rounding."""
     return max(noise_of(values), quantum(values) / math.sqrt(12.0))
 
 
 def _driven(run: Trial, dof: str) -> bool:
-    """Whether an input of *dof* took more than one level."""
+    """Return whether an input of *dof* took more than one level."""
     for name in INPUTS[dof]:
         drive = _finite(run, name)
         if drive is not None:
@@ -132,7 +138,7 @@ def _driven(run: Trial, dof: str) -> bool:
 
 
 def _finite(run: Trial, name: str) -> Channel | None:
-    """Return the samples of a channel that are numbers; None where there are too few."""
+    """Return the finite samples of a channel, or None if there are too few."""
     if name not in run:
         return None
     channel = run[name]

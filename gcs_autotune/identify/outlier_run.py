@@ -1,13 +1,15 @@
 """Find a run of another craft among several, in one of two ways.
 
-If each run alone identifies the craft (one axis), the estimates are compared. Their difference, weighted with both
-covariances, is chi-squared distributed for the same craft. The run furthest from the rest is removed, and the remaining
-ones are compared again. Constant forces, current and delay differ between runs of one craft, so they are not compared.
+If each run alone identifies the craft (one axis), the estimates are compared. The square of their difference, weighted
+with both covariances, is chi-squared distributed for the same craft. The run furthest from the rest is removed, and the
+remaining ones are compared again. Constant forces, current and delay differ between runs of one craft, so they are not
+compared.
 
-Otherwise (forms with many parameters) a cheap test comes first. At the common fit each run has its own gradient ``g_i``
-of the cost, with initial states eliminated. For runs of one craft ``g_i`` has the covariance ``I_i - I_i I^-1 I_i``,
-with ``I_i`` its information and ``I`` that of all. ``g_i^T (...)^+ g_i`` is then chi-squared. Only if some run stands
-out, each is left out in turn and the rest is fitted again. The outlier is the run without which the others agree.
+For forms with many parameters a cheap test comes first. At the common fit each run has its own gradient ``g_i`` of the
+cost, with initial states eliminated. For runs of one craft ``g_i`` has the covariance ``I_i - I_i I^-1 I_i``. ``I_i``
+is the information of the run, and ``I`` that of all runs. ``g_i^T (...)^+ g_i`` is then chi-squared distributed. Only
+if a run fails this test, each run is left out in turn and the rest is fitted again. The outlier is the run without
+which the others agree.
 """
 
 from __future__ import annotations
@@ -20,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.reweighting import Effort
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, solve_form
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.problems.reweighting import Effort
+from gcs_autotune.identify.problems.solution import Solution, solve_form
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = ["CraftEstimate", "OutlierRun", "outlier_run", "outlier_run_doubts", "outlier_runs"]
@@ -32,27 +34,28 @@ __all__ = ["CraftEstimate", "OutlierRun", "outlier_run", "outlier_run_doubts", "
 Array = NDArray[np.float64]
 
 SIGMAS = 6.0
-"""Significance limit of a run's distance: that of six standard errors of one number."""
+"""Significance limit of a run's distance from the others. It has the probability of six standard errors of one
+parameter."""
 CHANGE = 0.20
-"""Relative difference of a parameter that is also required, because two long runs of one craft show small
-differences."""
+"""Smallest relative difference of a parameter that is also required. Two long runs of one craft may differ
+significantly by less."""
 
 CHANCE = 1e-6
-"""Probability of a closer examination of runs that agree."""
+"""Probability of examining runs more closely although they agree."""
 
 RELIEF = 1.3
-"""Factor by which the noise of some signal must fall without the outlier."""
+"""Factor by which the noise of at least one signal must decrease without the outlier."""
 
 QUICK = Effort(12, exact=False)
-"""Effort for fits of some of the runs, which only have to distinguish agreement from disagreement."""
+"""Effort for fits of some of the runs. They only have to show whether the runs agree."""
 
 MISFIT = 1.5
-"""Factor by which the outlier, simulated with the others' model, must exceed their noise."""
+"""Factor by which the misfit of the outlier, with the model of the others, must exceed their noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CraftEstimate:
-    """Estimate of the craft from some of the runs: ``values`` (p,), ``covariance`` (p, p)."""
+    """Estimate of the craft's parameters from some of the runs: ``values`` (p,) and ``covariance`` (p, p)."""
 
     values: Array
     covariance: Array
@@ -60,10 +63,10 @@ class CraftEstimate:
 
 @dataclass(frozen=True, slots=True)
 class OutlierRun:
-    """A run of another craft, ``sigmas`` standard errors from the others.
+    """A run that differs from the others, as if it were of another craft.
 
-    ``change``: relative change of the parameter that differs most. ``pair``: both names if there are only two runs and
-    either may be the outlier.
+    ``sigmas``: difference in standard errors. ``change``: relative change of the parameter that differs most. ``pair``:
+    both names if there are only two runs, because either may be the outlier.
     """
 
     run: str
@@ -75,12 +78,13 @@ class OutlierRun:
 def outlier_runs(
     names: Sequence[str], estimate: Callable[[tuple[int, ...]], CraftEstimate | None], sigmas: float = SIGMAS
 ) -> tuple[OutlierRun, ...]:
-    """Return the runs that differ from the others.
+    """Return the runs whose parameters differ from those of the others.
 
     Parameters
     ----------
-    names : of the runs.
-    estimate : returns the joint estimate of the runs of these indices; None if they contain too little information.
+    names : names of the runs.
+    estimate : function of the indices of some runs. It returns their joint estimate, or None if they contain too little
+        information.
     """
     alone = [estimate((i,)) for i in range(len(names))]
     left = [i for i, found in enumerate(alone) if found is not None]
@@ -98,7 +102,10 @@ def outlier_runs(
 
 
 def _distance(one: CraftEstimate | None, rest: CraftEstimate | None, sigmas: float) -> tuple[float, float]:
-    """Return distance in standard errors and largest relative change; zeros when they agree or cannot be compared."""
+    """Return the distance in standard errors, and the largest relative change of a parameter.
+
+    Both are zero if the estimates agree or cannot be compared.
+    """
     if one is None or rest is None:
         return 0.0, 0.0
     difference = one.values - rest.values
@@ -138,7 +145,7 @@ def outlier_run_doubts(found: Sequence[OutlierRun]) -> list[Doubt]:
 
 
 def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
-    """Return a doubt with the name of the run that differs from the rest, None if all agree."""
+    """Return a doubt with the name of the run that differs from the others, or None if all agree."""
     runs = list(dict.fromkeys(r.run for r in records))
     if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):
         return None
@@ -167,7 +174,7 @@ def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) 
 
 
 def _two_apart(solution: Solution, records: Sequence[Segment], runs: Sequence[str], limits: Limits) -> Doubt | None:
-    """Of two runs none can be called the odd one; they can only be called different."""
+    """Return a doubt if two runs differ. With only two, neither can be identified as the outlier."""
     relief = np.inf
     for run in runs:
         alone = _fitted(solution, records, [i for i, r in enumerate(records) if r.run == run], limits)
@@ -184,7 +191,10 @@ def _two_apart(solution: Solution, records: Sequence[Segment], runs: Sequence[st
 
 
 def _strangeness(solution: Solution, records: Sequence[Segment], runs: Sequence[str]) -> list[float]:
-    """Return minus the logarithm of each run's chance, residuals' correlation allowed for."""
+    """Return minus the logarithm of the probability of each run's gradient.
+
+    The correlation of the residuals is taken into account.
+    """
     k, total, parts = len(solution.names), None, []
     for run in runs:
         mine = [i for i, r in enumerate(records) if r.run == run]
@@ -221,7 +231,10 @@ def _fitted(solution: Solution, records: Sequence[Segment], chosen: Sequence[int
 
 
 def _misfit(alone: Solution, solution: Solution, records: Sequence[Segment], own: Sequence[int]) -> float:
-    """Return by how many times *alone*'s noise the runs *own* are missed with its parameters, states fitted."""
+    """Return the ratio of the misfit of the runs *own* to the noise of *alone*, the solution of the others.
+
+    Only the initial states of *own* are fitted.
+    """
     initial = [solution.initial[i] for i in own]
     levels = {n: v for n, v in alone.noise.items() if any(n in records[i].signals for i in own)}
     chosen = [records[i] for i in own]

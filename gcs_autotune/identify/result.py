@@ -1,4 +1,4 @@
-"""Result of an identification: parameters, their uncertainty, and doubts."""
+"""Define the result of an identification: parameters, their uncertainty, and doubts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.axis.form import Structure, as_extended
-from gcs_autotune.identify.whiteness import Remainder, remainder_of
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.whiteness import Remainder, remainder_of
 from gcs_autotune.models import SingleDof
 from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.plain_json import json_text, plain_data
@@ -21,7 +22,6 @@ from gcs_autotune.rounding import format_value
 __all__ = [
     "AxisFit",
     "Decision",
-    "Doubt",
     "Fit",
     "IsoEstimate",
     "LimitCycle",
@@ -33,7 +33,6 @@ __all__ = [
     "Trace",
     "is_of_one_axis",
     "plain_data",
-    "whole_model",
 ]
 
 Status = Literal["fitted", "absent", "fixed", "at_bound"]
@@ -41,10 +40,10 @@ Status = Literal["fitted", "absent", "fixed", "at_bound"]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One identified number. ``std`` is its standard error; 0 when the structure or the user fixed it.
+    """One identified parameter.
 
-    ``bound`` is the Cramer-Rao bound: the standard error no unbiased method can beat on these runs at the noise
-    found in them; NaN where it is not known.
+    ``std``: standard error, 0 if the structure or the user fixed the value. ``bound``: Cramer-Rao bound, NaN if
+    unknown. No unbiased method can have a smaller standard error on these runs with their noise.
     """
 
     name: str
@@ -56,24 +55,17 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
-    """A reason not to trust a result, with its possible cause and the remedy."""
-
-    slug: str
-    cause: str
-    cure: str
-
-
-@dataclass(frozen=True, slots=True)
 class LimitCycle:
-    """Self-oscillation read off one relay experiment (Miskovic2010, 6.6-6.7).
+    """Limit cycle of one relay experiment (Miskovic2010, 6.6-6.7).
 
-    ``C`` relay output [input unit], ``x_a`` set and ``x_a_star`` real switching value, ``X_m`` amplitude,
-    ``x_0`` bias [rad or m], ``omega`` [rad/s], ``T_H``/``T_L`` [s] times in high and low position,
-    ``periods`` used, ``scatter`` largest relative spread of maxima and minima (the 10 % rule),
-    ``valid`` condition (7.12). ``C`` is negative when the high position (of ``T_H``, the one that drives the
-    position up) has the lower input; ``offset`` is the input midway between the two positions; ``nu_0`` the mean
-    velocity it rides on, when the relay works on an integrated velocity (surge, Miskovic2010, eq. (6.48)), else 0.
+    ``C``: relay output [input unit]. ``x_a``: set switching value, ``x_a_star``: actual one. ``X_m``: amplitude.
+    ``x_0``: bias. These four are in rad or m. ``omega``: frequency [rad/s]. ``T_H``, ``T_L``: times in high and low
+    position [s]. ``periods``: number used. ``scatter``: largest relative spread of maxima and minima (the 10 % rule).
+    ``valid``: whether condition (7.12) is satisfied.
+
+    The high position is the one that drives the position up. ``C`` is negative if its input is the lower one.
+    ``offset``: input midway between the two positions. ``nu_0``: mean velocity, if the relay acts on an integrated
+    velocity (surge, Miskovic2010, eq. (6.48)), else 0.
     """
 
     C: float
@@ -93,9 +85,10 @@ class LimitCycle:
 
 @dataclass(frozen=True, slots=True)
 class IsoEstimate:
-    """IS-O's answer for one limit cycle: both drag structures come from the same reading (Table 6.3).
+    """Result of IS-O for one limit cycle.
 
-    ``delta`` goes with ``beta``; it depends on the drag only when the cycle rides on a mean velocity.
+    Both drag structures come from the same reading (Table 6.3). ``delta`` applies together with ``beta``. It depends on
+    the drag only if the limit cycle has a mean velocity.
     """
 
     cycle: LimitCycle
@@ -108,7 +101,10 @@ class IsoEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The two-experiment decision (7.1)-(7.2): percentages and the verdict at the chosen margin lambda."""
+    """The two-experiment decision (7.1)-(7.2).
+
+    ``sigma_*`` [%]: relative differences between the experiments. ``margin`` [%]: the chosen lambda.
+    """
 
     sigma_alpha: float
     sigma_beta: float
@@ -119,7 +115,7 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class StructureFit:
-    """One drag structure fitted by output error: what the decision between structures rests on."""
+    """One drag structure fitted by output error, as compared in the choice of the structure."""
 
     structure: Structure
     model: SingleDof
@@ -131,9 +127,10 @@ class StructureFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """Fit against measurement for one signal of one run, for pictures: all arrays (n,), in SI units.
+    """Measured and fitted values of one signal in one run, for plots.
 
-    ``band`` is the half-width of the 95 % band of the *fitted curve plus measurement noise*.
+    All arrays are (n,), in SI units. ``band``: half-width of the 95 % band of the *fitted curve plus measurement
+    noise*.
     """
 
     run: str
@@ -147,7 +144,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Measured minus fitted of one signal of one run: arrays (n,), in SI units."""
+    """Measured minus fitted values of one signal in one run: arrays (n,), in SI units."""
 
     run: str
     signal: str
@@ -160,7 +157,7 @@ class Model(Protocol):
     """Common interface of all identified models."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         ...
 
 
@@ -173,13 +170,13 @@ class Fit(Generic[ModelT]):
 
     ``covariance`` (p, p): in the order of ``parameters``, with zero rows for fixed ones. ``fit_percent``: 100 (1 -
     rms/std) of the free-run simulation, averaged over signals. ``noise``: standard deviation per signal (SI) that the
-    fit treats as noise; :attr:`remainder` splits it. ``used``: names of the runs.
+    fit treats as noise; :attr:`remainder` shows how much of it is noise. ``used``: names of the runs.
 
-    For one degree of freedom ``parameters`` are ``(alpha, beta, beta_quadratic, delta, delay)``, then those of
-    ``effects`` of its actuator (thrust curve, dead zone), if fitted. ``noise_std``: standard deviation [rad or m] of
-    the noise in its main signal. ``residual_rms``: that of the free-run simulation. ``iso``: readings of limit cycles.
-    ``decision`` and ``candidates``: how the damping was chosen. For several degrees of freedom all these are empty or
-    NaN.
+    For one degree of freedom, ``parameters`` are ``(alpha, beta, beta_quadratic, delta, delay)``. Those of the
+    actuator's ``effects`` (thrust curve, dead zone) follow, if fitted. ``noise_std``: standard deviation [rad or m] of
+    the noise in the main signal. ``residual_rms``: of the residual of the free-run simulation. ``iso``: readings of
+    limit cycles. ``decision``, ``candidates``: how the drag structure was chosen. For several degrees of freedom these
+    are empty or NaN.
     """
 
     dof: str
@@ -203,12 +200,12 @@ class Fit(Generic[ModelT]):
 
     @property
     def craft_covariance(self) -> NDArray[np.float64]:
-        """Covariance (5, 5) of ``(alpha, beta, beta_quadratic, delta, delay)`` of one degree of freedom."""
+        """Covariance (5, 5) of ``(alpha, beta, beta_quadratic, delta, delay)`` for one degree of freedom."""
         return self.covariance[:5, :5]
 
     @property
     def correlation(self) -> NDArray[np.float64]:
-        """Correlation (p, p) of the estimates, in the order of ``parameters``; zero where nothing was fitted."""
+        """Correlation (p, p) of the estimates, in the order of ``parameters``; zero for those not fitted."""
         std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         scale = np.where(std > 0.0, std, np.inf)
         result: NDArray[np.float64] = self.covariance / np.outer(scale, scale)
@@ -216,8 +213,24 @@ class Fit(Generic[ModelT]):
 
     @property
     def residuals(self) -> tuple[Residuals, ...]:
-        """Measured minus fitted, per run and signal."""
+        """Measured minus fitted values, per run and signal."""
         return tuple(Residuals(t.run, t.signal, t.unit, t.t, t.measured - t.fitted) for t in self.traces)
+
+    @property
+    def unexplained(self) -> float:
+        """What the model leaves unexplained [percent]."""
+        return 100.0 - self.fit_percent
+
+    @property
+    def whole_model(self: Fit[Model]) -> Model:
+        """The model, with the effects of its actuator if this is a fit of one axis with some."""
+        if not is_of_one_axis(self) or not self.effects:
+            return self.model
+        plain = as_extended(self.model)
+        inputs = plain.base.form.inputs
+        swing = {str(k): float(v) for k, v in self.extra.get("swing", {}).items() if k in inputs}
+        units = dict.fromkeys(inputs, self.model.input_unit)
+        return ExtendedModel(plain.base, (*plain.effects, *self.effects), swing, units)
 
     @property
     def remainder(self) -> Mapping[str, Remainder]:
@@ -229,8 +242,10 @@ class Fit(Generic[ModelT]):
         return {s: remainder_of(errors, float(rounding.get(s) or 0.0)) for s, errors in residuals.items()}
 
     def to_pandas(self) -> Any:
-        """Return a pandas DataFrame, one row per parameter: ``value``, ``std``, ``low`` and ``high`` of the 95 %
-        interval, ``bound`` (Cramér-Rao), ``unit``, ``status``; SI units.
+        """Return a pandas DataFrame in SI units, one row per parameter.
+
+        Columns: ``value``, ``std``, ``low`` and ``high`` of the 95 % interval, ``bound`` (Cramér-Rao), ``unit``,
+        ``status``.
 
         Raises
         ------
@@ -270,7 +285,7 @@ class Fit(Generic[ModelT]):
         )
 
     def to_json(self) -> str:
-        """Return :meth:`to_dict` as JSON text, unknown numbers as null.
+        """Return :meth:`to_dict` as JSON text, with unknown numbers as null.
 
         Examples
         --------
@@ -282,15 +297,15 @@ class Fit(Generic[ModelT]):
         return json_text(self.to_dict()).rstrip("\n")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form: ``dof``, ``structure``, ``parameters``, ``correlation``, ``doubts`` and more.
+        """Return the data of the fit: ``dof``, ``structure``, ``parameters``, ``correlation``, ``doubts`` and more.
 
-        ``model`` is a model file's: of one axis with the effects of its actuator, if the fit has any.
+        ``model`` has the format of a model file. For one axis it includes the effects of the actuator, if fitted.
 
         Examples
         --------
         >>> from gcs_autotune.api import example_run, fit
-        >>> told = fit(example_run(), "linear", dof="yaw", delay=0.0).to_dict()
-        >>> round(told["parameters"]["beta_r"]["value"], 1), told["doubts"]
+        >>> data = fit(example_run(), "linear", dof="yaw", delay=0.0).to_dict()
+        >>> round(data["parameters"]["beta_r"]["value"], 1), data["doubts"]
         (0.5, [])
         """
         data = {
@@ -310,7 +325,7 @@ class Fit(Generic[ModelT]):
             "fit_percent": self.fit_percent,
             "used": list(self.used),
             "doubts": [{"slug": d.slug, "cause": d.cause, "cure": d.cure} for d in self.doubts],
-            "model": whole_model(self).to_dict(),
+            "model": self.whole_model.to_dict(),
             **self.extra,
         }
         if is_of_one_axis(self):
@@ -330,18 +345,8 @@ AxisFit: TypeAlias = Fit[SingleDof]
 
 
 def is_of_one_axis(fit: object) -> TypeGuard[Fit[SingleDof]]:
-    """Whether this is a fit of one degree of freedom."""
+    """Return whether this is a fit of one degree of freedom."""
     return isinstance(fit, Fit) and isinstance(fit.model, SingleDof)
-
-
-def whole_model(fit: Fit[Model]) -> Model:
-    """Return the model of *fit*, including the effects of its actuator if it is a fit of one axis with some."""
-    if not is_of_one_axis(fit) or not fit.effects:
-        return fit.model
-    plain = as_extended(fit.model)
-    inputs = plain.base.form.inputs
-    swing = {str(k): float(v) for k, v in fit.extra.get("swing", {}).items() if k in inputs}
-    return ExtendedModel(plain.base, (*plain.effects, *fit.effects), swing, dict.fromkeys(inputs, fit.model.input_unit))
 
 
 def _slots_dict(thing: Any) -> dict[str, Any]:

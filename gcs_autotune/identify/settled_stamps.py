@@ -1,4 +1,4 @@
-"""Correct input stamps that may all be shifted (decision 3), for methods that need exact stamps."""
+"""Correct a common shift of input stamps (decision 3), for methods that need exact stamps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.local import local_fit
-from gcs_autotune.identify.likelihood import Limits
+from gcs_autotune.identify.problems.likelihood import Limits
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 
@@ -19,8 +19,8 @@ __all__ = ["on_settled_stamps"]
 def on_settled_stamps(method: Callable[[Case], Fit[CoupledModel]]) -> Callable[[Case], Fit[CoupledModel]]:
     """Adapt a method that needs exact input stamps to stamps with a common shift (decision 3).
 
-    Output error estimates the shift, which is then removed. A second fit, with the shift moved by its standard error,
-    carries its uncertainty into the estimate.
+    Output error estimates the shift, which is then removed. A second fit uses a shift that is larger by its standard
+    error. The difference adds the uncertainty of the shift to the estimate.
     """
 
     def fit(case: Case) -> Fit[CoupledModel]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from gcs_autotune.effects import ExtendedModel, ExtendedSimulator, passage_of
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.axis.form import as_extended
-from gcs_autotune.identify.result import Fit, Model, whole_model
+from gcs_autotune.identify.result import Fit, Model
 from gcs_autotune.models import CoupledModel, SingleDof
 from gcs_autotune.sname import SIGNALS
 from gcs_autotune.trial import Channel, Trial
@@ -20,18 +20,18 @@ __all__ = ["extended_of", "simulated"]
 Array = NDArray[np.float64]
 
 STEP = 0.1
-"""Seconds between stamps where none are given."""
+"""Time [s] between the stamps of a simulation, if the caller supplies none."""
 
 
 def extended_of(fit: Fit[Model]) -> ExtendedModel:
-    """Return the model of *fit* as one with effects (perhaps none).
+    """Return the model of *fit* in the form with effects, even if it has none.
 
     Raises
     ------
     UsageError
-        It is of a kind that cannot be simulated.
+        This kind of model cannot be simulated.
     """
-    model = whole_model(fit)
+    model = fit.whole_model
     if isinstance(model, SingleDof):
         model = as_extended(model)
     elif isinstance(model, CoupledModel):
@@ -48,19 +48,21 @@ def simulated(
     stamps: ArrayLike | None = None,
     start: Mapping[str, float] | None = None,
 ) -> Trial:
-    """Return the motion that the model of *fit* predicts for *inputs*, with the inputs beside it.
+    """Return the motion that the model of *fit* predicts for *inputs*, together with the inputs.
 
     Parameters
     ----------
-    inputs : a run, of which the input channels are used; or input -> (stamps [s] (j,), values (j,)) in the units the
-        model was identified in, each held from its stamp to the next.
-    stamps : (n,) where the motion is required [s], ascending; ten a second from the first input to the last when None.
-    start : state -> value (SI, radians) at the first stamp; 0 for those not named, and of a run its first samples.
+    inputs : a run whose input channels are used; or input -> (stamps [s] (j,), values (j,)). The values are in the
+        units of the identification and are held until the next stamp.
+    stamps : (n,) ascending times [s] of the motion. None takes ten per second from the first input to the last.
+    start : state -> value (SI, radians) at the first stamp. The default is the first sample of a run, otherwise 0.
 
     Raises
     ------
     MissingChannel, UsageError
-        An input of the model is not there, or in another unit. NotInformative: the simulation diverges.
+        An input of the model is missing or in another unit.
+    NotInformative
+        The simulation diverges.
 
     Examples
     --------
@@ -92,14 +94,14 @@ def simulated(
 
 
 def _unit(fit: Fit[Model], model: ExtendedModel, name: str) -> str:
-    """Return the unit of an input as the fit knew it; empty when nobody said."""
+    """Return the unit of an input in the fit, or an empty text if it is unknown."""
     if isinstance(fit.model, SingleDof):
         return fit.model.input_unit
     return str(model.units.get(name) or (fit.extra.get("inputs") or {}).get(name, ""))
 
 
 def _channel(inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]], name: str, unit: str) -> Channel:
-    """Return one input, in the model's unit."""
+    """Return one input of the model, in the model's unit."""
     if isinstance(inputs, Trial):
         channel = inputs[name]
         if unit and channel.unit != unit:
@@ -116,6 +118,9 @@ def _channel(inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]], name: st
 
 
 def _held(channel: Channel, t: Array) -> Array:
-    """Return the value in force at each of *t* (the first one before the first stamp)."""
+    """Return the value in force at each of *t*.
+
+    Before the first stamp it is the first value.
+    """
     held: Array = channel.values[np.maximum(np.searchsorted(channel.t, t, side="right") - 1, 0)]
     return held

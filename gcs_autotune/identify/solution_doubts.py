@@ -1,4 +1,4 @@
-"""Reasons not to trust a maximum-likelihood solution, for any form, parameters and effects."""
+"""Collect reasons not to trust a maximum-likelihood solution, for any form and effects."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from gcs_autotune import chi_square
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.identify.axis.form import ExplicitForm
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import COLOUR, REVERSED_INPUT, poor_fit
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.free_numbers import label_of
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.result import Doubt, Parameter
-from gcs_autotune.identify.solution import Solution, fit_percents
-from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.solution import Solution, fit_percents
+from gcs_autotune.identify.result import Parameter
+from gcs_autotune.identify.signals.whiteness import autocorrelation
 from gcs_autotune.models import CoupledModel, Form
 from gcs_autotune.rounding import format_value
 from gcs_autotune.sname import DOFS
@@ -24,23 +24,24 @@ from gcs_autotune.sname import DOFS
 __all__ = ["effect_doubts", "reversed_input", "solution_doubts"]
 
 TOGETHER = 0.99
-"""Correlation of two estimates above which only a combination of them is known."""
+"""Correlation of two estimates above which only a combination of both is known."""
 
 FAR, OFTEN = 6.0, 0.005
-"""Standard deviations beyond which a sample is an outlier; fraction of outliers above which a doubt is raised."""
+"""Limits for outliers. FAR: standard deviations above which a sample is an outlier. OFTEN: fraction of outliers above
+which a doubt is raised."""
 
 SIGNIFICANCE = 0.01
-"""Probability of keeping an effect that does not exist."""
+"""Probability that the test keeps an effect that does not exist."""
 
 REVERSED = 2.0
-"""Standard errors below zero at which an input counts as reversed."""
+"""Standard errors below zero from which an input counts as reversed."""
 
 
 def solution_doubts(solution: Solution) -> list[Doubt]:
-    """Return the doubts about any solution, whatever its parameters mean.
+    """Return the doubts about any solution.
 
-    For the explicit numbers of one axis only the doubts that need no parameter names; ``doubts.collect`` returns the
-    rest.
+    For a solution in explicit parameters of one axis, doubts that need parameter names are left out.
+    :func:`.doubts.collect` returns those.
     """
     named = not isinstance(solution.form, ExplicitForm)
     asked = (
@@ -114,9 +115,9 @@ def _together(solution: Solution) -> Doubt | None:
 
 
 def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> Doubt | None:
-    """Return a doubt about gains ``k_*`` that are negative, that is, inputs with reversed labels, wiring or signs.
+    """Return a doubt about negative gains ``k_*``, which indicate reversed labels, wiring or signs of inputs.
 
-    The same holds for the inertia of a motion that an input drives with a known gain.
+    The same holds for a negative inertia of a motion that an input drives with a known gain.
     """
     names = [n for n in std if n.startswith("k_") and values[n] < -REVERSED * std[n]]
     if not names:
@@ -130,7 +131,10 @@ def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, fl
 
 
 def _is_backward(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> bool:
-    """Whether a degree of freedom that an input drives with a known gain has a negative inertia, surely."""
+    """Return whether a degree of freedom that an input drives with a known gain has a negative inertia.
+
+    The inertia must be below zero by :data:`REVERSED` standard errors.
+    """
     driven = {force for pairs in form.inputs.values() for force, gain in pairs if not isinstance(gain, str)}
     inertia = np.diag(CoupledModel(form, {n: values[n] for n in form.parameters}).inertia)
     for dof, own in zip(form.dofs, inertia.tolist(), strict=True):
@@ -153,7 +157,10 @@ def _coloured(solution: Solution) -> Doubt | None:
 
 
 def _outliers(solution: Solution) -> Doubt | None:
-    """Samples far off the rest, unless they already weigh less; of a rounding sensor, far beyond noise and step."""
+    """Return a doubt about samples far from the others, or None.
+
+    Signals with robust weights are skipped. For a rounding sensor the limit includes noise and resolution.
+    """
     share = 0.0
     for r in solution.rests:
         model, errors = solution.noise_models[r.signal], np.abs(r.judged[r.known])
@@ -174,8 +181,10 @@ def _outliers(solution: Solution) -> Doubt | None:
 def effect_doubts(
     problem: Problem, fitted: Fitted, parameters: Mapping[str, Parameter], correlation: float
 ) -> Iterator[Doubt]:
-    """Yield a doubt for every effect that the runs do not support: likelihood ratio, *correlation* samples counting as
-    one."""
+    """Yield a doubt for every effect that the runs do not support, by a likelihood ratio test.
+
+    correlation : number of samples that count as one independent sample.
+    """
     for own in fitted.effects:
         entry = EFFECTS[own.slug]
         others = tuple(e for e in fitted.effects if e is not own)
@@ -183,7 +192,7 @@ def effect_doubts(
         pays = math.inf if without is None else without.cost - fitted.cost
         numbers = max(len(entry.parameters), 1)
         if chi_square.exceeded_by_chance(max(pays, 0.0) / correlation, numbers) > SIGNIFICANCE:
-            known = ((n, v, parameters[label_of(own, n)].std) for n, v in own.values.items())
+            known = ((n, v, parameters[own.label_of(n)].std) for n, v in own.values.items())
             said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
             yield Doubt(
                 "effect-not-needed",

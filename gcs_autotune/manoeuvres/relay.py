@@ -22,7 +22,7 @@ from gcs_autotune.observer import Progress
 from gcs_autotune.sname import DOFS
 
 if TYPE_CHECKING:
-    from gcs_autotune.identify import LimitCycleMonitor
+    from gcs_autotune.identify.relay import LimitCycleMonitor
 
 __all__ = ["LEAST_REVERSALS", "Relay", "StopCriterion", "WallRelay"]
 
@@ -302,7 +302,7 @@ class Relay(Manoeuvre):
             self._criterion.begin()
 
     def _new_monitor(self) -> LimitCycleMonitor:
-        from gcs_autotune.identify import LimitCycleMonitor  # a second to import, which the table need not take
+        from gcs_autotune.identify.relay import LimitCycleMonitor  # a second to import, which the table need not take
 
         s = self._settings
         return LimitCycleMonitor(self._output, self._hysteresis, periods=s.periods, scatter=s.tolerance)

@@ -20,7 +20,7 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.sname import SIGNALS
 
 if TYPE_CHECKING:
-    from gcs_autotune.identify import LimitCycleMonitor
+    from gcs_autotune.identify.relay import LimitCycleMonitor
 
 __all__ = ["KIND", "SetPointRelay"]
 
@@ -186,7 +186,7 @@ class SetPointRelay(Manoeuvre):
 
 
 def _monitor(C: float, x_a: float) -> LimitCycleMonitor:
-    from gcs_autotune.identify import LimitCycleMonitor  # a second to import, which the table need not take
+    from gcs_autotune.identify.relay import LimitCycleMonitor  # a second to import, which the table need not take
 
     return LimitCycleMonitor(C, x_a, periods=PERIODS)
 

@@ -130,7 +130,7 @@ class Step(Manoeuvre):
 
     def __init__(self, settings: StepSettings, name: str = "step") -> None:
         super().__init__(name, signal=settings.signal, force=SIGNAL_FORCES[settings.signal])
-        from gcs_autotune.identify import quantum  # a second to import, which nobody waits for in flight
+        from gcs_autotune.sensor import quantum  # a second to import, which nobody waits for in flight
 
         self._settings = settings
         self._quantum = quantum

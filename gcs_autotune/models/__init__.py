@@ -1,4 +1,4 @@
-"""Equations of motion, as pure functions of state, input and parameters. Knows no files and no wire."""
+"""Equations of motion, as pure functions of state, input and parameters. The package uses no files and no network."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Nomoto's steering models, with their K and T.
 
-First order: ``T r_dot + r = K delta(t - delay)``, Miskovic2010, eq. (4.50); second order:
-``T_1 T_2 r_ddot + (T_1 + T_2) r_dot + r = K (delta + T_3 delta_dot)`` (Nomoto1957; Miskovic2010 stays with the first),
-which sway makes out of the first. Any velocity and input may stand for ``r`` and ``delta``.
+The first-order model is ``T r_dot + r = K delta(t - delay)`` (Miskovic2010, eq. (4.50)). The second-order model is
+``T_1 T_2 r_ddot + (T_1 + T_2) r_dot + r = K (delta + T_3 delta_dot)`` (Nomoto1957; Miskovic2010 uses the first only).
+It includes the effect of sway. Any velocity and input may take the place of ``r`` and ``delta``.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ __all__ = ["Nomoto1", "Nomoto2"]
 class Nomoto1:
     """``K exp(-s delay) / (T s + 1)`` from input to velocity.
 
-    ``K`` [velocity unit per input unit], ``T`` [s], ``delay`` [s]. Both negative: a craft unstable on its course,
-    which turns against a held rudder at first.
+    ``K`` [velocity unit per input unit], ``T`` [s], ``delay`` [s]. If both K and T are negative, the craft is unstable
+    on its course and at first turns against a held rudder.
     """
 
     K: float
@@ -37,9 +37,8 @@ class Nomoto1:
     def from_single_dof(cls, model: SingleDof, amplitude: float = 0.0) -> Nomoto1:
         """Return ``K = 1/beta`` and ``T = alpha/beta`` of *model*.
 
-        amplitude : of the velocity [rad/s or m/s] at which quadratic drag is linearised, Miskovic2010 (6.43). Drag
-        that is
-        zero there gives an infinite K and T.
+        amplitude : velocity [rad/s or m/s] at which quadratic drag is linearised (Miskovic2010 (6.43)). If drag is zero
+        there, K and T are infinite.
         """
         beta = model.equivalent_drag(amplitude)
         if beta == 0.0:
@@ -47,7 +46,8 @@ class Nomoto1:
         return cls(1.0 / beta, model.alpha / beta, model.delay)
 
     def transfer_function(self) -> TransferFunction:
-        """Return the ratio of polynomials; ``.to_control()`` for the ``control`` library."""
+        """Return the transfer function as a ratio of polynomials; ``.to_control()`` converts it for the ``control``
+        library."""
         return TransferFunction((self.K,), (1.0, self.T), 0, self.delay)
 
     def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
@@ -60,7 +60,7 @@ class Nomoto1:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Nomoto1:
-        """Rebuild from :meth:`to_dict`."""
+        """Rebuild a model from the data of :meth:`to_dict`."""
         return cls(float(data["K"]), float(data["T"]), float(data["delay"]))
 
 
@@ -82,7 +82,8 @@ class Nomoto2:
         return Nomoto1(self.K, self.T_1 + self.T_2 - self.T_3, self.delay)
 
     def transfer_function(self) -> TransferFunction:
-        """Return the ratio of polynomials; ``.to_control()`` for the ``control`` library."""
+        """Return the transfer function as a ratio of polynomials; ``.to_control()`` converts it for the ``control``
+        library."""
         denominator = (1.0, self.T_1 + self.T_2, self.T_1 * self.T_2)
         return TransferFunction((self.K, self.K * self.T_3), denominator, 0, self.delay)
 
@@ -97,5 +98,5 @@ class Nomoto2:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Nomoto2:
-        """Rebuild from :meth:`to_dict`."""
+        """Rebuild a model from the data of :meth:`to_dict`."""
         return cls(*(float(data[k]) for k in ("K", "T_1", "T_2", "T_3", "delay")))

@@ -1,12 +1,12 @@
 """Exact simulation of :class:`SingleDof` under a held input, with sensitivities to every parameter.
 
-Between two jumps of the input the motion ``nu_dot = F - a*nu - c*|nu|*nu`` is a polynomial differential
-equation on either side of ``nu = 0``, so its Taylor coefficients follow from a short recursion. A step is
-one Taylor polynomial of degree :data:`DEGREE`, of less where it is short, over at most :data:`REACH` of the fastest
-time constant, and ends exactly at an input jump, an output stamp, or where the velocity changes sign: the error stays
-near rounding (below 1e-11 relative), whatever the sampling.
+Between two jumps of the input, the motion ``nu_dot = F - a*nu - c*|nu|*nu`` is a polynomial differential equation on
+either side of ``nu = 0``. Its Taylor coefficients follow from a short recursion. A step is one Taylor polynomial of
+degree :data:`DEGREE`, or less if the step is short. It covers at most :data:`REACH` of the fastest time constant. It
+ends exactly at an input jump, an output stamp, or a change of sign of the velocity. The error stays near rounding
+(below 1e-11 relative) for any sampling.
 
-Parameters here are those of the explicit form ``nu_dot = b*tau(t - delay) - a*nu - c*|nu|*nu + d``, i.e.
+Parameters here are those of the explicit form ``nu_dot = b*tau(t - delay) - a*nu - c*|nu|*nu + d``. They correspond to
 ``alpha = 1/b, beta = a/b, beta_quadratic = c/b, delta = d/b`` of Miskovic2010, eq. (6.33)-(6.34).
 """
 
@@ -30,13 +30,13 @@ COLUMNS = ("b", "a", "c", "d", "delay", "eta_0", "nu_0")
 """Order of the sensitivities' columns."""
 
 DEGREE = 12
-"""Highest degree of the Taylor polynomials. Chosen: with REACH it leaves 0.13**13 = 3e-12 of a step's change."""
+"""Highest degree of the Taylor polynomials; with REACH the error is 0.13**13 = 3e-12 of a step's change."""
 
 REACH = 0.2
-"""Longest step as a fraction of the fastest time constant; the solution's poles are 8 times further off."""
+"""Longest step as a fraction of the fastest time constant; the solution's poles are 8 times farther away."""
 
 LEFT = math.log(0.13) * (DEGREE + 1)
-"""Logarithm of what is left; a shorter step, so much smaller than REACH, leaves no more with fewer terms."""
+"""Logarithm of the truncation error; a shorter step needs fewer terms for the same error."""
 
 RUNAWAY = 1e9
 """Velocity at which a simulation with destabilising drag is abandoned."""
@@ -49,8 +49,8 @@ STEPS_PER_SAMPLE = 500
 class SimulatedMotion:
     """A simulated run at the requested timestamps.
 
-    ``eta``, ``nu`` : (n,) position [rad or m] and velocity. ``eta_by``, ``nu_by`` : (n, 7) their derivatives
-    by :data:`COLUMNS`. ``finite`` is False if the simulation diverged; the arrays then hold NaN.
+    ``eta``, ``nu`` : (n,) position [rad or m] and velocity. ``eta_by``, ``nu_by`` : (n, 7) their derivatives by
+    :data:`COLUMNS`. ``finite`` is False if the simulation diverged; the arrays then contain NaN.
     """
 
     eta: Array
@@ -63,8 +63,8 @@ class SimulatedMotion:
 def _series(a: float, c: float, force: float, nu: float, side: float, degree: int, w: Array) -> None:
     """Fill ``w`` (5, DEGREE + 1) with Taylor coefficients up to *degree* on one side of ``nu = 0``.
 
-    Rows: velocity, homogeneous sensitivity, and the particular ones to ``d``, ``a``, ``c``, whose first coefficients
-    are left at the zeros that they come with.
+    Rows: velocity, homogeneous sensitivity, and the particular sensitivities to ``d``, ``a``, ``c``. The first
+    coefficients of the latter must be zero on entry and stay zero.
     """
     w[0, 0], w[1, 0] = nu, 1.0
     k2 = 2.0 * side * c
@@ -87,7 +87,10 @@ def _series(a: float, c: float, force: float, nu: float, side: float, degree: in
 
 
 def _value(series: Array, h: float, degree: int) -> float:
-    """Evaluate one row of ``w`` at *h*. (A row, not its number: numba compiles anew for every literal number.)"""
+    """Evaluate one row of ``w`` at *h*.
+
+    The row itself is passed, because numba compiles again for every literal row number.
+    """
     total = series[degree]
     for n in range(degree - 1, -1, -1):
         total = total * h + series[n]
@@ -103,7 +106,7 @@ def _area(series: Array, h: float, degree: int) -> float:
 
 
 def _crossing(w: Array, h: float, side: float, degree: int) -> float:
-    """Return where in (0, h] the velocity, monotone there, passes zero (bisection: robust and rare)."""
+    """Return the time in (0, h] at which the velocity, which is monotone there, crosses zero, by bisection."""
     low, high = 0.0, h
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -150,9 +153,9 @@ def _step(x: Array, p: Array, tau: float, rest: float, w: Array, by_nu: Array, b
 def _sweep(
     p: Array, t_in: Array, u_in: Array, t_out: Array, eta: Array, nu: Array, eta_by: Array, nu_by: Array, w: Array
 ) -> bool:
-    """Run ``p`` = (b, a, c, d, delay, eta_0, nu_0) from ``t_out[0]`` on; False when it ran away.
+    """Simulate ``p`` = (b, a, c, d, delay, eta_0, nu_0) from ``t_out[0]`` on; return False if the motion diverged.
 
-    ``w`` (8, DEGREE + 1) zeros to work in: allocating is the longest thing to compile.
+    ``w`` (8, DEGREE + 1) is a work array of zeros, because allocation takes longest to compile.
     """
     x, by_eta, by_nu = w[5, :2], w[6, :7], w[7, :7]
     x[0], x[1] = p[5], p[6]
@@ -209,7 +212,7 @@ def simulate(
 
 
 def simulate_explicit(p: tuple[float, ...] | Array, t_in: Array, tau: Array, t_out: Array) -> SimulatedMotion:
-    """Simulate the explicit form; *p* holds the seven numbers of :data:`COLUMNS`, ``delay >= 0``."""
+    """Simulate the explicit form; *p* contains the seven numbers of :data:`COLUMNS`, with ``delay >= 0``."""
     n = len(t_out)
     eta, nu, eta_by, nu_by = np.empty(n), np.empty(n), np.empty((n, 7)), np.empty((n, 7))
     as_floats = np.ascontiguousarray

@@ -1,7 +1,7 @@
-"""One degree of freedom: the model the whole first flight rests on.
+"""The model of one degree of freedom, on which the first flight is based.
 
-``alpha * nu_dot + (beta + beta_quadratic*|nu|) * nu = tau(t - delay) + delta``, ``eta_dot = nu``
-(Miskovic2010, eq. (6.33)-(6.35); signs in :mod:`gcs_autotune.sname`).
+``alpha * nu_dot + (beta + beta_quadratic*|nu|) * nu = tau(t - delay) + delta``, ``eta_dot = nu`` (Miskovic2010, eq.
+(6.33)-(6.35); signs in :mod:`gcs_autotune.sname`).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class SingleDof:
-    """Identified motion of one degree of freedom.
+    """Identified model of one degree of freedom.
 
-    ``input_unit`` is ``N m``, ``N``, ``rad`` (rudder) or ``1`` (fraction of full output); the other units
-    follow from it, see ``Dof.parameter_units``. ``delay`` [s] is between input and force.
+    ``input_unit`` is ``N m``, ``N``, ``rad`` (rudder) or ``1`` (fraction of full output); the other units follow from
+    it, see ``Dof.parameter_units``. ``delay`` [s] is between input and force.
     """
 
     dof: str
@@ -42,7 +42,8 @@ class SingleDof:
         return DOFS[self.dof]
 
     def steady_velocity(self, tau: float) -> float:
-        """Return the velocity [rad/s or m/s] at which drag balances ``tau + delta``; Miskovic2010, eq. (7.4), (7.6)."""
+        """Return the velocity [rad/s or m/s] at which drag balances ``tau + delta`` (Miskovic2010, eq. (7.4),
+        (7.6))."""
         sign = math.copysign(1.0, self.alpha)
         force, b, c = sign * (tau + self.delta), sign * self.beta, sign * self.beta_quadratic
         if c == 0.0:
@@ -50,10 +51,12 @@ class SingleDof:
         return math.copysign((-b + math.sqrt(b * b + 4.0 * c * abs(force))) / (2.0 * c), force)
 
     def rise_time(self, tau: float, share: float) -> float:
-        """Return the seconds from rest to *share* of the steady velocity under *tau*, ``delta`` and ``delay`` left out.
+        """Return the time [s] from rest to *share* of the steady velocity under *tau*, without ``delta`` and
+        ``delay``.
 
-        Of linear drag ``alpha / beta`` after ``share = 1 - 1/e``, of quadratic ``alpha / sqrt(beta_nn |tau|)`` after
-        ``tanh(1)``: Miskovic2010, (7.8), (7.10). NaN where there is no steady velocity.
+        For linear drag it is ``alpha / beta`` at ``share = 1 - 1/e``. For quadratic drag it is
+        ``alpha / sqrt(beta_nn |tau|)`` at ``tanh(1)`` (Miskovic2010, (7.8), (7.10)). It is NaN if there is no steady
+        velocity.
         """
         sign = math.copysign(1.0, self.alpha)
         b, c = sign * self.beta, sign * self.beta_quadratic
@@ -63,7 +66,7 @@ class SingleDof:
         return 2.0 * abs(self.alpha) / rate * math.atanh(share * rate / (rate + b - share * b))
 
     def equivalent_drag(self, amplitude: float) -> float:
-        """Return the constant drag that loses the same first harmonic at velocity *amplitude*; (6.43)."""
+        """Return the constant drag with the same first harmonic at velocity *amplitude* (Miskovic2010 (6.43))."""
         return self.beta + 8.0 / (3.0 * math.pi) * self.beta_quadratic * abs(amplitude)
 
     def to_dict(self) -> dict[str, Any]:
@@ -82,17 +85,17 @@ class SingleDof:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> SingleDof:
-        """Rebuild from :meth:`to_dict`.
+        """Rebuild a model from the data of :meth:`to_dict`.
 
         Raises
         ------
         BadFile
-            Something is missing, of the wrong kind, or a number out of range.
+            Something is missing, of the wrong kind, or a number is out of range.
         """
         return cls.of_data(conformed(data, SingleDofData, "model"))
 
     @classmethod
     def of_data(cls, told: SingleDofData) -> SingleDof:
-        """Return the model that a file holds."""
+        """Return the model that a file contains."""
         numbers = (told.alpha, told.beta, told.beta_quadratic, told.delta, told.delay)
         return cls(told.dof, told.input_unit, *numbers)

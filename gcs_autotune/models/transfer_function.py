@@ -17,7 +17,11 @@ __all__ = ["TransferFunction"]
 
 @dataclass(frozen=True, slots=True)
 class TransferFunction:
-    """``numerator`` b_0..b_m, ``denominator`` a_0..a_n (rising, Miskovic2010 (6.7)), *integrators*, *delay* [s]."""
+    """A transfer function with integrators and delay.
+
+    ``numerator``: b_0..b_m. ``denominator``: a_0..a_n, both in rising powers of s (Miskovic2010 (6.7)).
+    ``integrators``: their number. ``delay``: [s].
+    """
 
     numerator: tuple[float, ...]
     denominator: tuple[float, ...]
@@ -25,14 +29,14 @@ class TransferFunction:
     delay: float = 0.0
 
     def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """Return G(j omega) at *omega* [rad/s], any shape."""
+        """Return the frequency response G(j omega) at *omega* [rad/s], any shape."""
         s = 1j * np.asarray(omega, dtype=np.float64)
         rational = np.polyval(self.numerator[::-1], s) / np.polyval(self.denominator[::-1], s)
         value: NDArray[np.complex128] = rational * np.exp(-s * self.delay) / s**self.integrators
         return value
 
     def poles(self) -> NDArray[np.complex128]:
-        """Return the poles [rad/s], those of the integrators at the end."""
+        """Return the poles [rad/s], with those of the integrators at the end."""
         found = np.roots(self.denominator[::-1]).astype(np.complex128)
         return np.concatenate([found, np.zeros(self.integrators, dtype=np.complex128)])
 
@@ -41,7 +45,10 @@ class TransferFunction:
         return np.roots(self.numerator[::-1]).astype(np.complex128)
 
     def to_control(self, pade: int = 0) -> control.TransferFunction:
-        """Return it for the ``control`` library; the delay as a Pade approximation of that order, 0 leaves it out."""
+        """Return the transfer function for the ``control`` library.
+
+        The delay is a Pade approximation of that order; 0 omits it.
+        """
         import control
 
         denominator = [*self.denominator[::-1], *[0.0] * self.integrators]
@@ -61,6 +68,6 @@ class TransferFunction:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TransferFunction:
-        """Rebuild from :meth:`to_dict`."""
+        """Rebuild a transfer function from the data of :meth:`to_dict`."""
         b, a = (tuple(float(v) for v in data[k]) for k in ("numerator", "denominator"))
         return cls(b, a, int(data["integrators"]), float(data["delay"]))

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from gcs_autotune.identify import CONTRADICTION, Agreement, PlanResult
+from gcs_autotune.identify import CONTRADICTION
+from gcs_autotune.identify.plan import Agreement, PlanResult
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, bullets
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,

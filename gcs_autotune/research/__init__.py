@@ -1,8 +1,8 @@
-"""Published methods reproduced: held by tests and by ``benchmarks.published``, needed by no command.
+"""Reproductions of published methods, checked by tests and by ``benchmarks.published``; no command uses them.
 
 ================  ==========================================================================================
-correlation       which terms a model needs, by correlation (Miskovic2007, III)
-parameter_tables  a table of identified parameters, a row per experiment: do they describe one craft?
+correlation       selection of model terms by correlation (Miskovic2007, III)
+parameter_tables  test whether a table of identified parameters, one row per experiment, describes one craft
 laser             distance to a surface from two laser dots (Miskovic2010, 3.4)
 twin_thrusters    surge force and yaw moment of two thrusters to commands and back (ZhaoUSV)
 ================  ==========================================================================================

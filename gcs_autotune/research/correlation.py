@@ -1,8 +1,8 @@
-"""Which terms a model needs, by correlation (Miskovic2007, III).
+"""Select the terms of a model by correlation (Miskovic2007, III).
 
-The correlation coefficient at zero lag between the velocity observed in a degree of freedom and every other factor of
-its equation. The factors are the form's own regressors: with ``x_G`` free, yaw's are ``v_dot + ur`` and so on, as the
-paper lists them. A term that acts does so in every run with the same sign, so the mean over runs decides.
+The method uses the correlation coefficient at zero lag between the velocity of a degree of freedom and every other
+factor of its equation. The factors are the form's own regressors. With ``x_G`` free, those of yaw are ``v_dot + ur``
+and so on, as in the paper. A term with an effect has the same sign in every run, so the mean over runs decides.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import NU, GriddedMotion, Segment, drives_of, motion_of, prepare_form
+from gcs_autotune.identify.regression import NU, GriddedMotion, drives_of, motion_of
+from gcs_autotune.identify.signals import Segment, prepare_form
 from gcs_autotune.models import RIGID_BODY, SPECIAL, Form, force_columns, inertia_columns, inertia_of, program_of
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
@@ -24,18 +25,18 @@ __all__ = ["INPUT", "Correlation", "correlations", "structure_by_correlation"]
 Array = NDArray[np.float64]
 
 INPUT = "input"
-"""Name of the force of all inputs with known gain."""
+"""Name of the total force of all inputs with known gain."""
 
 THRESHOLD = 0.5
-"""Mean correlation from which a term is kept: it then explains a quarter of the motion by itself."""
+"""Mean correlation above which a term is kept; it then explains a quarter of the motion by itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """How one factor goes with one degree of freedom.
+    """Correlation of one factor with one degree of freedom.
 
-    ``term`` the parameter (or ``INPUT``) it belongs to; ``velocity`` and ``acceleration``: mean over the runs of its
-    correlation with the observed velocity and acceleration; ``scatter`` the standard deviation of the former.
+    ``term``: the parameter (or ``INPUT``) of the factor. ``velocity`` and ``acceleration``: mean over the runs of its
+    correlation with the observed velocity and acceleration. ``scatter``: the standard deviation of the former.
     """
 
     dof: str
@@ -48,7 +49,7 @@ class Correlation:
 def correlations(
     runs: Trial | Sequence[Trial], form: Form, *, use: Sequence[str] | None = None, derivative: str = "smoothing"
 ) -> tuple[Correlation, ...]:
-    """Return the table for every degree of freedom of *form* and every factor that varies in its equation.
+    """Return the correlations of every degree of freedom of *form* with every factor that varies in its equation.
 
     Raises
     ------
@@ -86,7 +87,7 @@ def _of_record(record: Segment, form: Form, motion: GriddedMotion) -> dict[tuple
 
 
 def _own(name: str, row: int) -> bool:
-    """Return whether *name* is the inertia or the drag of this very degree of freedom."""
+    """Return whether *name* is the inertia or the drag of this degree of freedom."""
     inertia = inertia_of(name) if name not in RIGID_BODY and name != INPUT else None
     if inertia is not None:
         return inertia.row == inertia.column == row
@@ -104,9 +105,9 @@ def _together(a: Array, b: Array) -> float:
 
 
 def structure_by_correlation(form: Form, table: Sequence[Correlation], threshold: float = THRESHOLD) -> Form:
-    """Return *form* without the free terms whose correlation stays under *threshold* in every equation.
+    """Return *form* without the free terms whose correlation is below *threshold* in every equation.
 
-    Inertia and drag of each degree of freedom, forces of constants and known parameters stay.
+    Inertia and drag of each degree of freedom, constant forces and known parameters are kept.
     """
     best: dict[str, float] = {}
     for line in table:
@@ -117,5 +118,5 @@ def structure_by_correlation(form: Form, table: Sequence[Correlation], threshold
 
 
 def _gain(form: Form, name: str) -> bool:
-    """Return whether *name* is the gain of an input, without which the form would not stand."""
+    """Return whether *name* is the gain of an input, which the form cannot do without."""
     return any(isinstance(g, str) and g.lstrip("-") == name for pairs in form.inputs.values() for _, g in pairs)

@@ -1,7 +1,7 @@
-"""Distance to a flat surface from two laser dots in a camera picture, Miskovic2010, 3.4.
+"""Distance to a flat surface from two laser dots in a camera picture (Miskovic2010, 3.4).
 
-Each dot's distance from the picture's centre tells how far its beam went: ``L = a exp(b x) + c exp(d x)`` (3.9). The
-two together give the craft's distance (3.8) and its angle to the surface.
+The distance of each dot from the picture's centre gives the length of its beam: ``L = a exp(b x) + c exp(d x)`` (3.9).
+The two lengths give the craft's distance (3.8) and its angle to the surface.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ class LaserCurve:
     d: float
 
     def length(self, pixels: ArrayLike) -> Array:
-        """Return the beam's length, Miskovic2010, eq. (3.9), at *pixels* from the picture's centre, any shape."""
+        """Return the beam's length at *pixels* from the picture's centre, any shape (Miskovic2010, eq. (3.9))."""
         x = np.asarray(pixels, dtype=np.float64)
         value: Array = self.a * np.exp(self.b * x) + self.c * np.exp(self.d * x)
         return value
 
     def pixels(self, length: float) -> float:
-        """Return where the dot of a beam of that *length* lies; the curve falls, so there is one answer.
+        """Return the position of the dot of a beam of that *length*; it is unique, because the curve falls.
 
         Raises
         ------
         NotInformative
-            A length of 0 or less, or one beyond the picture's centre.
+            A length of 0 or less, or a length beyond the picture's centre.
         """
         if not 0.0 < length <= float(self.length(0.0)):
             raise NotInformative(
@@ -55,9 +55,9 @@ class LaserCurve:
 
 
 def calibrate(pixels: Sequence[float] | Array, lengths: Sequence[float] | Array) -> LaserCurve:
-    """Fit the curve to pairs measured square to a surface.
+    """Fit the curve to pairs measured at right angles to a surface.
 
-    *lengths* are fitted as they are, not their logarithms, as the errors of a tape measure ask for.
+    The *lengths* themselves are fitted, not their logarithms, because a tape measure has constant errors.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def calibrate(pixels: Sequence[float] | Array, lengths: Sequence[float] | Array)
 
 
 def _fit(x: Array, y: Array, b: float, d: float) -> tuple[LaserCurve, float]:
-    """Search over the two rates; the two amplitudes of given rates are linear."""
+    """Search over the two rates; for given rates the two amplitudes follow from linear least squares."""
 
     def amplitudes(rates: Array) -> tuple[Array, Array]:
         table = np.exp(np.outer(x, rates))
@@ -93,14 +93,15 @@ def _fit(x: Array, y: Array, b: float, d: float) -> tuple[LaserCurve, float]:
 
 
 def distance_to_surface(left: float, right: float) -> float:
-    """Return the distance of the craft from the beams' lengths, Miskovic2010, eq. (3.8)."""
+    """Return the distance of the craft from the beams' lengths (Miskovic2010, eq. (3.8))."""
     return 0.5 * (left + right)
 
 
 def angle_to_surface(left: float, right: float, apart: float) -> float:
-    """Return the angle [rad] between heading and the surface's normal, 0 when square to it.
+    """Return the angle [rad] between the heading and the surface's normal; it is 0 at right angles to the surface.
 
-    Miskovic2010, eq. (3.7) prints the complement, 90 deg when square to it; the controller and (2.43) take 0 for that.
+    Miskovic2010, eq. (3.7) prints the complement, 90 deg at right angles to the surface; the controller and (2.43) use
+    0 for that.
 
     Parameters
     ----------

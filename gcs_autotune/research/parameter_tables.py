@@ -1,9 +1,11 @@
-"""Tables of identified parameters, a row per experiment: do they describe one craft, and if not, what is in the way?
+"""Test whether a table of identified parameters, one row per experiment, describes one craft.
 
-A craft has one inertia and one drag law, whatever was commanded. Where rows contradict each other the pattern tells the
-kind of cause: inertia and drag off alike are a thrust that is not what it was said to be (both are force over motion),
-inertia alone is another load or a slow actuator, drag alone another drag law. All tests are of logarithms (differences
-are shares); rows at one input are a group; what the scatter hides is told as "cannot tell".
+A craft has one inertia and one drag law, whatever was commanded. If rows contradict each other, the pattern indicates
+the kind of cause. Equal deviations of inertia and drag indicate a thrust other than stated, because both are force over
+motion. Inertia alone indicates another load or a slow actuator. Drag alone indicates another drag law.
+
+All tests use logarithms, so that differences are relative. Rows at one input are a group. A difference that the scatter
+may hide is reported as "cannot tell".
 """
 
 from __future__ import annotations
@@ -30,11 +32,14 @@ __all__ = [
 ]
 
 ALIKE = 0.5
-"""Shares are alike when the smaller is at least this part of the larger, and of one sign."""
+"""Ratio of the smaller to the larger deviation above which two deviations of equal sign count as equal."""
 
 
 def reading_of_level(shares: Mapping[str, float], answers: Mapping[str, str], *, smallest: bool) -> str:
-    """Return what it means that *shares* of inertia and drag are off at one input level."""
+    """Return the interpretation of deviations of inertia and drag at one input level.
+
+    shares : relative deviation of each quantity.
+    """
     off = [n for n, a in answers.items() if a == "yes"]
     if not off:
         hidden = [n for n, a in answers.items() if a == "cannot tell"]
@@ -60,7 +65,7 @@ def reading_of_level(shares: Mapping[str, float], answers: Mapping[str, str], *,
 
 
 def reading_of_sign(shares: Mapping[str, float], answers: Mapping[str, str]) -> str:
-    """Return what a dependence on the input's sign means."""
+    """Return the interpretation of a dependence on the input's sign."""
     off = [n for n, a in answers.items() if a == "yes"]
     if not off:
         return "no significant asymmetry in these pairs"
@@ -73,7 +78,7 @@ def reading_of_sign(shares: Mapping[str, float], answers: Mapping[str, str]) -> 
 
 
 def reading_of_order(order: float, half: float) -> str:
-    """Return what the exponent of rate in the drag force means."""
+    """Return the interpretation of the exponent of rate in the drag force."""
     told = f"the drag force goes as rate to the power {order:.2f} +- {half:.2f}: "
     if abs(order - 2.0) <= half and abs(order - 1.0) <= half:
         return told + "linear or quadratic: these rows do not distinguish them"
@@ -87,7 +92,7 @@ def reading_of_order(order: float, half: float) -> str:
 
 
 def reading_of_trend(slopes: Mapping[str, float], answers: Mapping[str, str]) -> str:
-    """Return what it means that inertia or drag go with the size of the input."""
+    """Return the interpretation of a dependence of inertia or drag on the size of the input."""
     off = [n for n, a in answers.items() if a == "yes"]
     if not off:
         return "no significant trend over these levels"
@@ -110,25 +115,25 @@ Array = NDArray[np.float64]
 Answer = Literal["yes", "no", "cannot tell"]
 
 LEAST = 4
-"""Fewest rows of a table that anything is said about."""
+"""Minimum number of rows of a table."""
 
 SURE = 0.01
-"""Chance of calling something off that is not, over all levels (or rows) of one question."""
+"""False-alarm probability of one question, over all its levels (or rows)."""
 
 POOLED = 0.25
-"""Chance above which levels count as differing by no more than their rows do (Bancroft1964, sometimes-pooling)."""
+"""p-value above which levels count as not differing more than their rows do (Bancroft1964, sometimes-pooling)."""
 
 MATTERS = 0.1
-"""Share below which a difference that could still be there would not matter: then the answer is "no"."""
+"""Relative difference that does not matter; if the possible difference is smaller, the answer is "no"."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterTable:
-    """What was identified, a row per experiment.
+    """Identified parameters, one row per experiment.
 
-    level : (n,) input, its sign where it has one. inertia, drag : (n,) in any unit; ``drag`` is that of the law the
-    table assumes (usually quadratic). rate : (n,) a typical rate of turn or speed, and linear_drag : (n,) the
-    equivalent linear drag there; both for the order of the drag law.
+    level : (n,) input, with its sign if it has one. inertia, drag : (n,) in any unit; ``drag`` is that of the assumed
+    law (usually quadratic). rate : (n,) a typical rate of turn or speed. linear_drag : (n,) the equivalent linear drag
+    at that rate; both serve to find the order of the drag law.
     """
 
     name: str
@@ -140,7 +145,7 @@ class ParameterTable:
 
     @property
     def quantities(self) -> Mapping[str, Array]:
-        """What should be constant."""
+        """The quantities that should be constant."""
         return {"inertia": self.inertia, "drag": self.drag}
 
 
@@ -148,8 +153,9 @@ class ParameterTable:
 class TableFinding:
     """The answer to one question about a table.
 
-    ``share`` how much more the quantity is there than elsewhere (0.2: 20 %; of ``drag-order`` the exponent of rate in
-    the drag force), ``ci95`` its interval, ``p`` the chance of so much by scatter alone (over all levels tried).
+    ``share``: relative difference of the quantity there from elsewhere (0.2: 20 %); for ``drag-order`` the exponent of
+    rate in the drag force. ``ci95``: its interval. ``p``: probability of such a difference by scatter alone (over all
+    levels tried).
     """
 
     question: str
@@ -163,7 +169,9 @@ class TableFinding:
 
 
 def diagnose_table(table: ParameterTable) -> tuple[TableFinding, ...]:
-    """Ask a table whether its rows are of one craft: each level, the smallest input, the sign, single rows, drag law.
+    """Test whether the rows of a table describe one craft.
+
+    The questions are each level, the smallest input, the sign, single rows, and the drag law.
 
     Raises
     ------
@@ -181,7 +189,10 @@ def diagnose_table(table: ParameterTable) -> tuple[TableFinding, ...]:
 
 
 def _levels(table: ParameterTable) -> Iterator[TableFinding]:
-    """Yield for every input level how far it is from the others, the smallest first; what departs spoils no mean."""
+    """Yield the deviation of every input level from the others, the smallest level first.
+
+    Levels that deviate are excluded from the mean of the others.
+    """
     size = np.abs(table.level)
     levels = np.unique(size).tolist()
     if len(levels) < 3:
@@ -207,7 +218,10 @@ def _levels(table: ParameterTable) -> Iterator[TableFinding]:
 
 
 def _departing(y: Array, size: Array) -> set[float]:
-    """Return the levels that depart from all others, the clearest first, each judged without those before it."""
+    """Return the levels that deviate from all others, the most significant first.
+
+    Each is judged without the levels before it.
+    """
     found: set[float] = set()
     tried = len(np.unique(size))
     while len(np.unique(size)) > 3:
@@ -222,7 +236,7 @@ def _departing(y: Array, size: Array) -> set[float]:
 
 
 def _trend(table: ParameterTable, kept: Mapping[str, NDArray[np.bool_]]) -> Iterator[TableFinding]:
-    """Yield how the level means go with the input: the share by which doubling it changes them."""
+    """Yield the trend of the level means: their relative change if the input doubles."""
     size = np.abs(table.level)
     found = {}
     for name, values in table.quantities.items():
@@ -239,9 +253,9 @@ def _trend(table: ParameterTable, kept: Mapping[str, NDArray[np.bool_]]) -> Iter
 
 
 def _apart(y: Array, size: Array, level: float) -> tuple[float, float, float]:
-    """Return how far the mean at one level is from the others' mean, half its 95 % interval, and its probability.
+    """Return the deviation of one level's mean from the others' mean, half its 95 % interval, and its p-value.
 
-    The variance has two parts: rows about their level's mean, and levels (but this one) about theirs.
+    The variance has two parts: that of rows about their level's mean, and that of the other levels about their mean.
     """
     others = [y[size == s] for s in np.unique(size) if s != level]
     own = y[size == level]
@@ -266,7 +280,7 @@ def _apart(y: Array, size: Array, level: float) -> tuple[float, float, float]:
 
 
 def _t(off: float, variance: float, freedom: int) -> tuple[float, float]:
-    """Return half the 95 % interval of a mean and the probability that it is zero."""
+    """Return half the 95 % interval of a mean, and the p-value of a mean of zero."""
     if freedom < 1 or variance <= 0.0:
         return math.inf, 1.0
     s = math.sqrt(variance)
@@ -287,7 +301,7 @@ def _finding(
 
 
 def _sign(table: ParameterTable) -> Iterator[TableFinding]:
-    """Yield how positive inputs differ from negative ones of the same size."""
+    """Yield the difference between positive and negative inputs of the same size."""
     size = np.abs(table.level)
     both = [s for s in np.unique(size) if np.any(table.level == s) and np.any(table.level == -s) and s > 0.0]
     if len(both) < 3:
@@ -305,7 +319,7 @@ def _sign(table: ParameterTable) -> Iterator[TableFinding]:
 
 
 def _rows(table: ParameterTable) -> Iterator[TableFinding]:
-    """Yield rows that contradict all others of their level: deleted studentised residuals."""
+    """Yield rows that contradict all others of their level (deleted studentised residuals)."""
     size = np.abs(table.level)
     for name, values in table.quantities.items():
         y = np.log(values)
@@ -325,7 +339,7 @@ def _rows(table: ParameterTable) -> Iterator[TableFinding]:
 
 
 def _order(table: ParameterTable) -> Iterator[TableFinding]:
-    """Yield the power of rate that the drag force goes with: 1 plus that of the equivalent linear drag."""
+    """Yield the exponent of rate in the drag force: 1 plus that of the equivalent linear drag."""
     if table.rate is None or table.linear_drag is None or np.ptp(np.log(table.rate)) < math.log(1.3):
         return
     fit = scipy_stats().linregress(np.log(table.rate), np.log(table.linear_drag))

@@ -1,4 +1,4 @@
-"""Two equal thrusters side by side: surge force and yaw moment to commands and back (ZhaoUSV, (6)-(7))."""
+"""Two equal thrusters side by side: convert surge force and yaw moment to commands and back (ZhaoUSV, (6)-(7))."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["TwinCommand", "TwinThrusters"]
 
 @dataclass(frozen=True, slots=True)
 class TwinCommand:
-    """Commands of both thrusters, and the surge force [N] and yaw moment [N m] they give."""
+    """Commands of both thrusters, with the resulting surge force [N] and yaw moment [N m]."""
 
     port: float
     starboard: float
@@ -41,8 +41,8 @@ class TwinThrusters:
     def commands(self, X: float, N: float) -> TwinCommand:
         """Return the commands for *X* [N] and *N* [N m].
 
-        Out of reach, the moment comes first: a craft that steers can still be saved. The moment is kept as far as the
-        thrusters reach, then the force nearest to *X* that goes with it.
+        Outside the range, the moment has priority, because a craft that steers can still be saved. The moment is kept
+        as far as the thrusters permit, and then the nearest possible force to *X* is used.
         """
         (a, b), (c, d) = self.port.limits, self.starboard.limits
         half = N / self.B

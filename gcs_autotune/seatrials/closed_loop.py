@@ -1,8 +1,8 @@
-"""The closed loop of heading, depth or speed as it is flown: natural frequency and damping by relays on its set-point.
+"""Natural frequency and damping of the flown heading, depth or speed loop, from relays on its set-point.
 
-Two relays of different size give (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1) from commanded heading to heading
-(Miskovic2010, (6.49), (6.52)), or of depth or speed, here by a fit to the whole record that begins at two harmonics of
-each period.
+Two relays of different size give (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1) from commanded to actual heading
+(Miskovic2010, (6.49), (6.52)), or from commanded to actual depth or speed. The loop is fitted to the whole record,
+starting at two harmonics of each period.
 """
 
 from __future__ import annotations
@@ -19,14 +19,10 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.axes import AxisKind, position_axis
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import (
-    Doubt,
-    Reading,
-    harmonic_response,
-    loop_cycles,
-    loop_process,
-    loop_trial,
-)
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.frequency import harmonic_response
+from gcs_autotune.identify.open_loop import Reading
+from gcs_autotune.identify.relay import loop_cycles, loop_process, loop_trial
 from gcs_autotune.models import TransferFunction
 from gcs_autotune.seatrials.criteria import Figure, Particulars, Sheet, judged, known
 from gcs_autotune.slow_imports import scipy_signal
@@ -38,26 +34,36 @@ __all__ = ["closed_loop_sheet"]
 Array = NDArray[np.float64]
 NAN = math.nan
 STEP = 0.05
-"""Chosen [s]: of the simulation; a loop that closes through a link is slower by far."""
+"""Time step [s] of the simulation; a loop closed through a link is far slower."""
 LOST, NUDGE, SLOPE_STEP = 1e6, 1e-4, 1e-5
 MOST_DELAY = 1.0
-"""Chosen [s]: more is the loop itself. A limit on the turn's acceleration shows as such a delay."""
+"""Largest delay [s]; a longer one belongs to the loop itself.
+
+A limit on the turn's acceleration looks like such a delay.
+"""
 FOLLOWED = 0.9
-"""Fraction of the motion that a loop of this form explains without saturation. Chosen."""
+"""Least fraction of the motion that a linear loop must explain; without saturation it usually explains more."""
 DISTINCT = 0.05
-"""Difference between the fits of two relays from which a cause is reported. Chosen."""
+"""Difference between the fits of two relays above which a cause is reported."""
 SPAN = 1e3
-"""Range of a coefficient relative to the relay's frequency (to the power of its order). A faster pole has no visible
-effect. Chosen."""
+"""Range of a coefficient, relative to the relay's frequency (to the power of its order).
+
+A faster pole has no visible effect.
+"""
 SHORT, LONG = 40, 400
-"""Chosen: evaluations from each start, and until the best of them has converged. A slow integral beside a zero and a
-delay makes a flat valley."""
+"""Maximum number of cost evaluations from each start, and for the best fit until convergence.
+
+A slow integral with a zero and a delay makes the cost nearly flat.
+"""
 SATURATED, OFTEN = 0.98, 0.05
-"""Output that counts as full, and the fraction of time at it from which the loop counts as nonlinear. Chosen."""
+"""Output that counts as full, and the fraction of time at it above which the loop counts as nonlinear."""
 WELL_DAMPED, POORLY_DAMPED = 0.5, 0.3
-"""Chosen: damping ratios above which a loop overshoots by less than a sixth, and below which by more than a third."""
+"""Limits of the damping ratio.
+
+Above WELL_DAMPED a loop overshoots by less than a sixth, below POORLY_DAMPED by more than a third.
+"""
 LARGE_OVERSHOOT = 0.2
-"""Chosen: of a step, more than a sixth by more than its scatter."""
+"""Overshoot of a step that counts as large; it exceeds a sixth by more than its scatter."""
 
 
 def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
@@ -66,7 +72,7 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
     Raises
     ------
     NotInformative
-        Too few relays that settled, or a loop that is none.
+        Too few relays that settled, or no stable loop.
     """
     axis = _axis(run)
     alone = next((m for m in run.marks if m.kind == "oscillation"), None)
@@ -131,7 +137,7 @@ def _oscillates(run: Trial, axis: AxisKind, amplitude: float, period: float) -> 
 def _not_linear(explained: Sequence[float]) -> Doubt:
     """Return the doubt about the fractions *explained* of the larger relay, the smaller one and both.
 
-    Saturation distorts the larger motion; a dead zone, waves and sensor noise the smaller one.
+    Saturation distorts the larger motion; a dead zone, waves and sensor noise distort the smaller one.
     """
     larger, *_, smaller, whole = explained  # some fly more than two
     cause = f"no linear loop explains more than {100.0 * whole:.0f} % of this motion"
@@ -152,20 +158,21 @@ def _axis(run: Trial) -> AxisKind:
 
 
 def _commanded(run: Trial) -> str:
-    """Return the name of the channel with what was commanded."""
+    """Return the name of the channel with the commands."""
     return f"{_axis(run).stepped}_ref"
 
 
 def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[float], Array]:
-    """Return the loop with three poles and a zero, the shares that it explains of the motion in the larger relay, in
-    the smaller one and in both, and the standard errors of natural frequency [rad/s], damping ratio and overshoot.
+    """Return the loop with three poles and a zero, the explained fractions, and standard errors.
 
-    Harmonics are where the fit to the record begins, and a loop of second order as quick as the relay.
+    The fractions are those of the motion in the larger relay, in the smaller one and in both. The standard errors are
+    those of natural frequency [rad/s], damping ratio and overshoot. The fit to the record starts at the harmonics, and
+    at a loop of second order as fast as the relay.
 
     Raises
     ------
     NotInformative
-        No relay settled, or the loop found is not stable, though it was flown.
+        No relay settled, or the identified loop is not stable although the flown one is.
     """
     commanded, signal, dof = _commanded(run), _axis(run).stepped, _axis(run).dof
     response = harmonic_response([loop_trial(part) for part in parts], dof, (1, 3))
@@ -189,9 +196,10 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     jumps /= jumps.max()
 
     def left(theta: Array) -> Array:
-        """Return the residual; the command counts by its mean over each step, shifted by the delay.
+        """Return the residual of the loop with these parameters.
 
-        A rate limit of the autopilot on its inner reference delays larger changes.
+        The command is averaged over each time step and shifted by the delay. A rate limit of the autopilot on its inner
+        reference delays larger changes.
         """
         edges = np.append(np.maximum.accumulate(at + theta[4] + theta[5] * jumps), math.inf)
         edges[-1] = max(run.end, edges[-2]) + MOST_DELAY
@@ -200,7 +208,10 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
         return _left_of(np.exp(theta[:3]), theta[3], asked, answer)
 
     def slopes(theta: Array) -> Array:
-        """Return the derivatives of :func:`left`, by steps far above its rounding: slow poles lose half its digits."""
+        """Return the derivatives of :func:`left` as difference quotients.
+
+        The steps are far larger than its rounding, because slow poles lose half the digits.
+        """
         here = left(theta)
         columns = []
         for i, size in enumerate(SLOPE_STEP * np.maximum(np.abs(theta), 1.0)):
@@ -239,9 +250,9 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
 
 
 def _errors(theta: Array, J: Array, left: Array, told: NDArray[np.intp]) -> Array:
-    """Return the standard errors of :func:`_told`; residuals may be correlated.
+    """Return the standard errors of :func:`_told`; the residuals may be correlated.
 
-    *told*: the identified numbers; one at its bound (a pole too fast to be visible) counts as known.
+    told : indices of the identified numbers; one at its bound (a pole too fast to be visible) counts as known.
     """
     again = float(np.corrcoef(left[1:], left[:-1])[0, 1])
     variance = float(np.var(left)) * (1.0 + again) / max(1.0 - again, 1e-3)
@@ -257,7 +268,7 @@ def _errors(theta: Array, J: Array, left: Array, told: NDArray[np.intp]) -> Arra
 
 
 def _step_figures(loop: TransferFunction) -> tuple[Figure, ...]:
-    """Return how a step of the *loop* rises and settles, as a tune measures it."""
+    """Return rise and settling time of a step of the *loop*, as measured in a tune."""
     t, x = _step_of(loop)
     reached = [float(t[int(np.argmax(x >= share))]) for share in (0.1, 0.9)]
     outside = np.flatnonzero(np.abs(x - 1.0) > SETTLED)
@@ -270,7 +281,7 @@ def _step_figures(loop: TransferFunction) -> tuple[Figure, ...]:
 
 
 SETTLED = 0.05
-"""Of a step: within it a signal has settled."""
+"""Deviation, relative to the step, within which a signal counts as settled."""
 
 
 def _told(loop: TransferFunction) -> Array:
@@ -279,15 +290,16 @@ def _told(loop: TransferFunction) -> Array:
 
 
 def _of(theta: Array) -> TransferFunction:
-    """Return the loop of logarithms of a_1, a_2, a_3, then b_1, the delay and what the largest change is later."""
+    """Return the loop of the logarithms of a_1, a_2, a_3, then b_1, the delay, and the additional delay of large
+    changes."""
     a_1, a_2, a_3 = np.exp(theta[:3]).tolist()
     return TransferFunction((1.0, float(theta[3])), (1.0, a_1, a_2, a_3), delay=float(theta[4] + theta[5]))
 
 
 def _left_of(a: Array, b_1: float, asked: Array, answer: Array) -> Array:
-    """Return the residual of a loop's response *answer* (n,) to commands *asked* (n,), each held for a step.
+    """Return the residual of the loop: response *answer* (n,) to commands *asked* (n,), each held for a step.
 
-    The initial state is fitted, since earlier commands and the state of a slow integral are unknown.
+    The initial state is fitted, because earlier commands and the state of a slow integral are unknown.
     """
     A = np.zeros((4, 4))
     A[0, 1] = A[1, 2] = 1.0
@@ -327,12 +339,12 @@ def _verdict(damping: tuple[float, float], overshoot: tuple[float, float], axis:
 
 
 def relays_of(run: Trial) -> list[Trial]:
-    """Return the relays in a run one by one, with what was commanded as ``psi_ref`` [rad], ``z_ref`` or ``u_ref``.
+    """Return the relays of a run one by one, with the commands as ``psi_ref`` [rad], ``z_ref`` or ``u_ref``.
 
     Raises
     ------
     NotInformative
-        There are fewer than two.
+        There are fewer than two relays.
     """
     starts = [m.t for m in run.marks if m.kind == "relay"]
     if len(starts) < 2:
@@ -369,7 +381,7 @@ def oscillation_of(loop: TransferFunction) -> tuple[float, float]:
 
 
 def _overshoot(loop: TransferFunction) -> float:
-    """Return by how much of a step the loop overshoots it."""
+    """Return the overshoot of the loop, relative to the step."""
     return max(float(_step_of(loop)[1].max()) - 1.0, 0.0)
 
 

@@ -1,7 +1,7 @@
-"""A sheet of figures, and beside it the IMO's standards for ship manoeuvrability, MSC.137(76), section 5.3.
+"""A sheet of figures, with the IMO's standards for ship manoeuvrability, MSC.137(76), section 5.3.
 
-They are written for ships of 100 m and more; smaller craft find in them a yardstick, not a rule. The limits on
-overshoot depend on L/V in seconds: for a scale model take the full-scale value, ``sqrt(scale)`` times the model's.
+The standards apply to ships of 100 m and more; for smaller craft they are a comparison, not a rule. The limits on
+overshoot depend on L/V in seconds. For a scale model use the full-scale value, ``sqrt(scale)`` times the model's.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import Doubt, Reading
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import Reading
 
 __all__ = [
     "Criterion",
@@ -28,17 +29,17 @@ __all__ = [
 ]
 
 ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH = 4.5, 5.0, 2.5, 15.0
-"""Largest values in ship lengths; 5.3.1, 5.3.2 and, full astern, 5.3.4."""
+"""Largest allowed values in ship lengths (5.3.1, 5.3.2 and, full astern, 5.3.4)."""
 
 FIRST_OVERSHOOT_20 = math.radians(25.0)
-"""Largest first overshoot of a 20/20 zig-zag [rad]; 5.3.3.3."""
+"""Largest allowed first overshoot of a 20/20 zig-zag [rad] (5.3.3.3)."""
 
 Verdict = Literal["meets", "fails", "open"]
 
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """A criterion: the largest value allowed, in the unit of its figure, and where it stands."""
+    """A criterion: the largest allowed value, in the unit of its figure, and its source."""
 
     value: float
     source: str
@@ -81,18 +82,27 @@ class Figure:
 
 
 def judged(slug: str, name: str, reading: Reading, limit: float | None = None, source: str = "") -> Figure:
-    """Return a figure; *limit* None or NaN when no criterion applies."""
+    """Return a figure with its criterion.
+
+    limit : None or NaN if no criterion applies.
+    """
     applies = limit is not None and math.isfinite(limit)
     return Figure(slug, name, reading, Criterion(float(limit), f"MSC.137(76) {source}") if applies and limit else None)
 
 
 def first_overshoot_limit(length_over_speed: float) -> float:
-    """Return the largest first overshoot [rad] of a 10/10 zig-zag; 5.3.3.1. length_over_speed : L/V [s]."""
+    """Return the largest allowed first overshoot [rad] of a 10/10 zig-zag (5.3.3.1).
+
+    length_over_speed : L/V [s].
+    """
     return math.radians(_between(length_over_speed, 10.0, 20.0, 5.0, 0.5))
 
 
 def second_overshoot_limit(length_over_speed: float) -> float:
-    """Return the largest second overshoot [rad] of a 10/10 zig-zag; 5.3.3.2. length_over_speed : L/V [s]."""
+    """Return the largest allowed second overshoot [rad] of a 10/10 zig-zag (5.3.3.2).
+
+    length_over_speed : L/V [s].
+    """
     return math.radians(_between(length_over_speed, 25.0, 40.0, 17.5, 0.75))
 
 
@@ -107,9 +117,10 @@ NAN = math.nan
 
 @dataclass(frozen=True, slots=True)
 class Particulars:
-    """The ship: ``length`` between perpendiculars [m], trial ``speed`` [m/s] if no run contains it, model ``scale``.
+    """Data of the ship.
 
-    ``scale``: ship length divided by model length; times scale with its square root (Froude).
+    ``length``: between perpendiculars [m]. ``speed``: trial speed [m/s], used if no run contains it. ``scale``: ship
+    length divided by model length; times scale with its square root (Froude).
     """
 
     length: float = NAN
@@ -117,12 +128,12 @@ class Particulars:
     scale: float = 1.0
 
     def seconds(self, approach: float) -> float:
-        """Return full-scale L/V [s], with the approach speed of the run or else the trial speed."""
+        """Return full-scale L/V [s], with the approach speed of the run; without it, with the trial speed."""
         speed = approach if approach > 0.0 else self.speed
         return self.length / speed * math.sqrt(self.scale)
 
     def __post_init__(self) -> None:
-        """Refuse what no ship has."""
+        """Reject impossible values."""
         if self.length <= 0.0 or self.speed <= 0.0 or not self.scale > 0.0:
             raise UsageError("length, speed and scale of a ship must be positive")
 
@@ -155,17 +166,17 @@ class Sheet:
 
 
 def in_lengths(reading: Reading, ship: Particulars) -> Reading:
-    """Return a length in ship lengths."""
+    """Convert a length to ship lengths."""
     return reading.scaled(1.0 / ship.length, "L")
 
 
 def known(*figures: Figure) -> tuple[Figure, ...]:
-    """Return the figures with a known value."""
+    """Return the figures whose value is known."""
     return tuple(f for f in figures if math.isfinite(f.reading.value))
 
 
 def per_helm(unit: str, helm: str) -> str:
-    """Return the unit of a quantity [*unit*] per *helm*: ``rad`` of a rudder, ``1`` of a normalised output."""
+    """Return the unit of a quantity [*unit*] per *helm*: ``rad`` for a rudder, ``1`` for a normalised output."""
     if helm == "rad":
         return {"rad/s": "1/s", "rad": "1"}.get(unit, f"{unit}/rad")
     return unit if helm == "1" else f"{unit}/({helm})"

@@ -1,4 +1,4 @@
-"""What manoeuvre is this, and its figures as IMO and ITTC name them."""
+"""Recognise the manoeuvre of a run and calculate its figures as defined by IMO and ITTC."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import CONTRADICTION, Doubt, Reading, ShipLog, ship_log
+from gcs_autotune.identify import CONTRADICTION, Doubt
+from gcs_autotune.identify.open_loop import Reading, ShipLog, ship_log
 from gcs_autotune.registry import lookup, same_name
 from gcs_autotune.seatrials.closed_loop import closed_loop_sheet
 from gcs_autotune.seatrials.criteria import (
@@ -41,8 +42,8 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     ----------
     run : with psi and delta (or N); r, x, y, u, v, U are used if present.
     ship : for figures in ship lengths and the criteria that depend on L/V.
-    manoeuvre : one of :data:`MANOEUVRES`; None recognises it (a reverse spiral or a stop only if requested, or from
-        the run's meta data).
+    manoeuvre : one of :data:`MANOEUVRES`; None: it is recognised (a reverse spiral or a stop only if requested, or
+        from the run's meta data).
 
     Raises
     ------
@@ -51,7 +52,7 @@ def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | N
     MissingChannel, BadFile
         As :func:`gcs_autotune.identify.open_loop.ship_log.ship_log`.
     UnknownName
-        No such manoeuvre.
+        There is no such manoeuvre.
     """
     doubts = tuple(Doubt(CONTRADICTION, c.cause, c.cure) for c in contradictions(run))
     return tuple(replace(sheet, doubts=(*doubts, *sheet.doubts)) for sheet in _figures(run, ship, manoeuvre))
@@ -72,7 +73,7 @@ def _figures(run: Trial, ship: Particulars | None, manoeuvre: str | None) -> tup
 
 
 def _all_of(names: Sequence[str], run: Trial, ship: Particulars) -> tuple[list[Sheet], list[str]]:
-    """Return the sheets of those manoeuvres that are in a run, and what the others miss."""
+    """Return the sheets of the manoeuvres in a run, and the reasons why the others are not recognised."""
     found: list[Sheet] = []
     missing: list[str] = []
     for name in names:
@@ -189,7 +190,7 @@ MANOEUVRES: Mapping[str, Callable[[Trial, Particulars], Sheet]] = {
     "set-point-relay": closed_loop_sheet,
     "hand-release": free_decay_sheet,
 }
-"""Name -> reader."""
+"""Name of a manoeuvre -> function that returns its sheet."""
 
 ENDS_IN: Mapping[str, Sequence[str]] = {"turning-circle": ("pull-out",)}
-"""Manoeuvre -> those it ends in when it is flown whole."""
+"""Manoeuvre -> manoeuvres that a complete run of it ends with."""

@@ -1,6 +1,7 @@
 """Free decay of roll or pitch: period and damping from successive extremes (ITTC 7.5-02-07-04.5).
 
-Froude's method: the loss per half cycle over its mean amplitude gives linear damping, its growth quadratic damping.
+The method is Froude's. The loss per half cycle over its mean amplitude gives linear damping; its increase with
+amplitude gives quadratic damping.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import Doubt, Reading
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import Reading
 from gcs_autotune.seatrials.criteria import Particulars, Sheet, judged, known
 from gcs_autotune.trial import Trial
 
@@ -20,9 +22,9 @@ __all__ = ["free_decay_sheet"]
 Array = NDArray[np.float64]
 
 LEAST = 0.05
-"""Extremes below this fraction of the largest are discarded as noise. Chosen."""
+"""Size of an extreme, relative to the largest, below which it is discarded as noise."""
 FEWEST = 4
-"""Fewest extremes of a decay."""
+"""Minimum number of extremes of a decay."""
 
 
 def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
@@ -31,7 +33,7 @@ def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
     Raises
     ------
     MissingChannel
-        Neither phi nor theta.
+        The run has neither phi nor theta.
     NotInformative
         Fewer than four extremes after the push.
     """
@@ -77,7 +79,7 @@ def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
 
 
 def _extremes(t: Array, x: Array) -> tuple[Array, Array]:
-    """Return times and sizes (n,) of the extremes between zero crossings, from the largest on."""
+    """Return times and sizes (n,) of the extremes between zero crossings, starting with the largest."""
     sides = np.flatnonzero(np.diff(np.sign(x)) != 0.0) + 1
     parts = np.split(np.arange(len(x)), sides)
     at, size = [], []
@@ -94,7 +96,7 @@ def _extremes(t: Array, x: Array) -> tuple[Array, Array]:
 
 
 def _peak(t: Array, x: Array, peak: int) -> tuple[float, float]:
-    """Return time and height of an extreme by a parabola through some samples about it."""
+    """Return time and height of an extreme, from a parabola through the samples near it."""
     near = slice(max(peak - 2, 0), peak + 3)
     if len(t[near]) < 3:
         return float(t[peak]), float(x[peak])
@@ -105,7 +107,7 @@ def _peak(t: Array, x: Array, peak: int) -> tuple[float, float]:
 
 
 def _line(size: Array, loss: Array) -> tuple[tuple[float, float], Array]:
-    """Return (value at size 0, slope) and their covariance (2, 2) by weighted least squares."""
+    """Return (value at size 0, slope) and their covariance (2, 2), by weighted least squares."""
     A = np.column_stack([np.ones_like(size), size]) * size[:, None]
     theta, *_ = np.linalg.lstsq(A, loss * size, rcond=None)
     left = A @ theta - loss * size

@@ -1,11 +1,11 @@
-"""Spirals and pull-outs: the steady yaw rate over the rudder angle, and whether the craft keeps its course amidships.
+"""Spirals and pull-outs: the steady yaw rate over the rudder angle, and directional stability.
 
 *Direct* spiral (Dieudonne): the rudder is held at one angle after the other, from one side to the other and back, each
-until the rate is steady. A directionally unstable craft jumps at different angles on both ways: a loop. *Reverse*
-(Bech): the rate is held and the mean rudder angle it takes is read; an unstable craft shows a curve that runs back.
-*Pull-out*: the rudder goes amidships from a steady turn. From turns to both sides a stable craft comes to the same
-small rate (its trim and the wind), an unstable one keeps turning either way. ITTC 7.5-04-02-01; stability as in IMO
-MSC/Circ.1053.
+until the rate is steady. A directionally unstable craft jumps at different angles in the two directions, which gives a
+loop. *Reverse* spiral (Bech): the rate is held and the mean rudder angle for it is read. An unstable craft then has a
+curve with a backward slope. *Pull-out*: the rudder goes amidships from a steady turn. From turns to both sides a stable
+craft comes to the same small rate (its trim and the wind). An unstable one keeps turning in either direction. The
+procedures are ITTC 7.5-04-02-01; stability is defined as in IMO MSC/Circ.1053.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import (
-    Doubt,
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import (
     Reading,
     ShipLog,
     StepReading,
     find_holds,
     mean_reading,
-    prepare,
     rate_of,
     read_steps,
     steered,
 )
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.trial import Trial
 
 __all__ = ["PullOut", "Spiral", "SpiralPoint", "read_pull_out", "read_reverse_spiral", "read_spiral"]
@@ -39,14 +39,17 @@ __all__ = ["PullOut", "Spiral", "SpiralPoint", "read_pull_out", "read_reverse_sp
 Array = NDArray[np.float64]
 
 CLEAR = 3.0
-"""Standard errors at which a loop, a backward slope or a difference is believed."""
+"""Number of standard errors from which a loop, a backward slope or a difference is significant."""
 
 Verdict = Literal["stable", "unstable", "undecided"]
 
 
 @dataclass(frozen=True, slots=True)
 class SpiralPoint:
-    """One steady state: helm [unit of the input], yaw rate [rad/s]; ``way`` +1 helm raised, -1 lowered, 0 neither."""
+    """One steady state: helm [unit of the input], yaw rate [rad/s].
+
+    ``way``: +1 if the helm was raised to it, -1 if lowered, 0 for neither.
+    """
 
     helm: Reading
     rate: Reading
@@ -57,10 +60,10 @@ class SpiralPoint:
 class Spiral:
     """A spiral's curve and its verdict.
 
-    ``residual_rate`` [rad/s]: half the difference of the rates both ways at zero helm (direct), or the rate at which
-    the curve meets zero helm away from the middle (reverse); 0 for a stable craft. ``width``: helm between the jumps
-    (direct) or between the turning points of the curve (reverse). ``slope`` [rad/s per unit of helm] of the curve at
-    zero, in the sense of the helm; NaN inside a loop.
+    ``residual_rate`` [rad/s]: for a direct spiral, half the difference of the rates in both directions at zero helm.
+    For a reverse spiral, it is the rate at which the curve crosses zero helm away from the middle. It is 0 for a stable
+    craft. ``width``: helm between the jumps (direct) or between the turning points of the curve (reverse). ``slope``
+    [rad/s per unit of helm]: that of the curve at zero, in the direction of the helm; NaN inside a loop.
     """
 
     run: str
@@ -79,7 +82,7 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
     Raises
     ------
     NotInformative
-        Fewer than three steady helms on each way.
+        Fewer than three steady helm angles in each direction.
     """
     orders = [m.t for m in trial.marks if m.kind == "execute"]
     trial = steered(trial)
@@ -127,7 +130,7 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
 
 
 def _ways(helms: Sequence[float]) -> list[float]:
-    """Return for every helm whether it was reached by raising (+1) or lowering (-1); the first by neither (0)."""
+    """Return for every helm whether it was reached by raising (+1) or lowering (-1); 0 for the first."""
     steps = [float(np.sign(b - a)) for a, b in itertools.pairwise(helms)]
     return [0.0, *steps] if helms else []
 
@@ -148,7 +151,7 @@ def _at_zero(points: Sequence[SpiralPoint]) -> Reading:
 
 
 def _loop(up: Sequence[SpiralPoint], down: Sequence[SpiralPoint], sense: float) -> tuple[Reading, float, float]:
-    """Return half the loop's height at zero helm, and the rates on both ways."""
+    """Return half the loop's height at zero helm, and the rates in both directions."""
     one, other = _at_zero(up), _at_zero(down)
     # coming down from large helm the craft keeps turning to that side: sense * (down - up) > 0 in a loop
     half = 0.5 * sense * (other.value - one.value)
@@ -156,7 +159,7 @@ def _loop(up: Sequence[SpiralPoint], down: Sequence[SpiralPoint], sense: float) 
 
 
 def _jump_width(up: Sequence[SpiralPoint], down: Sequence[SpiralPoint], sense: float) -> Reading:
-    """Return the helm between the jumps: where the rate changes side on the way up less that on the way down."""
+    """Return the helm between the jumps: the difference of the helm at which the rate changes side, up and down."""
     borders = []
     for points, side in ((up, 1.0), (down, -1.0)):
         ordered = sorted(points, key=lambda p: side * p.helm.value)
@@ -178,9 +181,9 @@ def _central_slope(points: Sequence[SpiralPoint]) -> float:
 
 
 def read_reverse_spiral(trial: Trial, log: ShipLog) -> Spiral:
-    """Return the reverse spiral in a run: stretches of steady yaw rate, and the mean helm each took.
+    """Return the reverse spiral in a run: stretches of steady yaw rate, and the mean helm of each.
 
-    The stretches are those between the trial's marks ``rate``, where it has any.
+    The stretches are those between the trial's marks ``rate``, if it has any.
 
     Raises
     ------
@@ -243,19 +246,19 @@ def read_reverse_spiral(trial: Trial, log: ShipLog) -> Spiral:
 
 
 AMIDSHIPS = 0.15
-"""Helm that counts as amidships, as a fraction of the one before."""
+"""Helm that counts as amidships, relative to the helm before it."""
 
 SMALL = 0.02
-"""Residual rate, as a fraction of that of the turn, below which the craft has stopped turning."""
+"""Residual rate, relative to that of the turn, below which the craft has stopped turning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PullOut:
-    """What was left of the turn after the helm went amidships.
+    """Residual turning after the helm went amidships.
 
-    ``after_starboard``, ``after_port`` [rad/s]: residual yaw rates after a turn to that side, NaN when not flown;
-    ``turning`` [rad/s] mean rate of the turns before. ``residual`` half the difference of both sides: what a stable
-    craft has none of; ``offset`` their mean: trim and wind.
+    ``after_starboard``, ``after_port`` [rad/s]: residual yaw rates after a turn to that side, NaN if not flown.
+    ``turning`` [rad/s]: mean rate of the turns before. ``residual``: half the difference of both sides, zero for a
+    stable craft. ``offset``: their mean, due to trim and wind.
     """
 
     run: str
@@ -274,7 +277,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
     Raises
     ------
     NotInformative
-        The helm never goes amidships from a steady turn, or not for long enough to be read.
+        The helm never goes amidships from a steady turn, or not for long enough.
     """
     largest = float(np.max(np.abs(log.steering.values)))
     pulls = [

@@ -1,8 +1,8 @@
-"""Stopping: how far and how long a craft goes on after its thrust was taken off, or reversed.
+"""Stopping: distance and time that a craft continues after its thrust was removed or reversed.
 
-Track reach, head reach and lateral deviation as in IMO MSC.137(76), 4.2.5 and ITTC 7.5-04-02-01; the criterion of
-5.3.4 (track reach in ship lengths) is for full astern. With drag by the square a coasting craft never quite stops: the
-figures end where a tenth of the approach's speed is left.
+Track reach, head reach and lateral deviation are defined as in IMO MSC.137(76), 4.2.5 and ITTC 7.5-04-02-01. The
+criterion of 5.3.4 (track reach in ship lengths) applies to full astern. With quadratic drag a coasting craft never
+quite stops. The figures therefore end at a tenth of the approach speed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import Doubt, LocalFit, Reading, clean, find_holds, local_fit
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import LocalFit, Reading, find_holds, local_fit
+from gcs_autotune.identify.signals import clean
 from gcs_autotune.seatrials.criteria import TRACK_REACH, Particulars, Sheet, in_lengths, judged, known
 from gcs_autotune.trial import Channel, Trial
 
@@ -25,11 +27,12 @@ Array = NDArray[np.float64]
 ENDED, HALF = 0.1, 0.5
 """Fractions of the approach speed at which the craft counts as stopped, and for the half-speed figures."""
 NO_THRUST = 0.05
-"""Thrust that counts as zero, as a fraction of the thrust of the approach. Our choice."""
+"""Thrust that counts as zero, relative to the thrust of the approach. It is set by hand."""
 FULL_ASTERN = 0.1
-"""Quantile of the thrust during a stop that is reported as thrust astern. Thrust builds up slowly. Our choice."""
+"""Quantile of the thrust during a stop that is reported as thrust astern; thrust builds up slowly. It is set by
+hand."""
 BEFORE = 3.0
-"""Longest part of the approach [s] used for its speed."""
+"""Longest part of the approach [s] from which its speed is calculated."""
 WIDTH = 2.0
 """Length of the window [s] of positions or speeds for one figure."""
 NAN = math.nan
@@ -43,7 +46,7 @@ def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
     MissingChannel
         No thrust X, no speed u, or no positions.
     NotInformative
-        The thrust is never taken off from steady way ahead.
+        The thrust is never removed at a steady speed ahead.
     """
     notes: list[Doubt] = []
     X, u, x, y = (clean(_channel(run, name), run.name, notes) for name in "Xuxy")
@@ -95,7 +98,7 @@ def _channel(run: Trial, name: str) -> Channel:
 def _order(run: Trial, X: Channel, end: float) -> float:
     """Return the time at which thrust was last removed from steady speed ahead [s].
 
-    A quick craft stops before thrust astern reaches its level; then the record's own mark is used.
+    A fast craft stops before thrust astern reaches its level. The mark in the record is then used.
     """
     told = [m.t for m in run.marks if m.kind == "execute" and isinstance(m.detail.get("X"), float)]
     if told and X.held_at(math.nextafter(told[-1], -math.inf)) > 0.0:
@@ -108,14 +111,14 @@ def _order(run: Trial, X: Channel, end: float) -> float:
 
 
 def _astern(X: Channel, start: float, end: float) -> float:
-    """Return the thrust astern that it was stopped with, once it was there, 0 when it coasted."""
+    """Return the steady thrust astern during the stop; 0 if the craft coasted."""
     held = X.between(start + 0.3 * (end - start), end).values
     astern = -float(np.quantile(held, FULL_ASTERN)) if len(held) else -X.held_at(0.5 * (start + end))
     return astern if astern > NO_THRUST * float(np.max(np.abs(X.values))) else 0.0
 
 
 def _passing(u: Channel, start: float, level: float) -> Reading:
-    """Return when the speed fell to *level*, from a line across it; NaN if never."""
+    """Return the time at which the speed fell to *level*, from a straight line near it; NaN if it never did."""
     after = u.between(start, float(u.t[-1]))
     below = np.flatnonzero(after.values <= level)
     if not len(below) or below[0] == 0:
@@ -133,7 +136,7 @@ def _passing(u: Channel, start: float, level: float) -> Reading:
 
 
 def _position(c: Channel, t: float) -> LocalFit:
-    """Return the position at *t* from what came before: the track bends when the thrust goes."""
+    """Return the position at *t* from earlier samples only, because the track bends when thrust is removed."""
     last = max(int(np.searchsorted(c.t, t, side="right")), 6)
     first = min(int(np.searchsorted(c.t, t - WIDTH)), last - 6)
     return local_fit(c.t[first:last], c.values[first:last], t, 2)
@@ -151,9 +154,9 @@ def _course(x: Channel, y: Channel, start: float) -> float:
 
 
 def _reach(u: Channel, x: Channel, y: Channel, start: float, when: Reading, course: float) -> tuple[Reading, ...]:
-    """Return track reach (the speed, integrated), head reach and lateral deviation [m]; NaN when it never came so far.
+    """Return track reach (the integral of speed), head reach and lateral deviation [m]; NaN if the record ends before.
 
-    The length of the track itself would grow with the noise of its positions.
+    The length of the track itself would increase with the noise of its positions.
     """
     if not math.isfinite(when.value):
         return (Reading(NAN, NAN, "m"),) * 3

@@ -1,9 +1,8 @@
 """The turning circle: advance, transfer, tactical diameter, the steady turn, and the current.
 
-Definitions as in IMO MSC.137(76), 4.2, and ITTC 7.5-04-02-01.
-
-Positions are those of the recorded point (the GPS antenna or the model's midship point). With two full turns or more
-a steady current is estimated from the turn and removed; with less it is not identifiable.
+Definitions are those of IMO MSC.137(76), 4.2, and ITTC 7.5-04-02-01. Positions are those of the recorded point (the GPS
+antenna or the model's midship point). From two full turns or more a steady current is estimated and removed. With fewer
+turns it is not identifiable.
 """
 
 from __future__ import annotations
@@ -17,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import Doubt, Hold, Reading, ShipLog, find_holds, local_fit, mean_reading
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import Hold, Reading, ShipLog, find_holds, local_fit, mean_reading
 
 __all__ = ["Current", "Track", "TurningCircle", "current_of", "read_turning_circle", "track_of"]
 
@@ -39,7 +39,7 @@ class Current:
 
 
 STILL = Current(0.0, 0.0, math.nan)
-"""No current, or none identifiable."""
+"""Current of zero, also used if none is identifiable."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,12 +52,12 @@ class Track:
     psi: Array
 
     def without(self, current: Current, origin: float) -> Track:
-        """Return the track as still water would have had it; unchanged at time *origin* [s]."""
+        """Return the track with the current removed; unchanged at time *origin* [s]."""
         since = self.t - origin
         return Track(self.t, self.x - current.north * since, self.y - current.east * since, self.psi)
 
     def at(self, t: float, width: float) -> tuple[float, float, float]:
-        """Return north, east [m] at *t* and their standard error, from local quadratics over *width* seconds."""
+        """Return north, east [m] at *t* and their standard error, from local quadratics over *width* [s]."""
         keep = np.abs(self.t - t) <= 0.5 * width
         if int(keep.sum()) < 5:
             keep = np.zeros(len(self.t), dtype=bool)
@@ -74,7 +74,7 @@ def track_of(log: ShipLog) -> Track:
     Raises
     ------
     MissingChannel
-        No positions x and y.
+        The run has no positions x and y.
     """
     x, y = log.channel("x"), log.channel("y")
     if x is None or y is None:
@@ -84,11 +84,12 @@ def track_of(log: ShipLog) -> Track:
 
 
 def current_of(track: Track, start: float, end: float) -> Current | None:
-    """Return the current from how far the track has moved on between headings 360 degrees apart.
+    """Return the current from the displacement of the track between headings 360 degrees apart.
 
-    Once the turn is steady the craft's own circle is closed after each full turn, so all of the displacement is the
-    water's. start, end : when the turn has settled, and when it ended [s]. None when less than one further full turn
-    follows.
+    In a steady turn the craft's own circle is closed after each full turn, so that the whole displacement is due to the
+    water. Return None if less than one further full turn follows.
+
+    start, end : times [s] at which the turn has settled and at which it ended.
     """
     keep = (track.t >= start) & (track.t <= end)
     if int(keep.sum()) < 10:
@@ -106,22 +107,22 @@ def current_of(track: Track, start: float, end: float) -> Current | None:
 
 
 AMIDSHIPS, STRAIGHT = 0.15, 0.1
-"""Largest helm and yaw rate of an approach, as fractions of those of the turn."""
+"""Largest helm and yaw rate of an approach, relative to those of the turn."""
 
 LAST = 5.0
-"""Duration of the approach that speed and course are taken from, if the run contains the time of execute [s]."""
+"""Length of the approach [s] for speed and course, if the run contains the time of execute."""
 
 SETTLED_TURN = math.pi
-"""Change of heading after which a turn counts as steady. Chosen: ITTC wants 540 degrees in all for the steady turn."""
+"""Change of heading [rad] after which a turn counts as steady; ITTC requires 540 degrees in total."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurningCircle:
     """Figures of one turning circle.
 
-    ``rudder`` [unit of the input]; ``turned`` [rad] in all; ``advance``, ``transfer`` at 90 degrees, ``tactical
-    diameter`` at 180, ``steady diameter`` [m]; times to 90 and 180 [s]; ``approach`` and ``steady`` speed [m/s] through
-    the water, ``speed_loss`` the part lost; ``drift`` angle [rad], positive with the bow inside the turn;
+    ``rudder`` [unit of the input]; ``turned`` [rad] in total; ``advance``, ``transfer`` at 90 degrees,
+    ``tactical diameter`` at 180, ``steady diameter`` [m]; times to 90 and 180 [s]; ``approach`` and ``steady`` speed
+    [m/s] through the water, ``speed_loss`` the part lost; ``drift`` angle [rad], positive with the bow inside the turn;
     ``rate`` [rad/s]; ``current`` what was taken out. NaN where the turn was too short for it.
     """
 
@@ -148,12 +149,12 @@ class TurningCircle:
 def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCircle:
     """Return the figures of the turning circle in a run.
 
-    orders : times of execute [s], if the run contains them; the turn is then the longest between two.
+    orders : times of execute [s], if the run contains them; the turn is then the longest between two of them.
 
     Raises
     ------
     MissingChannel
-        No positions.
+        The run has no positions.
     NotInformative
         The heading never changes by 90 degrees at one rudder angle after an approach.
     """
@@ -241,7 +242,7 @@ def _ordered(log: ShipLog, orders: Sequence[float]) -> tuple[float, float, float
 
 
 def _is_straight(log: ShipLog, before: Hold, turn: Hold) -> bool:
-    """Whether the approach turned far slower than the turn."""
+    """Return whether the yaw rate in the approach is far below that in the turn."""
     rates = []
     for start, end in ((max(before.start, before.end - turn.duration), before.end), (turn.start, turn.end)):
         change = np.interp([start, end], log.t, log.psi)
@@ -250,7 +251,10 @@ def _is_straight(log: ShipLog, before: Hold, turn: Hold) -> bool:
 
 
 def _passing(log: ShipLog, start: float, end: float, course: float, side: float) -> Callable[[float], Reading]:
-    """Return a function: change of heading [rad] -> when it was reached [s] with its standard error; NaN if never."""
+    """Return a function from change of heading [rad] to the time at which it was reached [s], with its standard error.
+
+    The time is NaN if the change was never reached.
+    """
     t, psi = log.heading(start, end)
     turned = side * (psi - course)
 
@@ -283,7 +287,7 @@ def _velocity(track: Track, t: float) -> tuple[float, float]:
 
 
 def _speed(track: Track, keep: NDArray[np.bool_]) -> Reading:
-    """Return the speed along a straight stretch."""
+    """Return the speed on a straight stretch."""
     fits = [local_fit(track.t[keep], v[keep], float(track.t[keep].mean()), 1) for v in (track.x, track.y)]
     slopes = [f.slope("m/s") for f in fits]
     value = math.hypot(slopes[0].value, slopes[1].value)
@@ -293,8 +297,8 @@ def _speed(track: Track, keep: NDArray[np.bool_]) -> Reading:
 def _steady(track: Track, start: float, end: float, side: float) -> dict[str, Reading]:
     """Return diameter, speed, drift angle and rate of the steady turn, by least squares over its last full turn.
 
-    The track is a circle run at a constant rate: x = a + b cos + c sin of the heading, and y alike; radius, and the
-    angle between bow and track, follow from the coefficients.
+    The track is a circle at constant rate: x = a + b cos + c sin of the heading, and likewise y. Radius, and the angle
+    between bow and track, follow from the coefficients.
     """
     none = {"diameter": "m", "speed": "m/s", "drift": "rad", "rate": "rad/s"}
     keep = (track.t >= start) & (track.t <= end) if math.isfinite(start) else np.zeros(len(track.t), dtype=bool)
@@ -328,7 +332,10 @@ def _steady(track: Track, start: float, end: float, side: float) -> dict[str, Re
 
 
 GAINED, GAINED_STDS = 0.02, 2.0
-"""Chosen: a speed gained in a turn beyond this share and so many standard errors shows an approach not yet steady."""
+"""Limits of a speed gained in a turn: relative, and in standard errors.
+
+A gain above both indicates that the approach was not yet steady.
+"""
 
 
 def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt]:

@@ -1,9 +1,9 @@
-"""Zig-zags of any angle: recognised in a run, and their overshoot angles, times, initial turning, K and T.
+"""Zig-zags of any angle: recognition in a run, overshoot angles, times, initial turning, K and T.
 
-The manoeuvre is Algorithm 4.1 of Miskovic2010 (Kempf): the rudder is put over, reversed when the heading has changed by
-a set angle, reversed again when it has changed as far to the other side, and so on. Rudder and heading angle need
-not be equal (``Z_<rudder>_<heading>``), nor the same on both sides. Angles and times are defined as in IMO
-MSC.137(76), 4.2 and ITTC 7.5-04-02-01, 2.2.2.
+The manoeuvre is Algorithm 4.1 of Miskovic2010 (Kempf). The rudder is put over, and reversed when the heading has
+changed by a set angle. It is reversed again when the heading has changed equally to the other side, and so on. Rudder
+and heading angle need not be equal (``Z_<rudder>_<heading>``), nor the same on both sides. Angles and times are defined
+as in IMO MSC.137(76), 4.2 and ITTC 7.5-04-02-01, 2.2.2.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import (
-    Doubt,
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import (
     Execute,
     LocalFit,
     Reading,
@@ -25,11 +25,11 @@ from gcs_autotune.identify import (
     find_executes,
     local_fit,
     nomoto_of,
-    prepare,
     rows_of,
     solve_zigzag,
     steered,
 )
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.seatrials.criteria import (
     FIRST_OVERSHOOT_20,
     INITIAL_TURNING,
@@ -51,28 +51,31 @@ __all__ = ["ZigZagFigures", "read_zigzag", "zigzag_sheet"]
 Array = NDArray[np.float64]
 
 SLOW = 0.5
-"""Longest reversal, relative to a half period. Chosen."""
+"""Duration of a helm reversal, relative to a half period, above which a run is not a zig-zag."""
 
 WIDEST, MOST = math.radians(100.0), 0.75
-"""Largest mean change of heading of a zig-zag, and fraction of reversals at which its side must be right. Chosen."""
+"""Limits for recognising a zig-zag.
+
+WIDEST: largest mean change of heading. MOST: least fraction of reversals at which the heading is on the correct side.
+"""
 
 BEND = 3
-"""Degree of the polynomials in time that the track of the first turn is taken for."""
+"""Degree of the polynomials in time that approximate the track of the first turn."""
 UNEVEN = 0.15
-"""Relative spread of the headings at the executes above which a word is due."""
+"""Relative spread of the headings at the executes above which a doubt is reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZigZagFigures:
-    """Figures of one zig-zag; all angles positive, whatever the sign of the rudder.
+    """Figures of one zig-zag; all angles are positive, whatever the sign of the rudder.
 
-    ``rudder``: mean helm to the positive and to the negative side [unit of the input]. ``heading`` mean change of
-    heading at the executes [rad]. ``sense`` +1 when a positive input turns to starboard, else -1. ``overshoots`` [rad]
-    the additional heading after the second, third, ... execute. ``times_to_check`` [s] from those executes to
-    the extreme heading. ``initial_turning_time`` [s] from first to second execute, ``reach`` [s] from the first
-    execute until the heading is back at the initial one, ``period`` [s] between executes of the same sign. ``distance``
-    [m] run from first to second execute, ``approach`` speed [m/s] before the first, ``L`` [m]; NaN where not known.
-    ``approach_psi`` [rad].
+    ``rudder``: mean helm to the positive and to the negative side [unit of the input]. ``heading``: mean change of
+    heading at the executes [rad]. ``sense``: +1 if a positive input turns to starboard, else -1. ``overshoots`` [rad]:
+    additional heading after the second, third, ... execute. ``times_to_check`` [s]: from those executes to the extreme
+    heading. ``initial_turning_time`` [s]: from first to second execute. ``reach`` [s]: from the first execute until the
+    heading is back at the initial one. ``period`` [s]: between executes of the same sign. ``distance`` [m]: along the
+    track from first to second execute. ``approach`` [m/s]: speed before the first. ``L`` [m]: length. NaN if unknown.
+    ``approach_psi`` [rad]: initial heading.
     """
 
     run: str
@@ -94,12 +97,12 @@ class ZigZagFigures:
 
     @property
     def helm(self) -> float:
-        """Mean magnitude of the helm, from the middle between both sides."""
+        """Mean magnitude of the helm, relative to the middle between both sides."""
         return 0.5 * (self.rudder[0] + self.rudder[1])
 
 
 def heading_at(log: ShipLog, t: float, start: float, end: float, degree: int = 2) -> LocalFit | None:
-    """Return a local polynomial of the heading about *t* from the samples in [start, end]; None when too few."""
+    """Return a local polynomial of the heading near *t* from the samples in [start, end]; None if there are too few."""
     s, psi = log.heading(start, end)
     return local_fit(s, psi, t, degree, log.floor) if len(s) >= degree + 3 else None
 
@@ -110,7 +113,7 @@ def read_zigzag(log: ShipLog) -> ZigZagFigures:
     Raises
     ------
     NotInformative
-        The run holds no zig-zag: fewer than two reversals, or headings that do not go from side to side.
+        The run contains no zig-zag: fewer than two reversals, or headings that do not alternate between sides.
     """
     executes = find_executes(log)
     executes = tuple(e for e in executes if e.t < log.end)
@@ -164,7 +167,7 @@ def read_zigzag(log: ShipLog) -> ZigZagFigures:
 
 
 def _check_reversals(log: ShipLog, executes: tuple[Execute, ...]) -> None:
-    """A zig-zag's helm goes over at once; a spiral's takes its time."""
+    """Reject a run whose helm is reversed slowly, as in a spiral."""
     shares = [(a.done - a.t) / max(b.t - a.t, 1e-9) for a, b in itertools.pairwise(executes)]
     if float(np.median(shares)) > SLOW:
         raise NotInformative(f"run '{log.name}' contains no zig-zag: the rudder moves continuously or in small steps")
@@ -175,7 +178,7 @@ def _time(value: float, std: float = math.nan) -> Reading:
 
 
 def _initial_heading(log: ShipLog, executes: tuple[Execute, ...], from_approach: bool) -> float:
-    """Return the heading of the approach; without one, the middle of the headings at the reversals."""
+    """Return the heading of the approach; without an approach, the middle of the headings at the reversals."""
     if from_approach:
         t, psi = log.heading(executes[0].t - 5.0 * (executes[1].t - executes[0].t), executes[0].t)
         if len(t) >= 1:
@@ -188,7 +191,7 @@ def _initial_heading(log: ShipLog, executes: tuple[Execute, ...], from_approach:
 
 
 def _execute_heading(log: ShipLog, e: Execute) -> Reading:
-    """Return the heading when the order was given, from what came just before it and what was not yet turned by it."""
+    """Return the heading at the time of the order, from the samples just before and just after it."""
     dt = float(np.median(np.diff(log.t)))
     width = max(8.0 * dt, 0.0)
     fit = heading_at(log, e.t, e.t - width, e.t + 2.0 * dt)
@@ -198,7 +201,7 @@ def _execute_heading(log: ShipLog, e: Execute) -> Reading:
 
 
 def _extreme(log: ShipLog, executes: tuple[Execute, ...], e: Execute, sense: float) -> tuple[Reading, Reading] | None:
-    """Return time and heading of the extreme after a reversal; None when the record ends before it."""
+    """Return time and heading of the extreme after a reversal; None if the record ends before it."""
     k = executes.index(e)
     until = executes[k + 1].t if k + 1 < len(executes) else log.end
     t, psi = log.heading(e.t, until)
@@ -226,7 +229,7 @@ def _extreme(log: ShipLog, executes: tuple[Execute, ...], e: Execute, sense: flo
 
 
 def _reach(log: ShipLog, executes: tuple[Execute, ...], psi_0: float) -> Reading:
-    """Return the time from the first execute until the heading, after the second, is the initial one again."""
+    """Return the time from the first execute until the heading returns to the initial one after the second execute."""
     t, psi = log.heading(executes[1].t, executes[2].t)
     if len(t) < 4:
         return _time(math.nan)
@@ -241,7 +244,7 @@ def _reach(log: ShipLog, executes: tuple[Execute, ...], psi_0: float) -> Reading
 
 
 def _period(executes: tuple[Execute, ...]) -> Reading:
-    """Return the mean time between reversals of the same sign; the first execute, from amidships, is none."""
+    """Return the mean time between reversals of the same sign; the first execute, from amidships, does not count."""
     times = [e.t for e in (executes[1:] if executes[0].before == 0.0 else executes)]
     periods = np.array([b - a for a, b in zip(times[:-2], times[2:], strict=True)])
     if len(periods) == 0:
@@ -252,10 +255,10 @@ def _period(executes: tuple[Execute, ...]) -> Reading:
 
 
 def _distance(log: ShipLog, start: float, end: float) -> Reading:
-    """Return the track [m] run between two instants, from the track itself or from the speed (then without an error).
+    """Return the distance [m] between two times, from the track; without a track from the speed, without an error.
 
-    A smooth curve is laid through the positions first: from one to the next their noise adds up, and makes the track
-    longer.
+    A smooth curve is first fitted to the positions, because their noise accumulates from one to the next and would
+    lengthen the track.
     """
     x, y = log.channel("x"), log.channel("y")
     if x is None or y is None or min(len(x.between(start, end).t), len(y.between(start, end).t)) < BEND + 3:
@@ -350,7 +353,7 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
 
 
 def _nominal(z: ZigZagFigures) -> str:
-    """Return "10/10" or "20/20" when helm and heading are those to a tenth and a sixth, else an empty string."""
+    """Return "10/10" or "20/20" if helm (to a tenth) and heading (to a sixth) match; otherwise an empty string."""
     for angle in (10.0, 20.0):
         near = math.radians(angle)
         close = abs(z.helm - near) < HELM_NEAR * near and abs(z.heading.value - near) < HEADING_NEAR * near
@@ -362,7 +365,7 @@ def _nominal(z: ZigZagFigures) -> str:
 def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
     """Return rudder and heading as ordered; as measured if the record does not contain the order.
 
-    A helmsman reverses the rudder late, so the heading at the executes exceeds the ordered one.
+    A helmsman reverses the rudder late, so that the heading at the executes exceeds the ordered one.
     """
     asked, share = run.meta.get("heading"), run.meta.get("steering")
     if isinstance(asked, float) and isinstance(share, float):
@@ -373,18 +376,18 @@ def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
 
 
 HELM_NEAR, HEADING_NEAR = 0.1, 1.0 / 6.0
-"""A measured rudder angle or heading within this fraction of a multiple of 5 degrees counts as ordered. Chosen."""
+"""Relative difference from a multiple of 5 degrees within which a rudder angle or heading counts as that angle."""
 
 
 def _ordered(angle: float, near: float) -> float:
-    """Return the multiple of 5 degrees that *angle* [rad] is within a share *near* of, else *angle*."""
+    """Return the multiple of 5 degrees that *angle* [rad] is within the fraction *near* of; otherwise *angle*."""
     five = math.radians(5.0)
     whole = round(angle / five) * five
     return whole if abs(angle - whole) < near * whole else angle
 
 
 def _nomoto_figures(run: Trial, ship: Particulars, z: ZigZagFigures, unit: str) -> tuple[Figure, ...]:
-    """Return Nomoto's indices per *unit* of the helm, the same helm that the other figures state."""
+    """Return Nomoto's indices per *unit* of the helm, as the other figures do."""
     every = [rows for record in prepare(steered(run), "yaw") if (rows := rows_of(record)) is not None]
     if not every:
         return ()

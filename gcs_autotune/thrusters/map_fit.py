@@ -1,6 +1,7 @@
-"""Thruster mapping: the characteristic of Miskovic2010, eq. (2.8) fitted to a pull test; dead zone, shape.
+"""Thruster mapping: the characteristic of Miskovic2010, eq. (2.8) fitted to a pull test.
 
-Each candidate structure is fitted by least squares with a map that rises; the Bayesian information criterion decides.
+Each candidate structure (dead zone, shape) is fitted by least squares with a monotonically rising map. The Bayesian
+information criterion selects one.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import Doubt, Local, Parameter, Status, descend, inverse_of
+from gcs_autotune.identify import Doubt, Parameter, Status
+from gcs_autotune.identify.problems import Local, descend, inverse_of
 from gcs_autotune.slow_imports import scipy_stats
 from gcs_autotune.thrusters.pull_test import PullTest, resolution
 from gcs_autotune.thrusters.thruster_map import MapStructure, ThrusterMap, all_structures
@@ -24,7 +26,7 @@ __all__ = ["MapCandidate", "ThrusterFit", "fit_thruster", "map_doubts"]
 Array = NDArray[np.float64]
 
 SURE = 1e-3
-"""Chance of a false alarm below which a test raises a doubt."""
+"""False-alarm probability of each test; a lower p-value raises a doubt."""
 
 
 def map_doubts(
@@ -35,7 +37,10 @@ def map_doubts(
     structure: MapStructure,
     noise: float,
 ) -> tuple[Doubt, ...]:
-    """Return the doubts; *fitted* (n,) are the forces the map gives for the pulls, *noise* [N]."""
+    """Return the doubts about a map.
+
+    fitted : (n,) forces of the map for the pulls. noise : standard deviation of one pull [N].
+    """
     found: list[Doubt] = []
     error = pulls.force - fitted
     if not (structure.ahead and structure.astern):
@@ -77,7 +82,7 @@ def map_doubts(
 
 
 def _lack_of_fit(pulls: PullTest, error: Array, parameters: int) -> float:
-    """Return the chance of the residuals' structure, by the F test on repeated commands; 1 without repetitions."""
+    """Return the p-value of structure in the residuals, from an F test on repeated commands; 1 without repetitions."""
     levels, place = np.unique(pulls.command, return_inverse=True)
     counts = np.bincount(place)
     means = np.bincount(place, error) / counts
@@ -91,7 +96,7 @@ def _lack_of_fit(pulls: PullTest, error: Array, parameters: int) -> float:
 
 
 def _uneven(fitted: Array, error: Array) -> float:
-    """Return the chance that scatter does not depend on the size of the force (rank correlation of the two)."""
+    """Return the p-value of scatter that depends on the size of the force (rank correlation)."""
     if len(error) < 12 or float(np.ptp(np.abs(error))) == 0.0:
         return 1.0
     chance = float(scipy_stats().spearmanr(np.abs(fitted), np.abs(error)).pvalue)
@@ -99,15 +104,18 @@ def _uneven(fitted: Array, error: Array) -> float:
 
 
 STARTS = 3
-"""Best places of the grid of edges from which the search starts; the cost has kinks where an edge passes a pull."""
+"""Number of best points of the grid of edges at which a search starts.
+
+Several are needed because the cost has kinks where an edge passes a pull.
+"""
 
 GRID = (1, 21, 13)
-"""Places each edge parameter may start from, when there are none, one and two of them."""
+"""Number of start values of each edge parameter, for no, one and two edge parameters."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapCandidate:
-    """One structure fitted: what the decision rests on. ``rms`` [N]."""
+    """One fitted structure, with the numbers for the selection; ``rms`` [N]."""
 
     structure: str
     rms: float
@@ -119,8 +127,8 @@ class MapCandidate:
 class ThrusterFit:
     """A thruster map with its uncertainty.
 
-    ``covariance`` (7, 7) in the order of ``parameters``: ``a_f b_f a_b b_b x_f x_b offset``; ``offset`` is the
-    dynamometer's zero [N], no part of the map; ``noise`` the standard deviation of one pull [N].
+    ``covariance`` (7, 7): in the order of ``parameters``, ``a_f b_f a_b b_b x_f x_b offset``. ``offset``: the
+    dynamometer's zero [N], which is not part of the map. ``noise``: the standard deviation of one pull [N].
     """
 
     map: ThrusterMap
@@ -172,9 +180,9 @@ def fit_thruster(
 
     Parameters
     ----------
-    neutral : command of no force, when it is known; else 0 for commands of both signs, and found by the fit for others
+    neutral : command of zero force, if known. Otherwise it is 0 for commands of both signs, and fitted for others
         (pulse widths).
-    structure : taken as it is; decided by evidence when None.
+    structure : structure of the map; None: it is selected by evidence.
 
     Raises
     ------
@@ -204,13 +212,13 @@ def _direction(pulls: PullTest) -> int:
 
 
 def _sides(force: Array) -> tuple[bool, bool]:
-    """Return whether the thruster was pulled ahead and astern: by at least a tenth of its strongest pull."""
+    """Return whether the thruster was pulled ahead and astern; each needs at least a tenth of the strongest pull."""
     strongest = float(np.max(np.abs(force)))
     return bool(np.max(force) > 0.1 * strongest), bool(np.min(force) < -0.1 * strongest)
 
 
 def _model(x: Array, s: MapStructure, theta: Array, reach: tuple[float, float]) -> tuple[Array, Array]:
-    """Return the forces (n,) and their derivatives by theta (n, p)."""
+    """Return the forces (n,) and their derivatives by the parameters (n, p)."""
     c, k = s.slopes.shape[1], s.edges.shape[1]
     slopes, edges = s.slopes @ theta[:c], s.edges @ theta[c : c + k] + (s.neutral or 0.0)
     value, by_slopes, by_edges = np.zeros(len(x)), np.zeros((len(x), 4)), np.zeros((len(x), 2))
@@ -228,7 +236,7 @@ def _model(x: Array, s: MapStructure, theta: Array, reach: tuple[float, float]) 
 
 
 def _solve(x: Array, force: Array, s: MapStructure, scale: float) -> _Solved | None:
-    """Fit one structure from the best places of a grid of edges."""
+    """Fit one structure from the best points of a grid of edges."""
     c, k = s.slopes.shape[1], s.edges.shape[1]
     low = np.full(s.count, -np.inf)
     low[:c] = 0.0
@@ -255,7 +263,7 @@ def _solve(x: Array, force: Array, s: MapStructure, scale: float) -> _Solved | N
 
 
 def _starts(x: Array, force: Array, s: MapStructure) -> list[tuple[Array, tuple[float, float]]]:
-    """Return start vectors: linear least squares at each place of a grid of edges, the best few."""
+    """Return start vectors: the best few linear least-squares fits over a grid of edges."""
     c, k = s.slopes.shape[1], s.edges.shape[1]
     lowest, highest = float(x.min()), float(x.max())
     span = highest - lowest
@@ -321,7 +329,7 @@ def _fit(pulls: PullTest, x: Array, direction: int, best: _Solved, solved: list[
 
 
 def _to_named(s: MapStructure, reach: tuple[float, float]) -> Array:
-    """Return (7, p): ``a_f b_f a_b b_b x_f x_b offset`` by the fit's own parameters."""
+    """Return the derivatives (7, p) of ``a_f b_f a_b b_b x_f x_b offset`` by the fit's own parameters."""
     c, k = s.slopes.shape[1], s.edges.shape[1]
     turn = np.zeros((7, s.count))
     for side, far in enumerate(reach):

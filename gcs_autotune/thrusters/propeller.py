@@ -1,11 +1,10 @@
-"""Propellers in moving water: K_T(J) and K_Q(J) of Gomes2003, (10)-(17), and the bilinear thrust of ZhaoUSV, (4)-(5).
+"""Propellers in moving water: K_T(J) and K_Q(J) of Gomes2003, (10)-(17), and bilinear thrust of ZhaoUSV, (4)-(5).
 
-Gomes2003 prints ``K_T`` in (11); its (13) and (17) have the ``K_Q`` that belongs there.
-
-The seeds regress ratios ``T/(rho D^4 |n| n)`` on ``J``; that weighs a slow turn, whose ratio is mostly noise, like a
-fast one. Here the forces themselves are fitted: with ``J = V_A/(n D)``, (16) times out to
-``T = rho (alpha_1 D^4 |n| n + alpha_2 D^3 |n| V_A)``, linear in the coefficients, and the noise stays
-that of the scale.
+Gomes2003 prints ``K_T`` in (11); its (13) and (17) have the correct ``K_Q``. The two publications regress ratios
+``T/(rho D^4 |n| n)`` on ``J``. At slow rotation the ratio is mostly noise, but has the same weight as at fast rotation.
+Here the forces themselves are fitted. With ``J = V_A/(n D)``, (16) becomes
+``T = rho (alpha_1 D^4 |n| n + alpha_2 D^3 |n| V_A)``. It is linear in the coefficients, and the noise remains that of
+the scale.
 """
 
 from __future__ import annotations
@@ -19,7 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import Doubt, Parameter, inverse_of
+from gcs_autotune.identify import Doubt, Parameter
+from gcs_autotune.identify.problems import inverse_of
 
 __all__ = ["OpenWater", "OpenWaterTest", "PropellerFit", "fit_bilinear", "fit_open_water"]
 
@@ -30,9 +30,8 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenWaterTest:
-    """Runs of one propeller, all (k,): ``n`` [rad/s], advance speed ``V_A`` [m/s], thrust ``T`` [N], torque
-    ``Q`` [N m].
-    """
+    """Runs of one propeller, all (k,): ``n`` [rad/s], advance speed ``V_A`` [m/s], thrust ``T`` [N], torque ``Q`` [N
+    m]."""
 
     n: Array
     V_A: Array
@@ -42,9 +41,10 @@ class OpenWaterTest:
 
 @dataclass(frozen=True, slots=True)
 class OpenWater:
-    """``K_T = sum alpha_i J^i``, ``K_Q = sum beta_i J^i`` (constant first; ``beta`` empty without torque).
+    """``K_T = sum alpha_i J^i``, ``K_Q = sum beta_i J^i``.
 
-    ``D`` [m] diameter, ``rho`` [kg/m^3]. Coefficients belong to revolutions per second, as (10)-(12) have it.
+    The constant is first; ``beta`` is empty without torque. ``D`` [m]: diameter. ``rho`` [kg/m^3]: density.
+    Coefficients are for revolutions per second, as in (10)-(12).
     """
 
     D: float
@@ -53,24 +53,24 @@ class OpenWater:
     beta: tuple[float, ...] = ()
 
     def K_T(self, J: ArrayLike) -> Array:  # noqa: N802 (the field's own name)
-        """Return the thrust coefficient, (14)."""
+        """Return the thrust coefficient (Gomes2003, (14))."""
         return _polynomial(self.alpha, J)
 
     def K_Q(self, J: ArrayLike) -> Array:  # noqa: N802
-        """Return the torque coefficient, (15)."""
+        """Return the torque coefficient (Gomes2003, (15))."""
         return _polynomial(self.beta, J)
 
     def efficiency(self, J: ArrayLike) -> Array:
-        """Return thrust power over shaft power, ``T V_A/(2 pi n Q)``, which (10)-(13) make ``J K_T/(2 pi K_Q)``."""
+        """Return thrust power over shaft power, ``T V_A/(2 pi n Q)``, which is ``J K_T/(2 pi K_Q)`` by (10)-(13)."""
         result: Array = np.asarray(J, dtype=np.float64) * self.K_T(J) / (TURN * self.K_Q(J))
         return result
 
     def thrust(self, n: ArrayLike, V_A: ArrayLike) -> Array:
-        """Return ``T`` [N], (16); *n* [rad/s], *V_A* [m/s]. At rest (``n = 0``) only the ``J^2`` term is left."""
+        """Return the thrust ``T`` [N] by (16); *n* [rad/s], *V_A* [m/s]. At ``n = 0`` only the ``J^2`` term remains."""
         return _force(self.alpha, self.rho, self.D, 4, n, V_A)
 
     def torque(self, n: ArrayLike, V_A: ArrayLike) -> Array:
-        """Return ``Q`` [N m], (17)."""
+        """Return the torque ``Q`` [N m] by (17)."""
         return _force(self.beta, self.rho, self.D, 5, n, V_A)
 
     def to_dict(self) -> dict[str, Any]:
@@ -80,7 +80,7 @@ class OpenWater:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PropellerFit:
-    """Coefficients and standard errors; ``noise`` of thrust [N] and torque [N m]; ``model`` None if bilinear."""
+    """Coefficients and standard errors; ``noise`` of thrust [N] and torque [N m]; ``model`` is None if bilinear."""
 
     kind: str
     parameters: Mapping[str, Parameter]
@@ -103,17 +103,18 @@ class PropellerFit:
 
 
 def fit_open_water(test: OpenWaterTest, D: float, *, rho: float = 1000.0, degree: int | None = None) -> PropellerFit:
-    """Fit K_T(J), and K_Q(J) when torque was measured.
+    """Fit K_T(J), and K_Q(J) if torque was measured.
 
     Parameters
     ----------
-    D : diameter [m]. rho : density of the water [kg/m^3]; sea water has 1025.
-    degree : of both polynomials, 1 as in (14)-(15) or 2; decided by the Bayesian information criterion when None.
+    D : diameter [m].
+    rho : density of the water [kg/m^3]; that of sea water is 1025.
+    degree : of both polynomials, 1 as in (14)-(15) or 2; None: selected by the Bayesian information criterion.
 
     Raises
     ------
     NotInformative
-        Fewer runs than coefficients, or none at a second advance number.
+        Fewer runs than coefficients, or all runs at one advance number.
     """
     _check(test)
     degrees = (1, 2) if degree is None else (degree,)
@@ -135,10 +136,10 @@ def fit_open_water(test: OpenWaterTest, D: float, *, rho: float = 1000.0, degree
 
 
 def fit_bilinear(test: OpenWaterTest) -> PropellerFit:
-    """Fit ZhaoUSV (4), ``T = C_n n|n| - C_v V_A |n|``, or (5), ``T = C_T n|n|``, whichever the runs speak for.
+    """Fit ZhaoUSV (4), ``T = C_n n|n| - C_v V_A |n|``, or (5), ``T = C_T n|n|``, whichever the runs support.
 
-    ``n`` in rad/s, so ``C_n`` and ``C_T`` in N s^2/rad^2, ``C_v`` in N s^2/(m rad). Bollard pulls alone (``V_A = 0``)
-    leave (5).
+    ``n`` is in rad/s, so ``C_n`` and ``C_T`` are in N s^2/rad^2, ``C_v`` in N s^2/(m rad). For bollard pulls only
+    (``V_A = 0``), (5) is fitted.
 
     Raises
     ------
@@ -165,7 +166,7 @@ def _polynomial(coefficients: tuple[float, ...], J: ArrayLike) -> Array:
 
 
 def _columns(n: Array, V_A: Array, rho: float, D: float, power: int, degree: int) -> Array:
-    """Return (k, degree + 1): ``rho D^power J^i |n| n`` without its division by ``n``; *n* in rev/s."""
+    """Return the regressors (k, degree + 1): ``rho D^power J^i |n| n`` without a division by ``n``; *n* in rev/s."""
     columns = [D**power * np.abs(n) * n, D ** (power - 1) * np.abs(n) * V_A]
     if degree == 2:
         columns.append(D ** (power - 2) * np.sign(n) * V_A**2)
@@ -194,7 +195,7 @@ def _best(
 
 
 def _linear(H: Array, y: Array) -> tuple[Array, Array, float, float]:
-    """Return estimate, covariance, noise and information criterion of least squares."""
+    """Return the least-squares estimate, its covariance, the noise and the information criterion."""
     k, p = H.shape
     if k <= p:
         raise NotInformative(f"{k} runs do not determine {p} coefficients with uncertainty. Measure more")

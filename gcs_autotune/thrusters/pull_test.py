@@ -1,4 +1,4 @@
-"""Pull tests: command against force, read off a dynamometer (Miskovic2010, 4.1)."""
+"""Pull tests: command against force, as measured with a dynamometer (Miskovic2010, 4.1)."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ __all__ = [
 Array = NDArray[np.float64]
 
 COMMANDS = ("n", "command", "pwm", "voltage", "throttle")
-"""Column names taken for the command, in this order."""
+"""Column names of the command, in order of preference."""
 
 FORCES = ("T", "force", "thrust", "X", "Z")
-"""Column names taken for the force, in this order."""
+"""Column names of the force, in order of preference."""
 
 MIN_PULLS = 5
-"""Fewest pulls a map is fitted to."""
+"""Minimum number of pulls for a map."""
 
 SLACK, GRID = 0.2, 0.1
-"""Fraction of a bollard run that a load cell's log may lack, and the step of the clock search [s]. Chosen."""
+"""SLACK: fraction of a bollard run that a load cell's log may lack. GRID: step of the clock search [s]."""
 
 _RAW = {"us": "us", "pwm": "us"}
-"""Command units left as they are: a pulse width is a name for a position of the stick, not a duration."""
+"""Command units that are not converted; a pulse width denotes a stick position, not a duration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +80,7 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
     Raises
     ------
     BadFile
-        Not readable, no rows, a cell that is no number, an unknown unit.
+        The file is not readable, has no rows, a cell that is no number, or an unknown unit.
     """
     cells = cells_of(path)
     try:
@@ -99,14 +99,14 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
 def read_pull_test(
     path: Path, *, command: str | None = None, force: str | None = None, pulls: Sequence[float] | None = None
 ) -> PullTest:
-    """Read a pull test from CSV: one row a pull, or a recording with a ``t`` column.
+    """Read a pull test from CSV: one row per pull, or a recording with a ``t`` column.
 
-    A recording's consecutive rows of one command are one pull (their mean force): samples within a pull do not stand
-    for themselves. Rows without either value are left out.
+    Consecutive rows of a recording with one command are one pull (their mean force), because samples within a pull are
+    not independent. Rows without either value are omitted.
 
     Parameters
     ----------
-    command, force : column names; the first of :data:`COMMANDS` and of :data:`FORCES` found when None.
+    command, force : column names; None: the first of :data:`COMMANDS` and of :data:`FORCES` in the file.
     pulls : forces [N] of the rows, instead of those in the file.
 
     Raises
@@ -136,9 +136,9 @@ def read_pull_test(
 def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple[list[float], float]:
     """Return the pull [N] of each level of a flown *table* (:func:`write_pulls`) in a load cell's *log*.
 
-    And by how many seconds the log's clock is off the vehicle's: where command, linear and squared, explains most of
-    what the cell showed, found to a tenth of a second. A level's pull is the mean from its middle to shortly before its
-    end; NaN where the log has none of it.
+    Also return the offset [s] of the log's clock from the vehicle's. It is the one for which command and squared
+    command explain most of the measured force, to a tenth of a second. A level's pull is the mean from its middle to
+    shortly before its end; NaN if the log does not cover it.
 
     Raises
     ------
@@ -185,8 +185,8 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
 def write_pulls(run: Trial, force: str, path: Path) -> None:
     """Write the levels of a bollard run as a table of pulls, to be completed with the forces.
 
-    ``command`` is the actuator output (its mean over the later half of the level), from ``from`` to ``to``
-    [s] on the vehicle's clock.
+    ``command``: the actuator output, as the mean over the second half of the level. ``from`` and ``to`` [s]: begin and
+    end of the level on the vehicle's clock.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def read_open_water(path: Path) -> OpenWaterTest:
 
 
 def resolution(values: Array) -> float:
-    """Return the decimal place *values* were written with (0.01 for 1.25 and 3.40), 0 when there is none."""
+    """Return the decimal place of *values* (0.01 for 1.25 and 3.40); 0 if there is none."""
     largest = float(np.max(np.abs(values)))
     for digits in range(-2, 7):
         step = 10.0**-digits

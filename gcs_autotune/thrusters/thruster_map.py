@@ -1,4 +1,4 @@
-"""The static characteristic of a thruster: command to force, and exactly back; the structures to choose from."""
+"""The static characteristic of a thruster: command to force and its exact inverse, with candidate structures."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ _SHAPES: dict[str, Array] = {
     "linear": np.array([[1.0], [1.0]]),
     "quadratic+linear": np.eye(2),
 }
-"""How the slopes of one side at its edge and at its end follow from the shape's own parameters."""
+"""Shape -> slopes of one side at its edge and at its end, as a linear function of the shape's own parameters."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapStructure:
-    """One candidate. ``ahead``/``astern``: which sides were tested; ``neutral``: known command of no force, or None.
+    """One candidate structure of a map.
 
-    The fit's parameters are slopes ``c`` (the force's slope at the edge of the dead zone and at the end of the range,
-    so that ``c >= 0`` means a map that rises), then edges ``k``, then the offset of the dynamometer.
+    ``ahead``/``astern``: which sides were tested. ``neutral``: known command of zero force, or None. The parameters of
+    the fit are slopes ``c``, then edges ``k``, then the offset of the dynamometer. The slopes are those of the force at
+    the edge of the dead zone and at the end of the range. A map with ``c >= 0`` therefore rises.
     """
 
     shape: Shape
@@ -43,14 +44,14 @@ class MapStructure:
 
     @property
     def name(self) -> str:
-        """In words, e.g. ``quadratic, sides differ, dead zone free``."""
+        """Description, e.g. ``quadratic, sides differ, dead zone free``."""
         sides = "" if not (self.ahead and self.astern) else (", sides alike" if self.same_sides else ", sides differ")
         dead = {"none": "no dead zone", "symmetric": "dead zone symmetric", "free": "dead zone free"}[self.dead]
         return f"{self.shape}{sides}, {dead}" + (", offset" if self.offset else "")
 
     @property
     def slopes(self) -> Array:
-        """(4, c): slopes ahead at edge and end, astern at edge and end, by the slope parameters."""
+        """Matrix (4, c) from slope parameters to slopes: ahead at edge and end, astern at edge and end."""
         one = _SHAPES[self.shape]
         if self.same_sides:
             return np.vstack([one, one])
@@ -62,9 +63,10 @@ class MapStructure:
 
     @property
     def edges(self) -> Array:
-        """(2, k): ``x_f`` and ``x_b`` by the edge parameters: middle (if free), then half-width (if any, never < 0).
+        """Matrix (2, k) from edge parameters to ``x_f`` and ``x_b``.
 
-        They are added to ``neutral``, or to 0 when that is unknown.
+        The edge parameters are the middle (if free), then the half-width (if there is a dead zone, never < 0). They are
+        added to ``neutral``, or to 0 if that is unknown.
         """
         if self.dead == "symmetric":
             return np.array([[1.0], [-1.0]])
@@ -101,13 +103,13 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class ThrusterMap:
-    """Miskovic2010, eq. (2.8) behind a dead zone, per direction.
+    """Force map of Miskovic2010, eq. (2.8) with a dead zone, for each direction.
 
-    With ``x = direction * n`` and ``s`` the distance from the edge of the dead zone,
-    ``T = a_f s^2 + b_f s`` for ``s = x - x_f > 0``, ``T = -(a_b s^2 + b_b s)`` for ``s = x_b - x > 0``, 0 between.
-
-    ``direction`` -1: a higher command pulls back. ``low``, ``high``: commands tested, ends of the map; ``unit`` that of
-    the command (``a`` in N/unit^2, ``b`` in N/unit). The map rises strictly outside the dead zone.
+    Let ``x = direction * n``, and let ``s`` be the distance from the edge of the dead zone. Then
+    ``T = a_f s^2 + b_f s`` for ``s = x - x_f > 0``, ``T = -(a_b s^2 + b_b s)`` for ``s = x_b - x > 0``, and 0 between.
+    ``direction`` -1: a higher command pulls astern. ``low``, ``high``: limits of the commands tested, which are the
+    ends of the map. ``unit``: that of the command (``a`` in N/unit^2, ``b`` in N/unit). The map rises strictly outside
+    the dead zone.
     """
 
     a_f: float
@@ -123,7 +125,7 @@ class ThrusterMap:
 
     @property
     def dead_zone(self) -> tuple[float, float]:
-        """Commands between which nothing pulls, lower first."""
+        """The commands between which the force is zero, lower first."""
         first, second = sorted((self.direction * self.x_b, self.direction * self.x_f))
         return first, second
 
@@ -134,12 +136,13 @@ class ThrusterMap:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Weakest (most astern) and strongest (most ahead) force of the commands tested [N]."""
+        """Weakest (most astern) and strongest (most ahead) force within the tested commands [N]."""
         ends = self.force(np.array([self.low, self.high]))
         return float(ends.min()), float(ends.max())
 
     def force(self, command: ArrayLike) -> Array:
-        """Return the force [N] of *command* (any shape); commands outside those tested give the ends' force."""
+        """Return the force [N] of *command* (any shape); commands outside the tested range give the force at its
+        end."""
         x = self.direction * np.clip(np.asarray(command, dtype=np.float64), self.low, self.high)
         ahead, astern = np.maximum(x - self.x_f, 0.0), np.maximum(self.x_b - x, 0.0)
         result: Array = (self.a_f * ahead + self.b_f) * ahead - (self.a_b * astern + self.b_b) * astern
@@ -148,7 +151,8 @@ class ThrusterMap:
     def inverse(self, force: ArrayLike) -> Array:
         """Return the command that gives *force* [N] (any shape): the compensation of Miskovic2010, 3.1.
 
-        No force gives ``neutral``, the smallest force the edge of the dead zone, a force out of reach the nearest end.
+        Zero force gives ``neutral``. The smallest force gives the edge of the dead zone. A force outside the range
+        gives the nearest end.
         """
         f = np.asarray(force, dtype=np.float64)
         ahead = self.x_f + _root(self.a_f, self.b_f, np.maximum(f, 0.0))
@@ -163,12 +167,12 @@ class ThrusterMap:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ThrusterMap:
-        """Rebuild from :meth:`to_dict`."""
+        """Rebuild a map from the data of :meth:`to_dict`."""
         return cls(**{k: v for k, v in data.items() if k not in ("schema", "model")})
 
 
 def _root(a: float, b: float, f: Array) -> Array:
-    """Solve ``a s^2 + b s = f`` for ``s >= 0`` without cancellation; infinite where there is none."""
+    """Solve ``a s^2 + b s = f`` for ``s >= 0`` without cancellation; infinite if there is no solution."""
     inside = b * b + 4.0 * a * f
     with np.errstate(divide="ignore", invalid="ignore"):
         bottom = b + np.sqrt(inside)

@@ -14,7 +14,6 @@ from gcs_autotune.axes import AXES, SIGNAL_FORCES, excitation_of
 from gcs_autotune.craft import Observation
 from gcs_autotune.design import StepMetrics, combine, step_metrics, throttle_of
 from gcs_autotune.firmware import Axis, Firmware
-from gcs_autotune.identify import noise_of, quantum
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import (
     LEVELS,
@@ -27,6 +26,7 @@ from gcs_autotune.manoeuvres import (
     ThrottleStepsSettings,
     windows_of,
 )
+from gcs_autotune.sensor import noise_of, quantum
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.settings import TuneSettings
 

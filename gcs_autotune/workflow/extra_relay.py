@@ -15,17 +15,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, Characteristic, ExtendedModel
 from gcs_autotune.errors import NotAchieved
-from gcs_autotune.identify import (
-    DEAD_ZONE,
-    QUADRATIC,
-    AxisFit,
-    Fit,
-    Model,
-    effect_number,
-    fit_with_actuator,
-    pays,
-    unexplained,
-)
+from gcs_autotune.identify import AxisFit, Fit, Model
+from gcs_autotune.identify.thrust import DEAD_ZONE, QUADRATIC, effect_number, fit_with_actuator, pays
 from gcs_autotune.observer import Observer
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.experiments import Relays
@@ -60,7 +51,7 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Ext
     dead, bent = fit_with_actuator(runs, plain, DEAD_ZONE), fit_with_actuator(runs, plain, QUADRATIC)
     if dead is None or bent is None or not (pays(dead, plain, DEAD_ZONE) and pays(bent, plain, QUADRATIC)):
         return None
-    few, many = sorted((unexplained(dead), unexplained(bent)))
+    few, many = sorted((dead.unexplained, bent.unexplained))
     if few < _ALIKE * many:
         return None
     output = _telling(_force_of(dead), _force_of(bent), [float(run.meta["C"]) for run in runs], room)

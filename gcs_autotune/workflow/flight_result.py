@@ -8,16 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs_autotune.errors import AutotuneError, NotInformative
-from gcs_autotune.identify import (
-    Fit,
-    Model,
-    Validation,
-    fit_axis,
-    moved_besides,
-    save_model,
-    validate,
-    with_doubt_of_thrust,
-)
+from gcs_autotune.identify import Fit, Model, Validation, fit_axis, moved_besides, save_model, validate
+from gcs_autotune.identify.thrust import with_doubt_of_thrust
 from gcs_autotune.manoeuvres import Preview, limited_orders
 from gcs_autotune.report import (
     Document,

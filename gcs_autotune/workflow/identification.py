@@ -9,16 +9,12 @@ from functools import partial
 from typing import Literal
 
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify import (
-    AxisFit,
-    Fit,
-    Model,
-    fit_axis,
+from gcs_autotune.identify import AxisFit, Fit, Model, fit_axis
+from gcs_autotune.identify.thrust import (
     fit_surge,
     fit_thrust_curve,
     set_on_the_way_back,
     thrust_curve_told,
-    unexplained,
     with_actuator,
 )
 from gcs_autotune.trial import Trial
@@ -50,7 +46,7 @@ class Identified:
     @property
     def unexplained(self) -> float:
         """Unexplained part of the motion [percent]."""
-        return unexplained(self.fit if self.curved is None else self.curved)
+        return (self.fit if self.curved is None else self.curved).unexplained
 
 
 def identify(
@@ -196,7 +192,7 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
     if early and not context.earlier.has("throttle-2"):
         log.say("identifying")
         alone = context.compute_while_turning("step-before", partial(_or_none, fitted, [first]))
-        if alone is not None and unexplained(alone) < BY_ITSELF:
+        if alone is not None and alone.unexplained < BY_ITSELF:
             log.fit = alone
             return Identified(alone, [first], short=True)
     else:
@@ -220,7 +216,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
         log.say("identifying, with the step")
         both = context.run_in_background(_or_none, fitted, [first, step])
         told = both is not None and not any(doubt.slug in UNKNOWN_YET for doubt in both.doubts)
-        if both is not None and told and unexplained(both) < BY_ITSELF:
+        if both is not None and told and both.unexplained < BY_ITSELF:
             log.fit = both
             return Identified(both, [first, step], short=True)
     context.turn_around("throttle-2", SWING_AHEAD)

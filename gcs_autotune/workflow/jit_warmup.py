@@ -15,7 +15,8 @@ import numpy as np
 from gcs_autotune.clock import Deadline, ManualClock
 from gcs_autotune.design import LAWS, Scenario
 from gcs_autotune.errors import AutotuneError
-from gcs_autotune.identify import DEAD_ZONE, fit, fit_axis, fit_with_actuator
+from gcs_autotune.identify import fit, fit_axis
+from gcs_autotune.identify.thrust import DEAD_ZONE, fit_with_actuator
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import Observer

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import derivative_names
 from gcs_autotune.models import FORMS
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
@@ -108,7 +107,7 @@ def _names(form: str) -> Mapping[str, str]:
         return {n: n for n in FORMS[form].free}
     nu = DOFS[form].velocity
     called = (f"alpha_{nu}", f"beta_{nu}", f"beta_{nu}{nu}")
-    return {**dict(zip(derivative_names(DOFS[form]), called, strict=False)), **{n: n for n in called}}
+    return {**dict(zip(DOFS[form].derivative_names(), called, strict=False)), **{n: n for n in called}}
 
 
 def _name_in(form: str, name: str) -> str:

@@ -29,7 +29,8 @@ from gcs_autotune.design import (
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import CURVE, AxisFit, Fit, Model, square_of
+from gcs_autotune.identify import AxisFit, Fit, Model
+from gcs_autotune.identify.thrust import CURVE, square_of
 from gcs_autotune.manoeuvres import Step, StepSettings
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial

@@ -26,7 +26,7 @@ from gcs_autotune.clock import ManualClock
 from gcs_autotune.design import ProvisionalGains, Spec, provisional
 from gcs_autotune.errors import AutotuneError, NoGainsMeetSpec
 from gcs_autotune.firmware import Axis
-from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis, unexplained
+from gcs_autotune.identify import MIN_SAMPLES, AxisFit, Structure, fit_axis
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.manoeuvres import LEAST_REVERSALS, Relay
 from gcs_autotune.observer import Observer, PredictedCost, SilentObserver
@@ -113,9 +113,9 @@ def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains 
     if len(runs[-1][signal]) < LEAST_SAMPLES:
         return Assessment(f"{len(runs[-1][signal])} samples of {signal}, fewer than {LEAST_SAMPLES}")
     fit = _fit(question, *runs)
-    if fit is None or unexplained(fit) >= UNEXPLAINED:
+    if fit is None or fit.unexplained >= UNEXPLAINED:
         alone = None if question.axis.needs_speed or run is None else _fit(question, run)
-        by_itself = alone is not None and unexplained(alone) < BY_ITSELF
+        by_itself = alone is not None and alone.unexplained < BY_ITSELF
         much = "not" if fit is None else f"only by {fit.fit_percent:.0f} %"
         return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
     covariance, m = fit.craft_covariance, fit.model

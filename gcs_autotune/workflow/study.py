@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.identify import (
-    FREE,
     METHODS,
     AxisFit,
     Fit,
@@ -21,15 +20,13 @@ from gcs_autotune.identify import (
     Structure,
     Validation,
     fit,
-    fit_surge,
     form_of,
     is_of_one_axis,
-    join,
     model_file_of,
     moved_too,
     validate,
-    whole_model,
 )
+from gcs_autotune.identify.thrust import fit_surge
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import MethodOutcome, RunRow, Study
@@ -58,6 +55,8 @@ MOST_FOLDS = 8
 """Most runs held out one at a time; more are held out in groups."""
 
 ALL = "all"
+
+DRAGS: Mapping[str, Structure] = {str(n): n for n in get_args(Structure)}
 
 
 Stage = Callable[[str, int, int], None]
@@ -99,7 +98,7 @@ def study(
     answer = outcomes[0]
     assert answer.fit is not None
     drags = Weighed()
-    plain = whole_model(answer.fit) is answer.fit.model
+    plain = answer.fit.whole_model is answer.fit.model
     if settings.check and is_of_one_axis(answer.fit) and settings.structure is None and plain:
         stage("comparing damping structures", 0, 1)
         drags = drags_weighed(answer.fit, runs)
@@ -255,14 +254,13 @@ def _outcome(
 def _shows_a_thrust_curve(trials: Sequence[Trial], settings: StudySettings) -> bool:
     """Return whether the runs were flown to identify thrust over throttle, and no other structure is requested."""
     flown = all(t.meta.get("thrust_curve") is True for t in trials)
-    drag = settings.structure is None or (isinstance(settings.structure, str) and settings.structure in FREE)
+    drag = settings.structure is None or (isinstance(settings.structure, str) and settings.structure in DRAGS)
     plain = not (settings.effects or settings.begin or settings.known or settings.use or settings.options)
     return flown and drag and plain and settings.dof in (None, "surge") and settings.loss == "linear"
 
 
 def _drag(settings: StudySettings) -> Structure | None:
-    by_name: dict[str, Structure] = {str(n): n for n in FREE}
-    return by_name.get(str(settings.structure))
+    return DRAGS.get(str(settings.structure))
 
 
 def _check(
@@ -281,7 +279,7 @@ def _check(
             parts.append(validate(model(), held))
         except AutotuneError as error:
             objections.append(str(error))
-    return (join(parts) if parts else None), objections
+    return (Validation.joined(parts) if parts else None), objections
 
 
 def _folds(
@@ -290,16 +288,16 @@ def _folds(
     """Yield a function that fits, and the runs that its model must predict."""
     if unseen:
         for run in unseen:
-            yield (lambda: whole_model(found)), [run]
+            yield (lambda: found.whole_model), [run]
         return
     if len(runs) == 1:
         run = runs[0]
         cut = run.end - HELD_BACK * run.duration
         held_back = run.between(cut, run.end)
-        whole = whole_model(found)
+        whole = found.whole_model
         if isinstance(whole, ExtendedModel):
             held_back = _with_what_went_before(held_back, run, whole)
-        yield (lambda: whole_model(identify([run.between(run.start, cut)]))), [held_back]
+        yield (lambda: identify([run.between(run.start, cut)]).whole_model), [held_back]
         return
     folds = min(len(runs), MOST_FOLDS)
     for k in range(folds):
@@ -315,7 +313,7 @@ def _with_what_went_before(rest: Trial, run: Trial, model: ExtendedModel) -> Tri
 
 
 def _model_of(identify: Callable[[Sequence[Trial]], Fit[Model]], runs: Sequence[Trial]) -> Any:
-    return whole_model(identify(runs))
+    return identify(runs).whole_model
 
 
 def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) -> str:

@@ -25,13 +25,13 @@ from gcs_autotune.identify import (
     METHODS,
     AxisFit,
     Fit,
-    FrequencyResponse,
     Model,
     ModelFile,
     is_of_one_axis,
     model_file_of,
     scaled_form,
 )
+from gcs_autotune.identify.frequency import FrequencyResponse
 from gcs_autotune.models import Form, Nomoto1
 from gcs_autotune.report import correlation_plot, frequency_plot, plan_plot, profile_plot
 from gcs_autotune.sname import SIGNALS

@@ -17,7 +17,7 @@ from gcs_autotune.diagnose.evidence import chance_of, weak_among, worth
 from gcs_autotune.diagnose.process_noise import NoiseSearch, supported
 from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_parts, may_be_none
 from gcs_autotune.effects import EffectInstance, name_of
-from gcs_autotune.identify import NoisyFit
+from gcs_autotune.identify.kalman import NoisyFit
 
 MANY = [
     *("input-bias", "dead-zone", "gain-drift", "quadratic-drag", "asymmetric-thrust", "quadratic-actuator"),

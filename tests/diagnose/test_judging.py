@@ -33,12 +33,12 @@ from gcs_autotune.diagnose.score import (
 )
 from gcs_autotune.diagnose.state import SearchState
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.base_model import plain_form
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.likelihood import Residual
-from gcs_autotune.identify.preparation import prepare_as_recorded
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.base_model import plain_form
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.likelihood import Residual
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.signals.preparation import prepare_as_recorded
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models.coupled import CoupledModel
 from gcs_autotune.models.coupled.form import Form
 

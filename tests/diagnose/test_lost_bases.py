@@ -17,7 +17,8 @@ from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import blocked_cv
 from gcs_autotune.diagnose.undo_data_errors import undo_data_errors
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify.problems import fit_base, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ import pytest
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.missing_force import _curve_over, _Estimate
-from gcs_autotune.identify import plain_form
+from gcs_autotune.identify.problems import plain_form
 from gcs_autotune.trial import Channel, Trial
 
 

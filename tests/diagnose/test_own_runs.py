@@ -19,7 +19,10 @@ from gcs_autotune.diagnose.intake import is_one_flight, within_manoeuvre
 from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, words_of
 from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
 from gcs_autotune.effects import EFFECTS
-from gcs_autotune.identify import NoisyFit, ProcessNoise, data_summary_of, moves, plain_form, prepare_as_recorded
+from gcs_autotune.identify.kalman import NoisyFit, ProcessNoise
+from gcs_autotune.identify.problems import data_summary_of, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
+from gcs_autotune.sensor import moves
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]
@@ -203,8 +206,8 @@ def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() ->
     nothing = cast(Any, SimpleNamespace(accepted=(), steps=()))
     missing = MissingForce("yaw", "1", 0.1, 20.0, math.nan, {}, (), None, (0.082, 0.122), (5.07, 78.9), 60.0)
     assert words_of(nothing, missing)[0].endswith(
-        "its correlation time is 20 s (95 %: 0.082 to 0.12, and 5.1 s to 78.9 s); these runs do not distinguish it "
-        "from a constant force"
+        "its correlation time is 20 s (95 %: size 0.082 to 0.12, time 5.1 s to 78.9 s); these runs do not "
+        "distinguish it from a constant force"
     )
     assert words_of(nothing, replace(missing, longest=600.0))[0].endswith("78.9 s)")
     assert missing.to_dict()["memory95"] == [5.07, 78.9]

@@ -9,7 +9,8 @@ import pytest
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import plain_form, prepare_as_recorded, within_horizon
+from gcs_autotune.identify.problems import plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded, within_horizon
 from gcs_autotune.trial import Channel, Trial
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,8 @@ from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.numbers import if_told
 from gcs_autotune.diagnose.plain_numbers import command_sizes, plain_numbers
 from gcs_autotune.diagnose.simulation import stand_in
-from gcs_autotune.identify import plain_form, prepare_as_recorded
+from gcs_autotune.identify.problems import plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.report import diagnosis_document
 from gcs_autotune.report.diagnosis.wording import found_words, given_words, standing
 from gcs_autotune.report.toolkit.terminal import render_text

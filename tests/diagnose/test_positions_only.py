@@ -9,7 +9,8 @@ from runs_in_the_tank import BOAT, UNITS
 from gcs_autotune.diagnose import WORK, diagnose
 from gcs_autotune.diagnose.residual_analysis import signature_of
 from gcs_autotune.errors import MissingChannel
-from gcs_autotune.identify import fit_base, overlooked, plain_form, prepare_as_recorded
+from gcs_autotune.identify.problems import fit_base, overlooked, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects.table import make_effect
 from sitl.open_loop import open_loop

@@ -34,18 +34,9 @@ from gcs_autotune.diagnose.score import CandidateScore, SearchStep, lack_by_part
 from gcs_autotune.diagnose.search_with_noise import _outdone, model_process_noise
 from gcs_autotune.diagnose.state import SearchState, begin
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify import (
-    Fitted,
-    NoisyFit,
-    NoisyProblem,
-    Problem,
-    ProcessNoise,
-    data_summary_of,
-    fit_base,
-    plain_form,
-    prepare_as_recorded,
-    prepare_form,
-)
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, ProcessNoise
+from gcs_autotune.identify.problems import Fitted, Problem, data_summary_of, fit_base, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded, prepare_form
 from gcs_autotune.report.diagnosis.cause_wording import evidence_notes
 from gcs_autotune.report.diagnosis.wording import verdict_of
 from gcs_autotune.trial import Channel, Trial

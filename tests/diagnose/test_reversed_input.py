@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import plain_form, reversed_input
+from gcs_autotune.identify import reversed_input
+from gcs_autotune.identify.problems import plain_form
 from gcs_autotune.trial import Channel, Trial
 
 

@@ -12,7 +12,8 @@ from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.adequacy import nonparametric_rivals
 from gcs_autotune.diagnose.resonance_check import resonance_checks
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify.problems import fit_base, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 from sitl.effects import EffectParameter, HiddenEffect, Setting
 from sitl.plants import Wrench
 

@@ -8,7 +8,9 @@ from test_process_noise import SOME, nobody, weathered
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.process_noise import NoiseSearch, search_with_process_noise
 from gcs_autotune.diagnose.run_to_run import differing, doubt_of_days
-from gcs_autotune.identify import RunOffset, fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify.kalman import RunOffset
+from gcs_autotune.identify.problems import fit_base, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.trial import Trial
 
 DAYS = ((0.0, 0.09), (0.0, -0.07), (0.0, 0.05), (0.0, -0.08))

@@ -11,15 +11,9 @@ import pytest
 from gcs_autotune.diagnose.process_noise import asked_of, search_with_process_noise
 from gcs_autotune.diagnose.process_noise_starts import at_the_right_interval, plain_with_process_noise
 from gcs_autotune.diagnose.sampling_interval import prediction_horizon, refitted, rms_ahead, stands
-from gcs_autotune.identify import (
-    Fitted,
-    NoisyFit,
-    NoisyProblem,
-    Problem,
-    fit_base,
-    plain_form,
-    prepare_as_recorded,
-)
+from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem
+from gcs_autotune.identify.problems import Fitted, Problem, fit_base, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.trial import Channel, Trial
 
 INTERVAL = 0.1

@@ -18,9 +18,9 @@ from gcs_autotune.diagnose.state import begin_with
 from gcs_autotune.diagnose.strategies import SEARCH, drop_insignificant, follow
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.identify.axis.form import as_extended
-from gcs_autotune.identify.base_model import fit_base, plain_form
 from gcs_autotune.identify.model_file import ModelFile, load_model
-from gcs_autotune.identify.preparation import prepare_as_recorded
+from gcs_autotune.identify.problems.base_model import fit_base, plain_form
+from gcs_autotune.identify.signals.preparation import prepare_as_recorded
 from gcs_autotune.models import SingleDof
 from gcs_autotune.models.coupled import CoupledModel, Form
 from gcs_autotune.report import diagnosis_document

@@ -7,7 +7,8 @@ import pytest
 
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
-from gcs_autotune.identify import data_summary_of, plain_form, prepare_as_recorded
+from gcs_autotune.identify.problems import data_summary_of, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.trial import Channel, Trial
 
 WEAK = 0.75

@@ -14,7 +14,8 @@ from gcs_autotune.errors import UnknownName, UsageError
 from gcs_autotune.experiments import RankedManoeuvre, next_manoeuvre, plan_next, rank_by_precision
 from gcs_autotune.experiments.next_manoeuvre import PRESETS
 from gcs_autotune.experiments.preview import CONTROL_STEP, Flight, allocation_of, fly
-from gcs_autotune.identify import Fit, fit, fitted_model_of
+from gcs_autotune.identify import Fit, fit
+from gcs_autotune.identify.problems import fitted_model_of
 from gcs_autotune.manoeuvres import Manoeuvre, Preset
 from gcs_autotune.models import FORMS, CoupledModel, Form
 from gcs_autotune.report import plan_plot

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs_autotune.identify.surge import along_track, doubt_of
+from gcs_autotune.identify.thrust.surge import along_track, doubt_of
 from gcs_autotune.trial import Channel, Mark, Trial
 
 LEVELS = (0.4, 0.54, 0.4)

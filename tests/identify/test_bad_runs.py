@@ -14,9 +14,10 @@ from axis_plants import DEG, Levels, Relay
 
 from gcs_autotune.cli import main
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, fit, form_of, plain_form
-from gcs_autotune.identify.cleaning import clipped, within_range
+from gcs_autotune.identify import Fit, fit, form_of
 from gcs_autotune.identify.outlier_run import CraftEstimate, outlier_runs
+from gcs_autotune.identify.problems import plain_form
+from gcs_autotune.identify.signals.cleaning import clipped, within_range
 from gcs_autotune.trial import Channel, Trial, save_trial
 
 Record = Callable[..., Trial]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify import Doubt, clean, cleaning
-from gcs_autotune.identify.cleaning import _breaks_off, _levels_off, clipped, unwrap
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.signals import clean, cleaning
+from gcs_autotune.identify.signals.cleaning import _breaks_off, _levels_off, clipped, unwrap
 from gcs_autotune.trial import Channel
 
 

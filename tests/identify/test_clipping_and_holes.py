@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gcs_autotune.identify import Doubt, quantum
-from gcs_autotune.identify.cleaning import (
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.signals.cleaning import (
     _breaks_off,
     _in_order,
     _turn_expected,
@@ -20,6 +20,7 @@ from gcs_autotune.identify.cleaning import (
     unwrap,
     within_range,
 )
+from gcs_autotune.sensor import quantum
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]

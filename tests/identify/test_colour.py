@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from gcs_autotune.identify import autocorrelation, correlation_time
-from gcs_autotune.identify.whiteness import SIGNIFICANCE, all_white, scores_covariance, whiteness
+from gcs_autotune.identify.signals import autocorrelation, correlation_time
+from gcs_autotune.identify.signals.whiteness import SIGNIFICANCE, all_white, scores_covariance, whiteness
 
 
 def white(seed: int, n: int = 400) -> np.ndarray:

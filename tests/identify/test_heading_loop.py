@@ -10,15 +10,9 @@ import pytest
 from linear_plants import relay_run
 
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify import (
-    experiments_needed,
-    harmonic_response,
-    heading_loop,
-    loop_cycles,
-    loop_process,
-    loop_trial,
-    simplify,
-)
+from gcs_autotune.identify.frequency import harmonic_response
+from gcs_autotune.identify.relay import loop_cycles, loop_process, loop_trial
+from gcs_autotune.identify.relay.linear_process import experiments_needed, heading_loop, simplify
 from gcs_autotune.models import TransferFunction
 
 DEG = math.pi / 180.0

@@ -13,8 +13,9 @@ import pytest
 from axis_plants import DEG, Levels, Relay
 
 from gcs_autotune.errors import BadFile, DataError, MissingChannel, NotInformative, UnknownName, UsageError
-from gcs_autotune.identify import METHODS, fit_axis, free_run, residual_statistics
+from gcs_autotune.identify import METHODS, fit_axis
 from gcs_autotune.identify.axis.by_output_error import _check_that_something_is_known
+from gcs_autotune.identify.free_run import free_run, residual_statistics
 from gcs_autotune.logs import load_runs
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial, save_trial

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gcs_autotune.identify.axis.form import ExplicitForm
-from gcs_autotune.identify.free_numbers import DIAGNOSTIC, WEAK, StampPrior
-from gcs_autotune.identify.likelihood import Limits, Residual, information_of
-from gcs_autotune.identify.noise import Gaussian, NoiseModel, Rounded
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.problems.free_numbers import DIAGNOSTIC, WEAK, StampPrior
+from gcs_autotune.identify.problems.likelihood import Limits, Residual, information_of
+from gcs_autotune.identify.problems.noise import Gaussian, NoiseModel, Rounded
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.sname import DOFS
 
 N, P = 60, 3

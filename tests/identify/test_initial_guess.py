@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gcs_autotune.identify.initial_guess import SPECIAL_START
+from gcs_autotune.identify.problems.initial_guess import SPECIAL_START
 from gcs_autotune.models import SPECIAL
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import Local, descend, inverse_of
-from gcs_autotune.identify.least_squares import Rules, step_of
+from gcs_autotune.identify.problems import Local, descend, inverse_of
+from gcs_autotune.identify.problems.least_squares import Rules, step_of
 
 A = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 0.5], [0.0, 0.5, 2.0]])
 BEST = np.array([1.0, -2.0, 0.5])

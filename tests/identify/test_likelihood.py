@@ -11,8 +11,8 @@ import pytest
 
 from gcs_autotune.effects import DataSummary, EffectInstance, EffectResidual
 from gcs_autotune.identify.axis.form import ExplicitForm
-from gcs_autotune.identify.free_numbers import WEAK
-from gcs_autotune.identify.likelihood import (
+from gcs_autotune.identify.problems.free_numbers import WEAK
+from gcs_autotune.identify.problems.likelihood import (
     LAGGED,
     REMEMBERED,
     Limits,
@@ -22,9 +22,9 @@ from gcs_autotune.identify.likelihood import (
     judged_by,
     sums_of,
 )
-from gcs_autotune.identify.noise import Gaussian, NoiseModel
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.problems.noise import Gaussian, NoiseModel
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import simulate_explicit
 from gcs_autotune.sname import DOFS
 

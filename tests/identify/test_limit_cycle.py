@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from axis_plants import DEG, Levels, Relay, fly
 
-from gcs_autotune.identify import LimitCycleMonitor, MonitorState, decide, find_cycles, prepare
-from gcs_autotune.identify.relay.iso import estimate, relay, relay_bias
-from gcs_autotune.identify.relay.limit_cycle import settled_cycles
+from gcs_autotune.identify.relay import LimitCycleMonitor
+from gcs_autotune.identify.relay.iso import decide, estimate, relay, relay_bias
+from gcs_autotune.identify.relay.limit_cycle import MonitorState, find_cycles, settled_cycles
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.trial import Channel, Mark, Trial
 
 Record = Callable[..., Trial]

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from linear_plants import relay_run
 
-from gcs_autotune.identify import find_cycles, harmonic_response, identify_process, process_from_response
+from gcs_autotune.identify.frequency import harmonic_response
 from gcs_autotune.identify.relay.iso import quadratic_drag, relay_bias
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
+from gcs_autotune.identify.relay.linear_process import identify_process, process_from_response
 from gcs_autotune.models import TransferFunction
 from gcs_autotune.trial import Trial
 

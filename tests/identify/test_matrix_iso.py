@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import LimitCycle, experiments_needed, identify_process
+from gcs_autotune.identify import LimitCycle
 from gcs_autotune.identify.relay.iso import relay
+from gcs_autotune.identify.relay.linear_process import experiments_needed, identify_process
 
 
 def balanced_cycle(value: complex, omega: float, X_m: float) -> LimitCycle:

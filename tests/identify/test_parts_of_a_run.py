@@ -11,8 +11,9 @@ import pytest
 
 from gcs_autotune.effects import EFFECTS
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify import Problem, parts_of
-from gcs_autotune.identify import problem as problem_module
+from gcs_autotune.identify.problems import Problem
+from gcs_autotune.identify.problems import problem as problem_module
+from gcs_autotune.identify.signals import parts_of
 from gcs_autotune.trial import Channel, Mark, Trial
 
 

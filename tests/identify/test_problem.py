@@ -7,10 +7,10 @@ import pytest
 
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.identify.axis.form import ExplicitForm
-from gcs_autotune.identify.free_numbers import DIAGNOSTIC, WEAK, label_of
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.problem import FLOOR, STRIDE, TURN, Problem
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.problems.free_numbers import DIAGNOSTIC, WEAK
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.problems.problem import FLOOR, STRIDE, TURN, Problem
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import simulate_explicit
 from gcs_autotune.sname import DOFS
 
@@ -115,7 +115,7 @@ def test_a_fit_is_moved_in_the_order_of_its_jacobian_and_stays_within_limits() -
 
 
 def test_a_parameter_of_an_effect_is_called_by_where_it_sits() -> None:
-    assert label_of(EffectInstance("dead-zone", "N", {"width": 0.1}), "width") == "dead-zone@N.width"
+    assert EffectInstance("dead-zone", "N", {"width": 0.1}).label_of("width") == "dead-zone@N.width"
 
 
 def test_what_a_fit_knows_of_itself_is_its_information_with_what_was_known_of_the_stamps() -> None:

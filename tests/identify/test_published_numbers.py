@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from axis_plants import DEG, Relay
 
-from gcs_autotune.identify import IsoEstimate, LimitCycle, decide, find_cycles, identify_process
-from gcs_autotune.identify.relay.iso import MARGINS, estimate
+from gcs_autotune.identify import IsoEstimate, LimitCycle
+from gcs_autotune.identify.relay.iso import MARGINS, decide, estimate
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
+from gcs_autotune.identify.relay.linear_process import identify_process
 from gcs_autotune.trial import Trial
 
 Record = Callable[..., Trial]

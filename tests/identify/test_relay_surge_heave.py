@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from axis_plants import Plant, Relay, fly
 
-from gcs_autotune.identify import LimitCycle, find_cycles, fit, fit_axis
+from gcs_autotune.identify import LimitCycle, fit, fit_axis
 from gcs_autotune.identify.relay.iso import estimate
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.trial import Channel, Trial
 
 Record = Callable[..., Trial]

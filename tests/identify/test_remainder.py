@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from gcs_autotune.identify import Remainder, autocorrelation, correlation_time, gaussian_noise
-from gcs_autotune.identify.noise import Gaussian, Rounded
-from gcs_autotune.identify.whiteness import all_white, remainder_of
+from gcs_autotune.identify import Remainder
+from gcs_autotune.identify.problems.noise import Gaussian, Rounded, gaussian_noise
+from gcs_autotune.identify.signals import autocorrelation, correlation_time
+from gcs_autotune.identify.signals.whiteness import all_white, remainder_of
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import Local, NoiseModel, Residual, alternate
-from gcs_autotune.identify.noise import Gaussian
-from gcs_autotune.identify.reweighting import MAD, Effort, errors_of, likeliest, rounding_error
+from gcs_autotune.identify.problems import Local, Residual
+from gcs_autotune.identify.problems.noise import Gaussian, NoiseModel
+from gcs_autotune.identify.problems.reweighting import MAD, Effort, alternate, errors_of, likeliest, rounding_error
 
 
 def residual(name: str, errors: np.ndarray, step: float = 0.0, measured: np.ndarray | None = None) -> Residual:

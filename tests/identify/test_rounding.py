@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from axis_plants import DEG, Relay
 
-from gcs_autotune.identify import cramer_rao, fit_axis, prepare
-from gcs_autotune.identify.noise import FINEST, Gaussian, Rounded
-from gcs_autotune.identify.quick_fit import quanta_of
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify.axis.uncertainty import cramer_rao
+from gcs_autotune.identify.problems.noise import FINEST, Gaussian, Rounded
+from gcs_autotune.identify.problems.quick_fit import quanta_of
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import stamp_correction
 from gcs_autotune.identify.axis.form import ExplicitForm
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.preparation import WITHIN_LOOP
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.segment import Segment, Signal
-from gcs_autotune.identify.solution import Solution, solve
-from gcs_autotune.identify.stamp_correction import MOST, Switches, _nearest, _posterior, corrected, switches_of
+from gcs_autotune.identify.problems import stamp_correction
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.solution import Solution, solve
+from gcs_autotune.identify.problems.stamp_correction import MOST, Switches, _nearest, _posterior, corrected, switches_of
+from gcs_autotune.identify.signals.preparation import WITHIN_LOOP
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import simulate_explicit
 from gcs_autotune.sname import DOFS
 

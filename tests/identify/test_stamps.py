@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from axis_plants import DEG, Relay
 
-from gcs_autotune.identify import cramer_rao, fit_axis, prepare
+from gcs_autotune.identify import fit_axis
+from gcs_autotune.identify.axis.uncertainty import cramer_rao
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import CURVE, fit_axis, fit_surge, load_model, save_model, set_on_the_way_back, square_of
-from gcs_autotune.identify.surge import bent
+from gcs_autotune.identify import fit_axis, load_model, save_model
+from gcs_autotune.identify.thrust import CURVE, fit_surge, set_on_the_way_back, square_of
+from gcs_autotune.identify.thrust.surge import bent
 from gcs_autotune.models import SingleDof, simulate
 from gcs_autotune.trial import Channel, Mark, Trial
 from gcs_autotune.workflow import StudySettings, study

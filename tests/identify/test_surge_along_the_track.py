@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import find_cycles, fit_axis, prepare, validate
+from gcs_autotune.identify import fit_axis, validate
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.report.study.tables import unseen_table
 from gcs_autotune.trial import Channel, Mark, Trial
 

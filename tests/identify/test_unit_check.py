@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify import check_axes
-from gcs_autotune.identify.intake import check_units
+from gcs_autotune.identify.signals import check_axes
+from gcs_autotune.identify.signals.intake import check_units
 from gcs_autotune.trial import Channel, Trial
 
 Array = NDArray[np.float64]

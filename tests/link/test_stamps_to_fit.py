@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from scripted_vehicle import ScriptedVehicle
 
-from gcs_autotune.identify import fit_axis, prepare
+from gcs_autotune.identify import fit_axis
 from gcs_autotune.identify.axis import signals
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Relay, RelaySettings, Sequencer
 from gcs_autotune.observer import SilentObserver

@@ -9,7 +9,7 @@ import pytest
 
 from gcs_autotune.cli import make_parser
 from gcs_autotune.errors import GuardTripped
-from gcs_autotune.identify import find_cycles
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.manoeuvres import (
     MANOEUVRES,
     Envelope,

@@ -8,7 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.design import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
-from gcs_autotune.identify import AxisFit, Decision, Doubt, Fit, IsoEstimate, LimitCycle, Parameter, StructureFit, Trace
+from gcs_autotune.identify import (
+    AxisFit,
+    Decision,
+    Doubt,
+    Fit,
+    IsoEstimate,
+    LimitCycle,
+    Parameter,
+    StructureFit,
+    Trace,
+)
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report import TuneStory, to_html, tune_document
 from gcs_autotune.trial import Channel, Mark, Trial

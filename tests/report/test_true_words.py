@@ -18,7 +18,7 @@ from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, Parameter, Trace, fit, is_of_one_axis, validate
 from gcs_autotune.identify.doubts import delay_fitted
-from gcs_autotune.identify.whiteness import remainder_of
+from gcs_autotune.identify.signals.whiteness import remainder_of
 from gcs_autotune.report import Document, MethodOutcome, RunRow, Study, format_factor, study_document, to_html
 from gcs_autotune.report.diagnosis.wording import verdict_of as diagnosis_verdict_of
 from gcs_autotune.report.plots import draw_trace

@@ -8,7 +8,7 @@ import pytest
 from ship_plants import DEG, loop, nomoto, plan, sail
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UnknownName
-from gcs_autotune.identify import Reading
+from gcs_autotune.identify.open_loop import Reading
 from gcs_autotune.seatrials import Particulars, ship_figures
 from gcs_autotune.seatrials.criteria import first_overshoot_limit, judged, second_overshoot_limit
 

@@ -11,8 +11,10 @@ import pytest
 from ship_plants import DEG, ZigZag, nomoto, sail
 
 from gcs_autotune.errors import BadFile, NotInformative
-from gcs_autotune.identify import fit_axis, prepare, rows_of, validate
+from gcs_autotune.identify import fit_axis, validate
+from gcs_autotune.identify.open_loop import rows_of
 from gcs_autotune.identify.open_loop.zigzag_integrals import half_periods
+from gcs_autotune.identify.signals import prepare
 from gcs_autotune.seatrials import Particulars, ship_figures
 from gcs_autotune.seatrials.criteria import helm_text
 from gcs_autotune.trial import Channel, load_trial

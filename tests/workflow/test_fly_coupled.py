@@ -10,7 +10,8 @@ import pytest
 
 from gcs_autotune.errors import PreconditionFailed, WrongVehicle
 from gcs_autotune.experiments import eliminate
-from gcs_autotune.identify import find_cycles, fit
+from gcs_autotune.identify import fit
+from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.logs import load_runs
 from gcs_autotune.models import FORMS
 

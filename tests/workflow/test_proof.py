@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from gcs_autotune.design import Actuator
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import fit_surge
+from gcs_autotune.identify.thrust import fit_surge
 from gcs_autotune.manoeuvres import StepSettings
 from gcs_autotune.models import SingleDof, simulate
 from gcs_autotune.trial import Channel, Mark, Trial

@@ -11,7 +11,8 @@ import pytest
 
 from gcs_autotune.axes import AXES
 from gcs_autotune.errors import PreconditionFailed
-from gcs_autotune.identify import Doubt, Reading
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.open_loop import Reading
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report import recheck_document

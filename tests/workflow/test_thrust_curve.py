@@ -11,7 +11,8 @@ import pytest
 
 from gcs_autotune.effects import EffectInstance, ExtendedModel
 from gcs_autotune.firmware import FIRMWARE
-from gcs_autotune.identify import AxisFit, Parameter, fit_axis, fit_thrust_curve, thrust_curve, thrust_curve_told
+from gcs_autotune.identify import AxisFit, Parameter, fit_axis
+from gcs_autotune.identify.thrust import fit_thrust_curve, thrust_curve, thrust_curve_told
 from gcs_autotune.trial import Channel, Trial
 from gcs_autotune.workflow import identification
 from gcs_autotune.workflow.extra_relay import extra_relay

@@ -7,7 +7,8 @@ import math
 
 import pytest
 
-from gcs_autotune.identify import CURVE, load_model
+from gcs_autotune.identify import load_model
+from gcs_autotune.identify.thrust import CURVE
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import load_trial
 from gcs_autotune.workflow import Unattended, experiment

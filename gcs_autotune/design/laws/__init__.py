@@ -1,4 +1,4 @@
-"""Control laws of the autopilots we tune: one file each, keyed by ``Axis.law``."""
+"""Control laws of the supported autopilots: one file each, keyed by ``Axis.law``."""
 
 from __future__ import annotations
 
@@ -19,16 +19,19 @@ __all__ = ["ALIKE", "CEILINGS", "LAWS", "OTHER_MODE", "SKID", "THROTTLE", "Law",
 LAWS: Mapping[str, Law] = {
     law.name: law for law in (RoverHeading(), RoverYaw(), RoverSpeed(), SubHeading(), SubYaw(), SubDepth())
 }
-"""Name in ``firmware.Axis.law`` -> law."""
+"""Name in ``firmware.Axis.law`` -> control law."""
 
 CEILINGS: Mapping[str, Callable[[SingleDof, Settings, float | None], Mapping[str, float]]] = {
     RoverHeading.name: most_feed_forward
 }
-"""Law -> largest useful gains for a model at a speed [m/s], if below the documented range."""
+"""Law -> function that returns the largest useful gains for a model at a speed [m/s].
+
+It is present only if these are below the documented range.
+"""
 
 _SHARED = ((RoverHeading.name, RoverYaw.name), (SubHeading.name, SubYaw.name))
 OTHER_MODE: Mapping[str, str] = {one: other for pair in _SHARED for one, other in (pair, pair[::-1])}
 """Law -> the law of another mode of the same autopilot, which has the same gains."""
 
 ALIKE: Mapping[str, Callable[[Settings, float], Mapping[str, float]]] = {RoverHeading.name: alike}
-"""Law -> gains with another feed-forward whose step in position is nearly the same."""
+"""Law -> function that returns gains with another feed-forward whose position step is nearly the same."""

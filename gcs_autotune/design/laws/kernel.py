@@ -1,7 +1,7 @@
-"""The one compiled loop that every law flies: position, velocity and acceleration in cascade, around a craft.
+"""The compiled simulation that every law uses: position, velocity and acceleration loops in cascade, with a craft.
 
-A law sets the stages that its autopilot has (:class:`Cascade`); stages at their defaults are omitted. Written from the
-behaviour documented for ArduPilot (AC_PID, control.cpp's sqrt_controller, LowPassFilter2p), not from its source text.
+A law sets the stages that its autopilot has (:class:`Cascade`); stages at their defaults are omitted. The code follows
+the behaviour documented for ArduPilot (AC_PID, control.cpp's sqrt_controller, LowPassFilter2p), not its source text.
 """
 
 from __future__ import annotations
@@ -32,22 +32,26 @@ __all__ = [
 # ``min`` and ``max`` are not used here: each is compiled again for every kind of number it is given.
 
 MAX_STANDING_ERROR = 0.5
-"""A loop without integral action starts from the error it would stand at, at most this [rad or m]."""
+"""Largest initial error [rad or m] of a loop without integral action.
+
+Such a loop starts at the error that the craft's constant force causes.
+"""
 FINEST = 0.1
-"""Longest substep of the craft's motion relative to its shortest time constant."""
+"""Longest substep of the craft's motion, relative to its shortest time constant."""
 MAX_SUBSTEPS = 50
 SATURATED = 0.999
-"""A low-passed output counts as at its limit from here on [fraction]: it never quite gets there."""
+"""Output [fraction] from which a low-pass filtered output counts as saturated, because it never quite reaches 1."""
 HELD = 0.5
-"""Loops by which an output that is held for one acts late on the mean."""
+"""Mean delay, in loops, of an output that is held for one loop."""
 
 
 class LoopPlant(NamedTuple):
-    """What the kernels need of craft and scenario, all floats.
+    """Data on craft and scenario for the kernels, all floats.
 
-    ``alpha``, ``beta``, ``beta_quadratic``, ``delta`` of the craft, moved in ``substeps`` each loop of ``dt`` [s];
-    ``late`` the delay in loops; the ``step`` at loop ``step_at``, taken back at ``back_at``; a ``push`` (fraction) from
-    ``push_at`` on; ``settled`` constant force already worked off.
+    ``alpha``, ``beta``, ``beta_quadratic``, ``delta``: model of the craft. ``substeps``: integration steps per loop of
+    ``dt`` [s]. ``late``: delay in loops. ``step``: size of the step, which starts at loop ``step_at`` and is reversed
+    at ``back_at``. ``push``: constant force (fraction) from loop ``push_at`` on. ``settled``: constant force that the
+    integral already compensates.
     """
 
     alpha: float
@@ -76,7 +80,7 @@ class GyroFilter(NamedTuple):
 
 
 class StartingVelocity(NamedTuple):
-    """How a loop on a velocity begins: the ``velocity`` kept, the ``output`` that keeps it, for ``before`` loops."""
+    """Initial state of a velocity loop: the ``velocity`` and the ``output`` that keeps it, for ``before`` loops."""
 
     velocity: float
     output: float
@@ -87,25 +91,28 @@ AT_REST = StartingVelocity(0.0, 0.0, 0.0)
 
 
 class Cascade(NamedTuple):
-    """The stages of a loop, outermost first, all floats in SI; a switch acts above 0, and defaults leave a stage out.
+    """The stages of a loop, outermost first, all floats in SI.
 
-    Where a position is held (``on_position``, an ``angle`` being wrapped) its error times ``position_p`` is the wanted
-    velocity: along a square root with ``sqrt_acceleration`` far away, at most ``sqrt(2 |e| stop_acceleration)``.
-    With ``leads`` the position aimed at moves ahead of the craft, by ``lead_max`` at most: where ``shaped``, within
-    ``shape_acceleration`` and, for steps in position, ``slew`` and the time constant ``shape_time``; its velocity is
-    fed forward.
+    A switch is on if it is above 0. Defaults omit a stage.
 
-    The wanted velocity changes by ``acceleration`` (where it falls, by ``deceleration`` if that is not 0) up to
-    ``velocity_max``. With ``nested`` a PI (``velocity_p``, ``velocity_i``, ``velocity_imax``, error low-passed at
-    ``velocity_cutoff`` [Hz]) makes the wanted acceleration of it, and the PID closes on the craft's acceleration.
+    **Position.** With ``on_position``, the position error times ``position_p`` is the velocity demand. An ``angle`` is
+    wrapped. For large errors the demand follows a square root with ``sqrt_acceleration``. It is at most
+    ``sqrt(2 |e| stop_acceleration)``. With ``leads``, the position target moves ahead of the craft, by at most
+    ``lead_max``, and its velocity is fed forward. With ``shaped``, its motion is limited by ``shape_acceleration``, and
+    for steps in position also by ``slew`` and the time constant ``shape_time``.
 
-    The PID: ``ff`` on the target, ``p``, ``i`` within ``imax``, ``d``; low-passes [Hz, 0: none] on target, error and
-    the error's slope; ``cruise`` on the wanted velocity unfiltered. All of it times ``scale``, less ``hover``; the
-    integral is frozen unless it ``grows``.
+    **Velocity.** The velocity demand changes at ``acceleration`` (when it falls, at ``deceleration`` if that is not 0),
+    up to ``velocity_max``. With ``nested``, a PI (``velocity_p``, ``velocity_i``, ``velocity_imax``) converts the
+    velocity error to the acceleration demand. Its error is low-pass filtered at ``velocity_cutoff`` [Hz]. The PID then
+    controls the craft's acceleration.
 
-    The output is at most ``most``, moves by ``slew_output`` a loop, is shared with ``throttle``, does not turn against
-    the wanted velocity unless it ``brakes``, is low-passed at ``output_cutoff`` [Hz], and becomes a pulse by
-    ``least`` and ``expo`` (:func:`shaped_throttle`).
+    **PID.** ``ff`` acts on the target, ``p``, ``i`` (limited to ``imax``) and ``d`` on the error. Low-pass filters [Hz,
+    0: none] act on target, error and the error's slope. ``cruise`` acts on the unfiltered velocity demand. The sum is
+    multiplied by ``scale`` and reduced by ``hover``. The integral is frozen unless ``grows`` is set.
+
+    **Output.** The output is at most ``most`` and changes by at most ``slew_output`` per loop. Two thrusters share it
+    with ``throttle``. It does not act against the velocity demand unless ``brakes`` is set. It is low-pass filtered at
+    ``output_cutoff`` [Hz]. ``least`` and ``expo`` convert it to a pulse (:func:`shaped_throttle`).
     """
 
     on_position: float = 0.0
@@ -159,7 +166,10 @@ def _wrap(angle: float) -> float:
 
 
 def _sqrt_control(error: float, p: float, limit: float) -> float:
-    """Proportional near zero, square root beyond, so that stopping never needs more than *limit*."""
+    """Return a velocity that is proportional to *error* near zero and follows a square root beyond.
+
+    Stopping then never needs more deceleration than *limit*.
+    """
     if limit <= 0.0 or p <= 0.0:
         return error * p
     linear = limit / (p * p)
@@ -171,14 +181,14 @@ def _sqrt_control(error: float, p: float, limit: float) -> float:
 
 
 def _smoothing(cutoff: float, dt: float) -> float:
-    """Weight of the new sample in a first-order low-pass of *cutoff* [Hz]; 1 (no filter) if it is zero."""
+    """Return the weight of the new sample in a first-order low-pass of *cutoff* [Hz]; 1 (no filter) if that is zero."""
     if cutoff <= 0.0:
         return 1.0
     return dt / (dt + 1.0 / (2.0 * math.pi * cutoff))
 
 
 def _advance(position: float, velocity: float, force: float, plant: LoopPlant) -> tuple[float, float]:
-    """Move the craft one loop period under constant *force* (fraction)."""
+    """Move the craft for one loop period under a constant *force* (fraction)."""
     substeps, per_inertia, force = int(plant.substeps), 1.0 / plant.alpha, force + plant.delta
     h = plant.dt / substeps
     for _ in range(substeps):  # the explicit midpoint rule
@@ -190,16 +200,19 @@ def _advance(position: float, velocity: float, force: float, plant: LoopPlant) -
 
 
 def _mixed(steering: float, throttle: float) -> float:
-    """Return what of *steering* two thrusters give that drive with *throttle* too, shared fairly (MOT_STR_THR_MIX 0.5).
+    """Return the part of *steering* that remains if two thrusters also drive with *throttle* (MOT_STR_THR_MIX 0.5).
 
-    *throttle* is 0 where something else drives.
+    *throttle* is 0 if another actuator drives the craft.
     """
     wanted = abs(steering) + throttle
     return steering / wanted if throttle > 0.0 and wanted > 1.0 else steering
 
 
 def shaped_throttle(throttle: float, least: float, expo: float) -> float:
-    """Return the pulse [-1, 1] for a throttle [-1, 1]; *least* as a fraction, *expo* as MOT_THST_EXPO."""
+    """Return the pulse [-1, 1] for a throttle [-1, 1].
+
+    least : as a fraction. expo : as MOT_THST_EXPO.
+    """
     if throttle == 0.0:
         return 0.0
     size = least + abs(throttle) * (1.0 - least)
@@ -220,7 +233,7 @@ advance = pasted(_advance)
 
 
 def _bent(u: float, actuator: ActuatorStep) -> float:
-    """Return the force of a settled output *u*, with backlash taken up."""
+    """Return the force of a steady output *u*, with backlash taken up."""
     size = abs(u) - actuator.lost if abs(u) > actuator.dead_zone else 0.0
     size *= 1.0 - actuator.square + actuator.square * size / actuator.reference
     return float(actuator.ahead * size if u >= 0.0 else -actuator.astern * size)
@@ -230,9 +243,10 @@ bent = inlined(_bent)
 
 
 def _actuate(output: float, actuator: ActuatorStep, memory: NDArray[np.float64]) -> float:
-    """Return the force that *output* gives.
+    """Return the force of *output* after the actuator's dynamics.
 
-    memory : (4,) whether it has begun, and where limiter, lag and backlash are; changed. It begins settled at *output*.
+    memory : (4,) whether it is initialised, and the states of rate limit, lag and backlash; changed in place. The first
+    call starts in the steady state of *output*.
     """
     if actuator.acts == 0.0:
         return output
@@ -255,7 +269,7 @@ actuate = pasted(_actuate)
 
 
 def _delayed(sent: NDArray[np.float64], k: int, late: float, before: float) -> float:
-    """Return the mean acting output in loop *k* for outputs delayed by *late* loops, in addition to being held for one.
+    """Return the mean acting output in loop *k*, for outputs held for one loop and delayed by *late* loops.
 
     *before* acts until the first of *sent* arrives.
     """
@@ -279,9 +293,9 @@ def _fly(
     sent: NDArray[np.float64],
     memory: NDArray[np.float64],
 ) -> None:
-    """Fill *position* (n,) and *output* (n,); where a velocity is controlled, *position* is how far it has changed.
+    """Fill *position* (n,) and *output* (n,); for a velocity loop, *position* is the integral of the velocity change.
 
-    *sent* (``start.before`` + n,) becomes what went out, *memory* (4,) begins with zeros (:func:`_actuate`).
+    *sent* (``start.before`` + n,) receives the outputs. *memory* (4,) must start with zeros (:func:`_actuate`).
     """
     dt, before, v0 = plant.dt, int(start.before), start.velocity
     on_position, angle, leads, shaped = loop.on_position > 0.0, loop.angle > 0.0, loop.leads > 0.0, loop.shaped > 0.0
@@ -405,10 +419,10 @@ fly: Callable[..., None] = entry(_fly)
 
 
 def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT) -> LoopPlant:
-    """Return what the kernels need of craft and scenario.
+    """Return the data on craft and scenario for the kernels.
 
-    Holding an output for a loop delays it by half a loop, which is part of *delay* and happens by itself here: it is
-    taken out.
+    *delay* includes the half loop for which an output is held. The kernel causes that delay itself, so it is subtracted
+    here.
     """
     fastest = abs(model.beta) + 2.0 * model.beta_quadratic * abs(model.steady_velocity(1.0 - model.delta))
     rate = fastest / model.alpha if math.isfinite(fastest) else 0.0
@@ -434,7 +448,8 @@ def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actu
 def gyro_coefficients(cutoff: float, rate: float) -> GyroFilter:
     """Return a Butterworth low-pass of *cutoff* [Hz] sampled at *rate* [Hz].
 
-    Bilinear with pre-warping; transparent when the cut-off is zero or too near half the rate.
+    It is discretised by the bilinear transform with pre-warping. It has no effect if the cut-off is zero or too close
+    to half the rate.
     """
     if cutoff <= 0.0 or cutoff >= 0.45 * rate:
         return GyroFilter(1.0, 0.0, 0.0, 0.0, 0.0)

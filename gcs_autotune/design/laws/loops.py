@@ -1,9 +1,8 @@
-"""Common parts of the loops: parameters with firmware defaults, simulation of a cascade on a craft, and the demands of
-position and velocity loops.
+"""Common parts of the loops: firmware defaults, simulation with a craft, demands of position and velocity loops.
 
 A new law is a table of its parameters, their mapping to stages of the compiled :class:`.kernel.Cascade`, and its
-algebra: start values of matching, transfer functions, notes. :class:`PositionLoop` or :class:`VelocityLoop`
-adds the rest.
+algebra. The algebra is start values of matching, transfer functions and notes. :class:`PositionLoop` or
+:class:`VelocityLoop` adds the rest.
 """
 
 from __future__ import annotations
@@ -38,11 +37,11 @@ Array = NDArray[np.float64]
 
 
 class Loop(ABC):
-    """One loop.
+    """Base class of the loops.
 
     Attributes
     ----------
-    gyro : parameter with the gyro filter's cut-off [Hz]; empty when the velocity does not come from the gyro.
+    gyro : parameter with the gyro filter's cut-off [Hz]; empty if the velocity does not come from the gyro.
     """
 
     gyro: str = ""
@@ -59,18 +58,21 @@ class Loop(ABC):
         return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return *speed*: no term of the loop waits for another."""
+        """Return *speed*, because all terms of the loop act at any speed."""
         return speed
 
     def slopes(
         self, actuator: Actuator, model: SingleDof, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, ...]:
-        """Return the actuator's gains around which small motions live."""
+        """Return the actuator's local gains for small motions."""
         return actuator.slopes()
 
     @abstractmethod
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return the loop of *settings* at *speed*; *dt* is the loop period [s]. A missing gain is 0."""
+        """Return the stages of the loop with *settings* at *speed*.
+
+        dt : loop period [s]. A missing gain is 0.
+        """
 
     def fly(
         self,
@@ -81,7 +83,7 @@ class Loop(ABC):
         actuator: ActuatorStep,
         start: StartingVelocity = AT_REST,
     ) -> LoopMotion:
-        """Run the loop for *duration* [s]."""
+        """Simulate the loop for *duration* [s]."""
         dt = self.loop_period(settings)
         count = round(duration / dt) + 1
         position, output = np.empty(count), np.empty(count)
@@ -98,14 +100,17 @@ def _dtype(fields: tuple[str, ...]) -> np.dtype[Any]:
 
 
 def _record(values: Any) -> Any:
-    """Return a named tuple as a record of the same fields: numba looks at a named tuple's every item at each call."""
+    """Convert a named tuple to a record of the same fields.
+
+    For a named tuple, numba checks the type of every item at each call.
+    """
     return np.array(values, _dtype(values._fields))[()]
 
 
 def peak_demand(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[float, float]:
-    """Return (largest output [fraction], largest velocity) of following *wanted* exactly over *step*.
+    """Return (largest output [fraction], largest velocity) for following *wanted* exactly over *step*.
 
-    The plant's inverse along the reference model's own step; nothing of the controller comes in.
+    They follow from the inverse of the plant along the reference model's step, independent of the controller.
     """
     ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
     velocity, acceleration = step * ideal.velocity, step * ideal.acceleration
@@ -122,18 +127,18 @@ def linearisations(model: SingleDof, wanted: ReferenceModel, step: float) -> tup
 
 
 class PositionLoop(Loop):
-    """The position is controlled, the craft comes to rest at the end of every step."""
+    """Base class of loops that control a position; the craft is at rest at the end of every step."""
 
     controls_velocity = False
 
     def demand(
         self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, float]:
-        """Return :func:`peak_demand`."""
+        """Return the result of :func:`peak_demand`."""
         return peak_demand(model, wanted, step)
 
     def drags(self, model: SingleDof, wanted: ReferenceModel, step: float, speed: float | None) -> tuple[float, ...]:
-        """Return :func:`linearisations`."""
+        """Return the result of :func:`linearisations`."""
         return linearisations(model, wanted, step)
 
     def simulate(
@@ -145,7 +150,7 @@ class PositionLoop(Loop):
         delay: float,
         actuator: Actuator = PERFECT,
     ) -> LoopMotion:
-        """Fly *scenario*."""
+        """Simulate *scenario*."""
         dt = self.loop_period(settings)
         craft = plant_of(model, scenario, dt, delay, actuator)
         return self.fly(settings, speed, scenario.duration, craft, actuator.step(dt))
@@ -161,22 +166,23 @@ def holding(model: SingleDof, velocity: float) -> float:
 
 
 def local_drag(model: SingleDof, velocity: float) -> float:
-    """Return the slope of the drag at *velocity*: what damps small motions there."""
+    """Return the slope of the drag at *velocity*, which damps small motions there."""
     return model.beta + 2.0 * model.beta_quadratic * abs(velocity)
 
 
 def start_of(step: float, base: float) -> float:
-    """Return the velocity a step starts from."""
+    """Return the velocity at which a step starts."""
     return base if step >= 0.0 else base - step
 
 
 class VelocityLoop(Loop):
-    """The velocity is controlled, about the one the craft keeps.
+    """Base class of loops that control a velocity.
 
     Attributes
     ----------
-    both_ways : whether steps go from half of them one way to half the other way, not up from the craft's speed.
-    hold : a loop that has long settled is shown from so much [s] of holding its velocity.
+    both_ways : whether steps go from half their size in one direction to half in the other, instead of up from the
+        craft's speed.
+    hold : time [s] for which a settled loop holds its velocity before the step.
     """
 
     controls_velocity = True
@@ -184,7 +190,7 @@ class VelocityLoop(Loop):
     hold: float
 
     def base(self, step: float, speed: float | None) -> float:
-        """Return the velocity that steps of size *step* start from and come back to."""
+        """Return the velocity at which steps of size *step* start and to which they return."""
         return -0.5 * abs(step) if self.both_ways else speed or 0.0
 
     def demand(
@@ -209,7 +215,7 @@ class VelocityLoop(Loop):
         return tuple(sorted({local_drag(model, base), local_drag(model, base + step)}))
 
     def holding_output(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
-        """Return the controller's output [fraction] that keeps *velocity*, at most full."""
+        """Return the controller's output [fraction] that keeps *velocity*, limited to full output."""
         return min(max(holding(model, velocity), -1.0), 1.0)
 
     def simulate(
@@ -221,7 +227,7 @@ class VelocityLoop(Loop):
         delay: float,
         actuator: Actuator = PERFECT,
     ) -> LoopMotion:
-        """Fly *scenario*."""
+        """Simulate *scenario*."""
         dt = self.loop_period(settings)
         velocity = start_of(scenario.step, self.base(scenario.step, speed))
         before = round(self.hold / dt) if scenario.lead == 0.0 else 0
@@ -231,9 +237,9 @@ class VelocityLoop(Loop):
         return self.fly(settings, speed, scenario.duration, craft, actuator.step(dt), start)
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured velocity to output: here the same as :meth:`controller`."""
+        """Return the transfer function from measured velocity to output, the same as :meth:`controller`."""
         return self.controller(settings, speed)
 
     @abstractmethod
     def controller(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured velocity to output."""
+        """Return the transfer function from measured velocity to output."""

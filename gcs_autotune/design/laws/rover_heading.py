@@ -1,7 +1,7 @@
 """ArduRover's heading loop: angle P over a turn-rate FF/P/I/D, with limits, filters and speed scaling.
 
-``servo = scale * (FF rT + P e + I int(e) + D de/dt)``, ``rT`` from ``ATC_STR_ANG_P * (psi_d - psi)``; ``scale`` is
-``MOT_SPD_SCA_BASE/V`` above that speed and 1 below, where the integral cannot grow (:mod:`.rover_steering`).
+``servo = scale * (FF rT + P e + I int(e) + D de/dt)``, with ``rT`` from ``ATC_STR_ANG_P * (psi_d - psi)``. ``scale`` is
+``MOT_SPD_SCA_BASE/V`` above that speed and 1 below. Below it the integral cannot grow (:mod:`.rover_steering`).
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ __all__ = ["RoverHeading", "alike"]
 
 ANG = "ATC_STR_ANG_P"
 LOW_FEED = 0.7
-"""Feed-forward relative to the exact one of the model below which a note is given. Chosen."""
+"""Feed-forward, relative to that of the model, below which a note is given. It is set by hand."""
 BARELY = 1.1
-"""ATC_STR_ANG_P up to this is held back by the least that is documented, 1."""
+"""ATC_STR_ANG_P up to which the documented minimum, 1, counts as limiting it."""
 
 
 class RoverHeading(PositionLoop):
-    """``Axis.law == "rover-heading"``."""
+    """Control law ``Axis.law == "rover-heading"``."""
 
     name = "rover-heading"
     tuned: Sequence[str] = (FF, P, I, ANG)
@@ -47,15 +47,15 @@ class RoverHeading(PositionLoop):
     gyro = steering.GYRO
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return *speed*, or just above MOT_SPD_SCA_BASE: same scale, but the integral acts."""
+        """Return *speed*, or just above MOT_SPD_SCA_BASE, where the scale is the same but the integral acts."""
         return steering.matching_speed(settings, speed)
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
+        """Return the smaller of the limits by ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
         return steering.turn_limit(settings, speed)
 
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return angle P under its acceleration and turn rate, over the steering controller."""
+        """Return angle P with limits of acceleration and turn rate, over the steering controller."""
         acceleration = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
         stop = math.radians(self._get(settings, "ATC_STR_DEC_MAX"))
         return steering.cascade(settings, speed)._replace(
@@ -68,11 +68,11 @@ class RoverHeading(PositionLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Match coefficients, with ``G = K/(T s + 1)``, ``FF = 1/K``.
+        """Match the coefficients of the closed loop, with ``G = K/(T s + 1)``, ``FF = 1/K``.
 
-        ``a3 = T/(K I A)``, ``a2 = (1 + K P)/(K I A)``, ``a1 = 1/A + (FF + P)/I``. The quadratic in A has no real
-        root for every specification; then the real part is used. The second start drops the integral:
-        ``a1 = 1/A``, ``a2 = T/(A (1 + K P))``.
+        They are ``a3 = T/(K I A)``, ``a2 = (1 + K P)/(K I A)``, ``a1 = 1/A + (FF + P)/I``. The quadratic equation in A
+        does not have a real root for every specification; its real part is then used. The second start omits the
+        integral: ``a1 = 1/A``, ``a2 = T/(A (1 + K P))``.
         """
         scale = steering.scale(settings, speed)
         drag = model.equivalent_drag(self.usual_step / wanted.a1) / scale
@@ -87,22 +87,22 @@ class RoverHeading(PositionLoop):
         return [exact, gentle]
 
     def _angle(self, settings: Settings) -> Rational:
-        """Return the transfer from heading error to required turn rate."""
+        """Return the transfer function from heading error to turn-rate demand."""
         return first_order(self._get(settings, "ATC_STR_RAT_FLTT")) * constant(settings[ANG])
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured turn rate to servo."""
+        """Return the transfer function from measured turn rate to servo."""
         feed, pid = constant(settings[FF] * steering.scale(settings, speed)), steering.steering_pid(settings, speed)
         turn = self._angle(settings) * integrator()
         return feed * turn + pid * (turn + second_order(self._get(settings, self.gyro)))
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured heading to servo."""
+        """Return the transfer function from measured heading to servo."""
         feed = constant(settings[FF] * steering.scale(settings, speed))
         return (feed + steering.steering_pid(settings, speed)) * self._angle(settings)
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return ``A I / (A (FF + P) + I)``, infinite where the integral is frozen."""
+        """Return ``A I / (A (FF + P) + I)``; infinite if the integral is frozen."""
         if not steering.integral_grows(settings, speed):
             return math.inf
         return integral_over_proportional(settings[ANG], settings[FF] + settings[P], settings[I])
@@ -129,9 +129,9 @@ class RoverHeading(PositionLoop):
 
 
 def alike(settings: Settings, feed: float) -> dict[str, float]:
-    """Return gains with feed-forward *feed* that hold headings nearly as *settings* do.
+    """Return gains with feed-forward *feed* that hold headings nearly as well as *settings*.
 
-    ``(FF + P) ANG`` and the rate at which a constant force is worked off stay.
+    ``(FF + P) ANG`` and the rate at which a constant force is compensated stay the same.
     """
     more = (feed + settings[P]) / max(settings[FF] + settings[P], 1e-9)
     return {**settings, FF: feed, I: settings[I] * more, ANG: settings[ANG] / more}

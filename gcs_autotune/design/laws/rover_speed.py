@@ -1,11 +1,11 @@
-"""ArduRover's speed loop: cruise feed-forward, FF and PID on an acceleration-limited speed, slewed and bent throttle.
+"""ArduRover's speed loop: cruise feed-forward, FF and PID on an acceleration-limited speed, with a shaped throttle.
 
-``throttle = v_d CRUISE_THROTTLE/CRUISE_SPEED + FF v_d + P e + I int(e) + D de/dt``; the speed comes from the position
+``throttle = v_d CRUISE_THROTTLE/CRUISE_SPEED + FF v_d + P e + I int(e) + D de/dt``. The speed comes from the position
 estimate, unfiltered. The speed relative to the start of the step takes the place of the position.
 
-From throttle to servo pulse, fractions of full throughout: the firmware lifts the throttle over MOT_THR_MIN first and
-bends it then, so that thrust ``(1 - e) u + e u^2`` of the pulse becomes proportional to the throttle for
-``e = MOT_THST_EXPO``.
+All values from throttle to servo pulse are fractions of full. The firmware first raises the throttle above MOT_THR_MIN
+and then applies the thrust curve. For ``e = MOT_THST_EXPO``, the thrust ``(1 - e) u + e u^2`` of the pulse is then
+proportional to the throttle.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = ["CRUISE", "RoverSpeed", "pulse_of", "throttle_of", "throttle_shape"]
 P, I, D, FF = "ATC_SPEED_P", "ATC_SPEED_I", "ATC_SPEED_D", "ATC_SPEED_FF"  # noqa: E741 - the integral gain
 CRUISE = ("CRUISE_SPEED", "CRUISE_THROTTLE")
 NEARLY_FULL = 0.98
-"""A speed that needs more than this of full output is treated as needing this."""
+"""Output [fraction] above which a speed is treated as needing full output."""
 NUDGE = 0.01
 Array = NDArray[np.float64]
 
@@ -53,12 +53,12 @@ DEFAULTS: Settings = {
 
 
 def throttle_shape(settings: Settings) -> tuple[float, float]:
-    """Return (least pulse [fraction], expo) in force."""
+    """Return (minimum pulse [fraction], expo) of the present settings."""
     return setting(settings, DEFAULTS, "MOT_THR_MIN") / 100.0, setting(settings, DEFAULTS, "MOT_THST_EXPO")
 
 
 def pulse_of(throttle: float, settings: Settings) -> float:
-    """Return the pulse [fraction] that the firmware makes of *throttle* [fraction]."""
+    """Return the pulse [fraction] that the firmware sends for *throttle* [fraction]."""
     return shaped_throttle(throttle, *throttle_shape(settings))
 
 
@@ -73,7 +73,7 @@ def throttle_of(pulse: float, settings: Settings) -> float:
 
 
 class RoverSpeed(VelocityLoop):
-    """``Axis.law == "rover-speed"``."""
+    """Control law ``Axis.law == "rover-speed"``."""
 
     name = "rover-speed"
     tuned: Sequence[str] = (P, I)
@@ -90,12 +90,12 @@ class RoverSpeed(VelocityLoop):
         return most if most > 0.0 else math.inf
 
     def cruise(self, settings: Settings) -> float:
-        """Return the throttle [fraction] that the feed-forward gives per m/s; 0 when it is off."""
+        """Return the throttle [fraction] per m/s of the cruise feed-forward; 0 if it is off."""
         speed, percent = (settings.get(name, 0.0) for name in CRUISE)
         return percent / 100.0 / speed if speed > 0.0 and percent > 0.0 else 0.0
 
     def throttle_for(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
-        """Return the throttle [fraction] that keeps *velocity* [m/s], full where that is not enough."""
+        """Return the throttle [fraction] that keeps *velocity* [m/s], limited to full."""
         force = holding(model, velocity)
         try:
             pulse = actuator.output_for(min(force, NEARLY_FULL))
@@ -119,7 +119,8 @@ class RoverSpeed(VelocityLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Match ``alpha s + drag`` under PI: damping ``2/a1``, stiffness ``1/a1^2``; and half as quick."""
+        """Match ``alpha s + drag`` under PI: damping ``2/a1``, stiffness ``1/a1^2``; the second start is half as
+        fast."""
         velocity = self.base(self.usual_step, speed)
         drag = local_drag(model, velocity)
         found = []
@@ -129,11 +130,11 @@ class RoverSpeed(VelocityLoop):
         return found
 
     def holding_output(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
-        """Return :meth:`throttle_for`: the loop's output is throttle, not force."""
+        """Return the result of :meth:`throttle_for`, because the loop's output is throttle, not force."""
         return self.throttle_for(model, actuator, settings, velocity)
 
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return both accelerations, PID and cruise, braking, slew, most and least throttle, bend."""
+        """Return the stages: both accelerations, PID and cruise, braking, slew rate, throttle limits, thrust curve."""
         least, expo = throttle_shape(settings)
         kff, kp, ki, kd = (settings.get(name, 0.0) for name in (FF, P, I, D))
         return Cascade(
@@ -156,7 +157,7 @@ class RoverSpeed(VelocityLoop):
         )
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured speed to throttle."""
+        """Return the transfer function from measured speed to throttle."""
         return pid_path(
             settings[P],
             settings[I],
@@ -166,7 +167,7 @@ class RoverSpeed(VelocityLoop):
         )
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return ``I / (P + c)``, with the cruise pair's throttle per m/s ``c`` standing for the craft's own drag."""
+        """Return ``I / (P + c)``; ``c``, the cruise pair's throttle per m/s, represents the craft's own drag."""
         return settings[I] / max(settings[P] + self.cruise(settings), 1e-12)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:

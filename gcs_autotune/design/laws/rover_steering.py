@@ -1,7 +1,8 @@
-"""ArduRover's steering controller, as its heading and turn-rate laws share it: scaling with speed, limits, PID.
+"""ArduRover's steering controller, common to its heading and turn-rate laws: speed scaling, limits, PID.
 
-``servo = scale * (FF rT + P e + I int(e) + D de/dt)``; ``scale`` is ``MOT_SPD_SCA_BASE/V`` above that speed and 1
-below, where the integral cannot grow. A boat with two thrusters is never scaled, vectored thrust by its throttle.
+``servo = scale * (FF rT + P e + I int(e) + D de/dt)``. ``scale`` is ``MOT_SPD_SCA_BASE/V`` above that speed and 1
+below. Below it the integral cannot grow. A boat with two thrusters is not scaled. Vectored thrust is scaled by the
+throttle.
 """
 
 from __future__ import annotations
@@ -54,10 +55,13 @@ DEFAULTS: Settings = {
 GRAVITY = 9.80665
 JUST_ABOVE = 1.0 + 1e-9
 MIN_THROTTLE = 0.05
-"""Chosen: with vectored thrust, gains for less throttle than this would be gains for no steering at all."""
+"""Least throttle assumed with vectored thrust; at less throttle there would be almost no steering to tune."""
 MAX_FEED = 1.3
-"""Largest feed-forward relative to the exact one of the model. Chosen: on a craft with a fast response a larger one
-with a smaller ATC_STR_ANG_P gives an equal heading step, but turn rates in other modes exceed their command."""
+"""Largest feed-forward relative to that of the model.
+
+On a craft with a fast response, a larger feed-forward with a smaller ATC_STR_ANG_P gives an equal heading step. Turn
+rates in other modes would then exceed their command.
+"""
 
 
 def _get(settings: Settings, name: str) -> float:
@@ -65,20 +69,24 @@ def _get(settings: Settings, name: str) -> float:
 
 
 def is_skid(settings: Settings) -> bool:
-    """Whether the boat steers by the difference of two thrusters: never scaled with speed, never frozen."""
+    """Return whether the boat steers by the difference of two thrusters.
+
+    It is then not scaled with speed, and its integral is never frozen.
+    """
     return settings.get(SKID, 0.0) > 0.0
 
 
 def _beside(settings: Settings) -> float:
-    """Return the throttle that two thrusters drive with while they steer; 0 where it takes nothing from steering."""
+    """Return the throttle that two thrusters drive with while they steer; 0 if it does not reduce the steering."""
     return min(max(settings.get(THROTTLE, 0.0), 0.0), 1.0) if is_skid(settings) else 0.0
 
 
 def scale(settings: Settings, speed: float | None) -> float:
     """Return servo per controller output at *speed* [m/s].
 
-    With vectored thrust the servo gets ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX: here its slope, at the
-    throttle of the experiment; if unknown, at the throttle for that speed from CRUISE_THROTTLE and CRUISE_SPEED.
+    With vectored thrust the servo is at ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX. Here its slope at the throttle
+    of the experiment is used. If that is unknown, the throttle for that speed follows from CRUISE_THROTTLE and
+    CRUISE_SPEED.
     """
     if is_skid(settings):
         return 1.0
@@ -104,28 +112,28 @@ def _throttle(settings: Settings, speed: float | None) -> float:
 
 
 def integral_grows(settings: Settings, speed: float | None) -> bool:
-    """Whether the integral term can grow at *speed* [m/s]: not at or below MOT_SPD_SCA_BASE."""
+    """Return whether the integral term can grow at *speed* [m/s]; at or below MOT_SPD_SCA_BASE it cannot."""
     if is_skid(settings) or vectored_angle(settings) > 0.0:
         return True
     return speed is None or speed > _get(settings, "MOT_SPD_SCA_BASE") > 0.0
 
 
 def matching_speed(settings: Settings, speed: float | None) -> float | None:
-    """Return *speed*, or just above MOT_SPD_SCA_BASE: same scale, but the integral acts."""
+    """Return *speed*, or just above MOT_SPD_SCA_BASE, where the scale is the same but the integral acts."""
     if speed is None or is_skid(settings):
         return speed
     return max(speed, JUST_ABOVE * _get(settings, "MOT_SPD_SCA_BASE"))
 
 
 def turn_limit(settings: Settings, speed: float | None) -> float:
-    """Return the least of ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
+    """Return the smaller of the limits by ATC_STR_RAT_MAX and ATC_TURN_MAX_G at *speed* [rad/s]."""
     rate = math.radians(_get(settings, "ATC_STR_RAT_MAX"))
     lateral = _get(settings, "ATC_TURN_MAX_G") * GRAVITY / max(speed or 0.0, 1.0)
     return min(rate if rate > 0.0 else math.inf, lateral if lateral > 0.0 else math.inf)
 
 
 def cascade(settings: Settings, speed: float | None) -> Cascade:
-    """Return the controller of turn rates, under its acceleration and turn rate."""
+    """Return the controller of turn rates, with limits of acceleration and turn rate."""
     kff, kp, ki, kd = (settings.get(name, 0.0) for name in (FF, P, I, D))
     return Cascade(
         acceleration=math.radians(_get(settings, "ATC_STR_ACC_MAX")),
@@ -145,7 +153,7 @@ def cascade(settings: Settings, speed: float | None) -> Cascade:
 
 
 def steering_pid(settings: Settings, speed: float | None) -> Rational:
-    """Return the transfer from turn rate, gyro aside, to servo."""
+    """Return the transfer function from turn rate to servo, without the gyro filter."""
     k = scale(settings, speed)
     return pid_path(
         settings[P] * k,
@@ -162,7 +170,7 @@ def ideal_feed_forward(model: SingleDof, settings: Settings, speed: float | None
 
 
 def most_feed_forward(model: SingleDof, settings: Settings, speed: float | None) -> Mapping[str, float]:
-    """Return the largest useful feed-forward for *model* at *speed* [m/s], by its name."""
+    """Return parameter name -> largest useful feed-forward for *model* at *speed* [m/s]."""
     ideal = ideal_feed_forward(model, settings, speed)
     return {FF: MAX_FEED * ideal} if ideal > 0.0 else {}
 

@@ -1,7 +1,7 @@
-"""ArduRover's turn-rate loop alone, which serves ACRO, GUIDED turn rates and the heading loop.
+"""ArduRover's turn-rate loop alone, which is used by ACRO, GUIDED turn rates and the heading loop.
 
 ``servo = scale (FF rT + P e + I int(e) + D de/dt)``; limits, filters and scaling as in :mod:`.rover_steering`. The step
-goes from half of it to port to half of it to starboard. The turn rate takes the place of the position.
+goes from half its size to port to half to starboard. The turn rate takes the place of the position.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class RoverYaw(VelocityLoop):
-    """``Axis.law == "rover-yaw"``."""
+    """Control law ``Axis.law == "rover-yaw"``."""
 
     name = "rover-yaw"
     tuned: Sequence[str] = (FF, P, I)
@@ -41,7 +41,7 @@ class RoverYaw(VelocityLoop):
     gyro = steering.GYRO
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return as the heading law does: where the integral acts."""
+        """Return the same speed as the heading law, at which the integral acts."""
         return steering.matching_speed(settings, speed)
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
@@ -56,7 +56,10 @@ class RoverYaw(VelocityLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Feed the drag forward; PI for damping ``2/a1``, stiffness ``1/a1^2``; and half as quick."""
+        """Return a feed-forward that cancels the drag, and a PI with damping ``2/a1``, stiffness ``1/a1^2``.
+
+        The second start is half as fast.
+        """
         scale = steering.scale(settings, speed)
         drag = model.equivalent_drag(0.5 * self.usual_step) / scale
         alpha = model.alpha / scale
@@ -66,11 +69,12 @@ class RoverYaw(VelocityLoop):
         ]
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured turn rate to servo; the feed-forward is outside the loop."""
+        """Return the transfer function from measured turn rate to servo; the feed-forward is outside the loop."""
         return steering.steering_pid(settings, speed) * second_order(self._get(settings, self.gyro))
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return ``I / (P + FF)``, the feed-forward standing for the craft's own drag; infinite where it is frozen."""
+        """Return ``I / (P + FF)``, where the feed-forward represents the craft's own drag; infinite if the integral is
+        frozen."""
         if not steering.integral_grows(settings, speed):
             return math.inf
         return settings[I] / max(settings[P] + settings[FF], 1e-12)

@@ -35,9 +35,9 @@ POS, VEL, VEL_I, ACC, ACC_I, ACC_FF = (
     "PSC_ACCZ_FF",
 )
 SURFACE = "SURFACE_MAX_THR"
-"""New in 4.7; before, nothing limited the thrust there."""
+"""Parameter that limits the thrust at the surface. It is new in 4.7; earlier versions have no such limit."""
 OUTPUT = 0.2
-"""Output fraction per m/s^2 of the acceleration controller."""
+"""Output [fraction] per m/s^2 of the acceleration controller."""
 THROTTLE_CUTOFF = 2.0
 """POSCONTROL_THROTTLE_CUTOFF_FREQ_HZ [Hz]."""
 
@@ -59,7 +59,7 @@ DEFAULTS: Settings = {
 
 
 class SubDepth(PositionLoop):
-    """``Axis.law == "sub-depth"``."""
+    """Control law ``Axis.law == "sub-depth"``."""
 
     name = "sub-depth"
     tuned: Sequence[str] = (POS, VEL, ACC, ACC_I, ACC_FF)
@@ -69,7 +69,7 @@ class SubDepth(PositionLoop):
     defaults: Settings = DEFAULTS
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return the lesser of the pilot's climb and descent speeds [m/s]."""
+        """Return the smaller of the pilot's climb and descent speeds [m/s]."""
         up = self._get(settings, "PILOT_SPEED_UP") / 100.0
         down = self._get(settings, "PILOT_SPEED_DN") / 100.0
         return min(up, down) if down > 0.0 else up
@@ -77,10 +77,11 @@ class SubDepth(PositionLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Match coefficients of the cascade without filters, ACCZ_P given.
+        """Match the coefficients of the cascade without filters, for a given ACCZ_P.
 
-        With ``M = alpha + 0.2 Pa`` and ``X = 0.2 Ia Pv Pz``: ``a3 = M/X``, ``a2 = (beta + 0.2 Pa Pv + 0.2 Ia)/X``,
-        ``a1 = Pa/Ia + 1/Pz``; eliminating all but ``y = Pa/Ia`` leaves a cubic.
+        Let ``M = alpha + 0.2 Pa`` and ``X = 0.2 Ia Pv Pz``. The coefficients are ``a3 = M/X``,
+        ``a2 = (beta + 0.2 Pa Pv + 0.2 Ia)/X``, ``a1 = Pa/Ia + 1/Pz``. Elimination of all unknowns except ``y = Pa/Ia``
+        gives a cubic equation.
         """
         drag = model.equivalent_drag(self.usual_step / wanted.a1)
         found = [_cascade(model.alpha, drag, wanted, pa) for pa in (0.5, 1.0)]
@@ -88,7 +89,7 @@ class SubDepth(PositionLoop):
         return [*(f for f in found if f), gentle]
 
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return square-root controller, climb-rate PI, acceleration PI, and the throttle's low-pass and offset."""
+        """Return the stages: square-root controller, climb-rate PI, acceleration PI, throttle low-pass and offset."""
         hover = self._get(settings, "MOT_THST_HOVER")
         pos, vel, vel_i, acc, acc_i, acc_ff = (settings.get(n, 0.0) for n in (POS, VEL, VEL_I, ACC, ACC_I, ACC_FF))
         return Cascade(
@@ -112,7 +113,10 @@ class SubDepth(PositionLoop):
         )
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational, Rational]:
-        """Acceleration to output (feedback; feed-forward), and climb rate to required acceleration."""
+        """Return two transfer functions.
+
+        They are from acceleration to output (feedback; feed-forward), and from climb rate to acceleration demand.
+        """
         throttle = first_order(THROTTLE_CUTOFF) * constant(OUTPUT)
         pid = pid_path(settings[ACC], settings[ACC_I], error_cutoff=self._get(settings, "PSC_ACCZ_FLTE")) * throttle
         velocity = pid_path(settings[VEL], settings[VEL_I], error_cutoff=self._get(settings, "PSC_VELZ_FLTE"))
@@ -120,14 +124,14 @@ class SubDepth(PositionLoop):
         return pid, feed, velocity * first_order(self._get(settings, "PSC_ACCZ_FLTT"))
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
-        """Return climb rate to output, the position controller in its linear range."""
+        """Return the transfer function from climb rate to output, with the position controller in its linear range."""
         pid, feed, velocity = self._parts(settings)
         wish = velocity * (constant(1.0) + integrator(settings[POS]))
         slope = Rational(np.array([1.0, 0.0]), np.array([1.0]))
         return pid * (wish + slope) + feed * wish
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured depth to output."""
+        """Return the transfer function from measured depth to output."""
         pid, feed, velocity = self._parts(settings)
         return (pid + feed) * velocity * constant(settings[POS])
 
@@ -148,7 +152,7 @@ class SubDepth(PositionLoop):
 
 
 def _cascade(alpha: float, drag: float, wanted: ReferenceModel, pa: float) -> dict[str, float]:
-    """Solve the cubic for the smallest ``y`` in (0, a1); empty when there is none."""
+    """Solve the cubic for the smallest ``y`` in (0, a1); return an empty result if there is none."""
     x = (alpha + OUTPUT * pa) / wanted.a3
     roots = np.roots([-x, wanted.a1 * x, drag - wanted.a2 * x, OUTPUT * pa])
     real = roots.real[np.abs(roots.imag) < 1e-9]

@@ -27,9 +27,12 @@ __all__ = ["SubHeading"]
 
 P, I, D, ANG = "ATC_RAT_YAW_P", "ATC_RAT_YAW_I", "ATC_RAT_YAW_D", "ATC_ANG_YAW_P"  # noqa: E741
 ACCELERATION = (math.radians(10.0), math.radians(120.0))
-"""Bounds of the angle controller's deceleration [rad/s^2]: half of ATC_ACCEL_Y_MAX within these, or, at 0, none."""
+"""Bounds of the angle controller's deceleration [rad/s^2].
+
+The deceleration is half of ATC_ACCEL_Y_MAX, limited to these bounds; it is unlimited if that parameter is 0.
+"""
 ERROR_MAX = math.radians(45.0)
-"""The target is pulled along so that it never leads by more."""
+"""Largest lead of the target over the craft [rad]; beyond it the target is pulled back."""
 
 
 FIXED: Settings = {D: 0.0}
@@ -49,7 +52,7 @@ DEFAULTS: Settings = {
 
 
 class SubHeading(PositionLoop):
-    """``Axis.law == "sub-heading"``."""
+    """Control law ``Axis.law == "sub-heading"``."""
 
     name = "sub-heading"
     tuned: Sequence[str] = (P, I, ANG)
@@ -64,15 +67,15 @@ class SubHeading(PositionLoop):
         return rate if rate > 0.0 else 1e6
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return the lesser of ATC_RATE_Y_MAX and ATC_SLEW_YAW [rad/s]."""
+        """Return the smaller of ATC_RATE_Y_MAX and ATC_SLEW_YAW [rad/s]."""
         return min(self._rate_max(settings), math.radians(self._get(settings, "ATC_SLEW_YAW") / 100.0))
 
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Match coefficients: ``a3 = alpha/(I A)``, ``a2 = (beta + P)/(I A)``, ``a1 = 1/A + P/I``.
+        """Match the coefficients ``a3 = alpha/(I A)``, ``a2 = (beta + P)/(I A)``, ``a1 = 1/A + P/I``.
 
-        Where the quadratic in A has no real root its real part is taken. The second start drops the integral:
+        If the quadratic equation in A has no real root, its real part is used. The second start omits the integral:
         ``a2 = alpha/(A P)``, ``a1 = (beta + P)/(A P)``.
         """
         drag = model.equivalent_drag(self.usual_step / wanted.a1)
@@ -87,7 +90,7 @@ class SubHeading(PositionLoop):
         ]
 
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return :meth:`angle_loop` on a target that moves within slew and time constant."""
+        """Return the result of :meth:`angle_loop`, with a target that moves within slew rate and time constant."""
         return self.angle_loop(settings)._replace(
             on_position=1.0,
             angle=1.0,
@@ -96,7 +99,7 @@ class SubHeading(PositionLoop):
         )
 
     def angle_loop(self, settings: Settings) -> Cascade:
-        """Return the moving target, the angle controller and the rate PID, as the yaw stick has them too."""
+        """Return the moving target, the angle controller and the rate PID; the yaw stick uses the same stages."""
         kp, ki, kd, angle = (settings.get(name, 0.0) for name in (P, I, D, ANG))
         shape = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
         return Cascade(
@@ -117,12 +120,12 @@ class SubHeading(PositionLoop):
         )
 
     def shaping(self, settings: Settings) -> float:
-        """Return how quickly the target's turn rate may change, ATC_ACCEL_Y_MAX [rad/s^2]."""
+        """Return the largest acceleration of the target, ATC_ACCEL_Y_MAX [rad/s^2]."""
         most = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
         return most if most > 0.0 else 1e6
 
     def _parts(self, settings: Settings) -> tuple[Rational, Rational]:
-        """PID (turn rate to output), and the angle loop (heading to turn rate)."""
+        """Return two transfer functions: the PID (turn rate to output), and the angle loop (heading to turn rate)."""
         pid = pid_path(
             settings[P],
             settings[I],
@@ -133,12 +136,13 @@ class SubHeading(PositionLoop):
         return pid, first_order(self._get(settings, "ATC_RAT_YAW_FLTT")) * constant(settings[ANG])
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured turn rate to output, the angle controller in its linear range."""
+        """Return the transfer function from measured turn rate to output, with the angle controller in its linear
+        range."""
         pid, angle = self._parts(settings)
         return pid * (angle * integrator() + second_order(self._get(settings, self.gyro)))
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
-        """Return measured heading to output."""
+        """Return the transfer function from measured heading to output."""
         pid, angle = self._parts(settings)
         return pid * angle
 

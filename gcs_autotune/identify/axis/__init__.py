@@ -1,12 +1,13 @@
-"""One degree of freedom, exactly: the model ``SingleDof`` fitted to whole records by maximum likelihood.
+"""Identify one degree of freedom: fit the model ``SingleDof`` to whole records by maximum likelihood.
 
 ==================  ===========================================================================
-form                the axis as a form, its dampings, its numbers by name
-start               where the exact fit starts
-structure           which drag, and is there a delay: candidates weighed by ``evidence``
-uncertainty         covariance, correlated residuals, Cramer-Rao bound
-signals             position, velocity or both; ``agreement`` of the two
-fit_doubts          reasons not to trust the choice made, with cause and cure
-by_output_error, by_iso   the methods
+form                one degree of freedom as a form: damping and parameter names
+start               start values of the exact fit
+structure           choice of drag structure and delay
+evidence            criteria for this choice
+uncertainty         covariance, effect of correlated residuals, Cramer-Rao bound
+signals             choice of the signals to fit: position, velocity or both
+by_output_error     the method ``output-error``, with doubts about its choices
+by_iso              the method ``iso``
 ==================  ===========================================================================
 """

@@ -1,4 +1,7 @@
-"""The method ``iso``: first harmonic only, as in Miskovic2010. It is fast, and reports its systematic error."""
+"""The method ``iso``: identification from the first harmonic of a limit cycle, as in Miskovic2010.
+
+It is fast. Its standard errors include the systematic error of neglecting the other harmonics.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,14 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, Structure
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, run_freely
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.relay.iso import quadratic_drag, two_experiment_decision
-from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Status
+from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Status
 from gcs_autotune.models import SingleDof
 
 __all__ = ["METHOD", "fit_by_iso"]
@@ -24,21 +28,23 @@ __all__ = ["METHOD", "fit_by_iso"]
 Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.05
-"""Relative error of a first-harmonic balance: the largest of Miskovic2010, Examples 7.1-7.3 and Table 6.2."""
+"""Relative error of the balance of first harmonics. It is the largest in Miskovic2010, Examples 7.1-7.3 and Table 6.2.
+"""
 
 SYSTEMATIC_QUADRATIC = 0.12
-"""The same for quadratic drag, which flattens the velocity: 9 to 19 % in simulation, most for a narrow relay."""
+"""Relative error of the balance of first harmonics with quadratic drag, which flattens the velocity. Simulations gave 9
+to 19 %, most for a narrow relay."""
 
 
 def fit_by_iso(case: Case) -> AxisFit:
-    """Identify *case* by IS-O; see the package's :func:`identify`.
+    """Identify *case* by IS-O (identification by self-oscillation).
 
-    Standard errors are the spread between the limit cycles, with :data:`SYSTEMATIC` on top.
+    A standard error combines the spread between the limit cycles with :data:`SYSTEMATIC`.
 
     Raises
     ------
     NotInformative
-        When no valid limit cycle is in the record, or ``affine`` is asked of cycles that are all alike.
+        The record contains no valid limit cycle, or ``affine`` is requested and all cycles are alike.
     """
     delay = case.delay or 0.0
     everything = [iso.estimate(c, delay) for c in case.cycles]
@@ -104,7 +110,7 @@ def _variance(values: Array, name: str) -> float:
 
 
 def _both_drags(usable: Sequence[IsoEstimate]) -> tuple[Array, Array]:
-    """Return both drags from how the equivalent drag (6.43) grows with the velocity."""
+    """Return both drags, from the growth of the equivalent drag (6.43) with velocity."""
     gain = np.array([quadratic_drag(e.cycle.nu_0, e.cycle.X_m * e.cycle.omega)[1] for e in usable])
     if len(usable) < 2 or float(np.ptp(gain)) < 0.1 * float(gain.max()):
         raise NotInformative(

@@ -1,6 +1,7 @@
-"""The method ``output-error``: exact fit to the whole record, started from IS-O or from a scan.
+"""The method ``output-error`` for one degree of freedom: an exact fit to the whole record.
 
-It adds doubts about residuals, bounds, and differences between runs.
+It starts from IS-O or from a scan over time constants. It adds doubts about residuals, bounds and differences between
+runs.
 """
 
 from __future__ import annotations
@@ -21,20 +22,21 @@ from gcs_autotune.identify.axis.start import DELAYS, Bounds, bounds_of, misfit, 
 from gcs_autotune.identify.axis.structure import Selection, select
 from gcs_autotune.identify.axis.uncertainty import explicit_covariance, numbers_of, std_of
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import Findings, collect, delay_fitted
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.moved import dof_option, moved_besides
 from gcs_autotune.identify.outlier_run import CraftEstimate, OutlierRun, outlier_run_doubts, outlier_runs
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.problems.solution import Solution, solve
+from gcs_autotune.identify.problems.stamp_correction import corrected
 from gcs_autotune.identify.relay import iso
 from gcs_autotune.identify.relay.iso import two_experiment_decision
-from gcs_autotune.identify.result import AxisFit, Decision, Doubt, IsoEstimate, Parameter, Status
-from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment, within_horizon
-from gcs_autotune.identify.solution import Solution, solve
+from gcs_autotune.identify.result import AxisFit, Decision, IsoEstimate, Parameter, Status
+from gcs_autotune.identify.signals.segment import Segment, within_horizon
+from gcs_autotune.identify.signals.whiteness import whiteness
 from gcs_autotune.identify.solution_doubts import solution_doubts
-from gcs_autotune.identify.stamp_correction import corrected
-from gcs_autotune.identify.whiteness import whiteness
 from gcs_autotune.trial import Trial
 
 __all__ = ["fit_by_output_error", "fit_doubts"]
@@ -42,20 +44,21 @@ __all__ = ["fit_by_output_error", "fit_doubts"]
 Array = NDArray[np.float64]
 
 HALF = 0.5
-"""Relative standard error above which a parameter counts as unknown."""
+"""Relative standard error above which a parameter counts as unknown. A fit without any known parameter is rejected."""
 
 GOOD_START = 0.05
-"""Unexplained fraction of the motion's variance above which a scan is tried in addition to an IS-O start."""
+"""Fraction of the motion's variance that an IS-O start may leave unexplained. Above it a scan is tried too."""
 
 SHORTER = (4.0, 8.0, 16.0, 32.0)
-"""Numbers of parts into which the longest run is cut if the input does not explain whole runs."""
+"""Numbers of pieces to try for the longest run if the input does not explain whole runs."""
 
 
 def fit_by_output_error(case: Case) -> AxisFit:
-    """Fit *case* by output error; see the package's :func:`identify`.
+    """Fit *case* by output error.
 
-    Over whole runs a slowly varying force accumulates until no model follows. If the input does not explain whole runs,
-    the longest pieces that it explains are fitted, each with its own initial state. A doubt reports this.
+    Over whole runs a slowly varying force accumulates until no model follows the motion. If the input does not explain
+    whole runs, they are cut into pieces. The fit uses the longest pieces that the input explains, each with its own
+    initial state. A doubt reports this.
 
     Raises
     ------
@@ -77,7 +80,7 @@ def fit_by_output_error(case: Case) -> AxisFit:
 
 
 class _NotExplained(NotInformative):
-    """The input does not explain the motion."""
+    """Error: the input does not explain the motion."""
 
 
 def _only_in_pieces(seconds: float) -> Doubt:
@@ -107,7 +110,7 @@ def _fitted(case: Case) -> AxisFit:
 
 
 def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Explicit:
-    """Return the IS-O start, or the scan's when that explains the record clearly better."""
+    """Return the start values from IS-O, or those from the scan if they explain the record clearly better."""
     begin = start_from_cycles(estimates)
     if begin is not None:
         begin = begin._replace(a=float(np.clip(begin.a, 1e-3, bounds.rate)))
@@ -123,7 +126,10 @@ def _start(case: Case, estimates: Sequence[IsoEstimate], bounds: Bounds) -> Expl
 def _signals(
     case: Case, start: Explicit, bounds: Bounds
 ) -> tuple[tuple[str, ...], dict[str, str], Explicit, Sequence[Segment]]:
-    """Return the signals to fit, those left out with reasons, a better start, and records with corrected stamps."""
+    """Return the signals to fit, the omitted ones with reasons, a better start, and the corrected records.
+
+    The time stamps of the input changes in the records are corrected.
+    """
     records = case.records
     if case.use is not None:
         return wanted_names(records, case.use), {}, start, records
@@ -144,7 +150,10 @@ def _signals(
 
 
 def _check_that_input_explains(records: Sequence[Segment], chosen: Selection) -> None:
-    """Compare with a straight line per stretch (position) or a constant (velocity), by the same criterion."""
+    """Raise an error if the fit is no better than a straight line (position) or a constant (velocity).
+
+    The comparison, per stretch, uses the Bayesian criterion of the fit.
+    """
     solution = chosen.solution
     n = solution.samples / chosen.correlation
     gain = 0.0
@@ -162,7 +171,7 @@ def _check_that_input_explains(records: Sequence[Segment], chosen: Selection) ->
 
 
 def _check_that_something_is_known(records: Sequence[Segment], parameters: Mapping[str, Parameter]) -> None:
-    """Refuse an answer in which neither inertia nor any drag is known to half its value."""
+    """Raise an error if the standard errors of inertia and of every drag exceed half of the value."""
     craft = [parameters[n] for n in records[0].dof.parameter_names()[:3] if parameters[n].status != "absent"]
     if any(p.std <= HALF * abs(p.value) for p in craft):
         return
@@ -228,12 +237,12 @@ def _assembled(
 
 
 def _inertia_unresolved(solution: Solution) -> bool:
-    """Whether a rate stands at the limit of what the sampling resolves."""
+    """Return whether a rate is at the limit of what the sampling resolves."""
     return "a" in solution.at_bound or "c" in solution.at_bound
 
 
 def _admit_unresolved_inertia(covariance: Array, alpha: float) -> None:
-    """Set inertia's standard error to its value: all that is known is that it is no larger."""
+    """Set the standard error of inertia to its value, because the data only limit its size."""
     covariance[0, :] = covariance[:, 0] = 0.0
     covariance[0, 0] = alpha**2
 
@@ -246,11 +255,12 @@ def _status(case: Case, chosen: Selection) -> list[Status]:
 
 
 DELAY_CHANGE = 0.03
-"""Relative change of inertia by an unproved delay above which a doubt is raised. It must also exceed three standard
-errors."""
+"""Relative change of inertia by an unproved delay, above which a doubt is raised. The change must also exceed three
+standard errors."""
 
 RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
-"""Runs disagree when a parameter differs by more than both (fraction, standard errors) from the common one."""
+"""Limits (fraction, standard errors) for the difference of a run's parameter from the common one. Runs disagree if both
+are exceeded."""
 
 
 def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
@@ -287,7 +297,7 @@ def fit_doubts(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
 
 
 def _second_drag(chosen: Selection, case: Case) -> Doubt | None:
-    """A second damping the evidence is undecided about."""
+    """Return a doubt if the evidence neither proves nor excludes a second damping term."""
     bic = {c.structure: c.bic for c in chosen.candidates}
     if chosen.rival is None or bic["affine"] - bic[chosen.structure] > UNDECIDED:
         return None
@@ -304,7 +314,10 @@ def _second_drag(chosen: Selection, case: Case) -> Doubt | None:
 
 
 def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
-    """A delay that would change the inertia, can be neither proved nor excluded (likelihood ratio at 10 %)."""
+    """Return a doubt about a delay that is neither proved nor excluded and would change the inertia.
+
+    The test is a likelihood ratio at 10 %.
+    """
     tried = chosen.with_delay
     if tried is None or "delay" in chosen.solution.free:
         return None
@@ -323,7 +336,7 @@ def _delay_undecided(chosen: Selection, case: Case) -> Doubt | None:
 
 
 def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
-    """Compare the estimate of each run with that of the others, all with the chosen drag structure."""
+    """Return doubts about runs that differ from the others. All are fitted with the chosen drag structure."""
     stretches = [[i for i, r in enumerate(chosen.records) if r.run == name] for name in case.names]
     craft = [chosen.solution.form.parameters.index(n) for n in chosen.solution.free if n in ("b", "a", "c")]
 
@@ -345,7 +358,10 @@ def _runs_apart(chosen: Selection, case: Case, bounds: Bounds) -> list[Doubt]:
 
 
 def _model_lacking(chosen: Selection, odd: Sequence[OutlierRun]) -> Doubt:
-    """Return a doubt about runs that differ where the model misses something in each: no sign of another craft."""
+    """Return a doubt about runs that differ while the model does not explain most of them down to noise.
+
+    Such a difference is not a sign of another craft.
+    """
     runs = [Trial(r.run, r.measured) for r in chosen.records]
     dof = chosen.records[0].dof.name
     besides = [name for name in moved_besides(runs, (dof,)) if name in ("surge", "sway")]
@@ -361,7 +377,7 @@ def _model_lacking(chosen: Selection, odd: Sequence[OutlierRun]) -> Doubt:
 
 
 def _solved(chosen: Selection, bounds: Bounds, which: Sequence[int]) -> Solution | None:
-    """Fit some of the stretches, structure, delay and noise as in the common fit."""
+    """Fit the stretches *which*, with structure, delay and noise of the common fit."""
     common, segments = chosen.solution, [chosen.records[i].only(tuple(chosen.solution.noise_models)) for i in which]
     measured = {n for s in segments for n in s.signals}
     free = [n for n in common.free if n != "delay"]
@@ -378,7 +394,7 @@ def _solved(chosen: Selection, bounds: Bounds, which: Sequence[int]) -> Solution
 
 
 def _runs_disagree(chosen: Selection, bounds: Bounds) -> Doubt | None:
-    """Fit every stretch by itself and compare its inertia with the common one."""
+    """Return a doubt about stretches whose inertia, fitted separately, differs from the common one."""
     if len({record.name for record in chosen.records}) < max(len(chosen.records), 2):
         return None  # one run, or pieces of runs
     common, odd = chosen.solution, []

@@ -1,21 +1,17 @@
-"""Decide which structure the record supports, and how uncertain the decision makes the parameters.
+"""Decide which drag structure the record supports, and how much the decision adds to the standard errors.
 
 The evidence is the Bayesian information criterion. Its likelihood is tempered by the residuals' correlation time ``k``
 (``-2 log L / k + p log(n/k)``, the quasi-likelihood correction). Without that, coloured residuals would make any extra
-parameter look certain. Thresholds follow the scale of Kass1995: below 2 nothing is decided, 6 is strong, 10 very
-strong.
+parameter look certain. The thresholds follow Kass1995: below 2 is undecided, 6 is strong, 10 is very strong.
 
 The structure with both drags ("affine") contains each single drag as a special case. If the record does not decide, the
-simpler structure is kept, and its drag includes what the other would explain. A craft with a little quadratic drag then
-looks linear with too large a ``beta``, by many of its standard errors. These are therefore raised, unless the second
-drag is less than one standard error above zero, to
-
-    ``std**2 = sum_k w_k (std_k**2 + (theta_k - theta)**2)``,  ``w_k ~ exp(-AIC_k/2)``
-
-over both structures: the weights of Buckland1997, with the squared form of Burnham2002, section 4.3. The weights use
-Akaike's criterion, not the one that chooses the structure. The choice asks whether a term improves the model; the
-weights ask whether omitting it causes an error. If affine is chosen, nothing is raised: its estimates are unbiased even
-if one drag is zero.
+simpler structure is kept. Its single drag then includes part of the other drag. For example, a little quadratic drag
+makes ``beta`` of a linear model too large by many standard errors. The standard errors are therefore raised, unless the
+second drag is less than one standard error above zero. The raised value is ``std**2 = sum_k w_k (std_k**2 + (theta_k -
+theta)**2)``, summed over both structures. The weights are ``w_k ~ exp(-AIC_k/2)`` (Buckland1997), in the squared form
+of Burnham2002, section 4.3. The weights use Akaike's criterion (AIC), whereas the choice uses the Bayesian one. The
+choice asks whether a term improves the model. The weights ask whether omitting it causes an error. If affine is chosen,
+no standard error is raised, because its estimates are unbiased even if one drag is zero.
 """
 
 from __future__ import annotations
@@ -28,25 +24,25 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.axis.uncertainty import numbers_of, physical_covariance, std_of
+from gcs_autotune.identify.problems.solution import Solution
 from gcs_autotune.identify.result import Decision
-from gcs_autotune.identify.solution import Solution
 
 __all__ = ["UNDECIDED", "choose", "craft_covariance", "damps", "disadvantage", "possible_second_drag"]
 
 Array = NDArray[np.float64]
 
 DRAG = ("a", "c")
-"""Parameters of linear and of quadratic drag."""
+"""Names of the linear and the quadratic drag parameter."""
 
 UNDECIDED = 2.0
-"""Difference of the criterion below which nothing is decided. The simpler structure, or the linear one, is then
-kept."""
+"""Difference of the criterion below which the structure is undecided. The simpler one is then kept, or the linear one
+of two equally simple ones. The value follows Kass1995."""
 
 
 def choose(
     solutions: Mapping[Structure, Solution], criterion: Mapping[Structure, float], decision: Decision | None
 ) -> tuple[Structure, bool]:
-    """Return the structure, and whether linear and nonlinear were too close to call."""
+    """Return the chosen structure, and whether linear and quadratic damping were too close to decide."""
     single: list[Structure] = [s for s in ("linear", "nonlinear") if s in solutions and damps(solutions[s])]
     if not single:
         single = [s for s in ("linear", "nonlinear") if s in solutions]
@@ -63,7 +59,10 @@ def choose(
 
 
 def disadvantage(solution: Solution, rival: Solution, correlation: float, penalty: float) -> float:
-    """Return by how much the *rival*'s criterion is larger, with *penalty* per parameter (2: Akaike's)."""
+    """Return by how much the criterion of *rival* is larger than that of *solution*.
+
+    *penalty* is the cost of one parameter (2 in Akaike's criterion).
+    """
     fit = 2.0 * (rival.log_likelihood - solution.log_likelihood) / correlation
     return penalty * (rival.unknowns - solution.unknowns) - fit
 
@@ -83,8 +82,10 @@ def possible_second_drag(
 def craft_covariance(solution: Solution, rival: Solution | None, correlation: float) -> Array:
     """Return the covariance (5, 5) of (alpha, beta, beta_quadratic, delta, delay), zero for fixed parameters.
 
-    *rival* is another structure that the record does not exclude. Parameters of both get the standard error of the
-    module's formula; correlations are unchanged. *correlation*: time of the residuals [samples].
+    rival : solution with another structure that the record does not exclude. Parameters in both solutions get the
+        standard error given in the module's docstring. Correlations are unchanged.
+
+    correlation : correlation time of the residuals [samples].
     """
     covariance = physical_covariance(solution)
     if rival is None:
@@ -100,10 +101,10 @@ def craft_covariance(solution: Solution, rival: Solution | None, correlation: fl
 
 
 def damps(solution: Solution) -> bool:
-    """Whether no drag is negative by more than two standard errors."""
+    """Return whether no drag is negative by more than two standard errors."""
     return all(solution.value(n) >= -2.0 * std_of(solution, n, raised=False) for n in DRAG)
 
 
 def _both_drags_are_real(solution: Solution) -> bool:
-    """Whether both drags damp and stand two standard errors above zero."""
+    """Return whether both drags are at least two standard errors above zero."""
     return all(solution.value(n) > 2.0 * std_of(solution, n) > 0.0 for n in DRAG)

@@ -1,13 +1,13 @@
 """Choose the measured signals to fit: position, velocity, or both.
 
-A position is used first if it comes from its own sensor (heading, depth). A velocity joins it only if it agrees with
-the motion fitted to the position: same scale, no lag, white errors. A gyro agrees; a filtered, delayed or
-differentiated velocity does not, and would bias the fit. Surge and sway are fitted to velocity if there is one, because
-``x`` and ``y`` are north and east, not ahead and starboard.
+A position with its own sensor (heading, depth) is used first. A velocity is added only if it agrees with the motion
+fitted to the position: same scale, no lag, white errors. A gyro normally agrees. A filtered, delayed or differentiated
+velocity does not, and would bias the fit. Surge and sway are fitted to velocity if there is one, because ``x`` and
+``y`` are north and east, not ahead and starboard.
 
-If the fitted motion misses the position by more than noise, it is no reference for the velocity. The sensors are then
-compared with each other (:mod:`gcs_autotune.crosscheck`). For example, sideslip makes a one-axis model late, but not
-the gyro.
+If the fitted motion misses the position by more than noise, the velocity cannot be compared with it. The sensors are
+then compared with each other (:mod:`gcs_autotune.crosscheck`). For example, sideslip delays the motion of a one-axis
+model relative to the gyro.
 
 Otherwise the comparison takes into account how uncertain the fitted motion is. A wrong constant force looks like a bias
 of the velocity, and a wrong inertia like a lag. Scale, lag and bias of the velocity are therefore fitted together with
@@ -15,10 +15,10 @@ corrections ``x`` of the position's fit. The covariance ``C`` of that fit sets t
 
     minimise  |error - J x - T (gain, lag, bias)|^2 / sigma^2 + x' C^-1 x
 
-This is one Gauss-Newton step of the joint fit of both channels. Input changes that may have come one autopilot loop
-earlier or later (:mod:`gcs_autotune.identify.stamp_correction`) are among ``x``. The standard errors are those of the
-difference between the two channels. The test is that of Hausman1978 for two estimates, along the directions of typical
-velocity errors.
+This is one Gauss-Newton step of the joint fit of both channels. Some input changes may have happened one autopilot loop
+earlier or later (:mod:`gcs_autotune.identify.problems.stamp_correction`). Their time shifts are part of ``x``. The
+standard errors are those of the difference between the two channels. The test is that of Hausman1978 for two estimates.
+It covers only typical velocity errors: scale, lag and bias.
 """
 
 from __future__ import annotations
@@ -32,37 +32,39 @@ from numpy.typing import NDArray
 from gcs_autotune.crosscheck import compared_with_rate
 from gcs_autotune.errors import MissingChannel, UsageError
 from gcs_autotune.identify.axis.form import Explicit
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution
-from gcs_autotune.identify.stamp_correction import switches_of
-from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.identify.problems.solution import Solution
+from gcs_autotune.identify.problems.stamp_correction import switches_of
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import autocorrelation
 from gcs_autotune.models import simulate_explicit
 
 __all__ = ["KINDS", "VelocityConsistency", "agreement", "first_names", "objection", "wanted_names"]
 
 KINDS = ("position", "velocity")
-"""Allowed kinds of signal in ``use``."""
+"""Kinds of signal that ``use`` accepts."""
 
 GAIN, LAG, BIAS, COLOUR = 0.02, 0.1, 0.02, 0.2
-"""Limits for a velocity that joins the fit.
+"""Limits within which a velocity is added to the fit.
 
-They are the gain error, the lag [sampling steps], the bias [fraction of rms] and the autocorrelation. Within them no
-parameter shifts by more than about 2 %.
+They are the gain error, the lag [sampling steps], the bias [fraction of rms] and the autocorrelation. Within these
+limits no parameter changes by more than about 2 %.
 """
 
 SURELY = 3.0
-"""Standard errors above which scale, lag or bias are significant."""
+"""Standard errors above which a scale error, lag or bias is significant."""
 
 
 def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, ...]:
-    """Return the signal names for an explicit choice, by name (``("psi", "r")``) or kind (``("position",)``).
+    """Return the names of the signals that the user chose.
+
+    use : names (``("psi", "r")``) or kinds (``("position",)``).
 
     Raises
     ------
     UsageError
-        When *use* is empty or holds anything else.
+        *use* is empty or contains another word.
     MissingChannel
-        When a run has none of the required signals.
+        A run has none of the chosen signals.
     """
     axis = records[0].dof
     called = {word: getattr(axis, kind) for kind in KINDS for word in (kind, getattr(axis, kind))}
@@ -79,7 +81,10 @@ def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, .
 
 
 def first_names(records: Sequence[Segment]) -> tuple[str, ...]:
-    """Return the signals of the first fit; both kinds only if different runs have different ones."""
+    """Return the signals of the first fit.
+
+    Position and velocity are both used only if no single one is present in all runs.
+    """
     axis = records[0].dof
     prefer = (axis.velocity, axis.position) if axis.along_ground else (axis.position, axis.velocity)
     for name in prefer:
@@ -89,11 +94,11 @@ def first_names(records: Sequence[Segment]) -> tuple[str, ...]:
 
 
 def objection(records: Sequence[Segment], solution: Solution) -> str:
-    """Return why the velocities must not join the fit, empty if they may.
+    """Return the reason why velocities must not be added to the fit, or an empty text.
 
-    A scale, lag or bias counts if it exceeds its limit and three standard errors, including those of the position's fit
-    (:func:`gcs_autotune.identify.axis.signals.agreement`). If a model misses the position but the sensors agree, the
-    scale or lag belongs to the model.
+    A scale error, lag or bias counts if it exceeds its limit and three standard errors. These include the errors of the
+    position's fit (:func:`gcs_autotune.identify.axis.signals.agreement`). If the model misses the position but the
+    sensors agree, the model causes the scale error or lag.
     """
     for record in records:
         if record.velocity is None:
@@ -118,14 +123,14 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
 
 
 SLOW = 0.25
-"""Fraction of the craft's time constant below which a lag between two sensors does not matter."""
+"""Fraction of the craft's time constant below which a lag between two sensors is negligible."""
 
 
 def _sensors_agree(record: Segment, solution: Solution) -> bool:
-    """Whether position and velocity of a stretch, as measured, are one motion: neither scaled, nor late.
+    """Return whether position and velocity of a stretch show the same motion, without scale error or lag.
 
-    Late by a part of the craft's own time constant that matters: a gyro's filter, in front of a craft as quick as it,
-    passes for the craft.
+    The limit of the lag depends on the craft's time constant. The lag of a gyro filter as slow as the craft would be
+    fitted as part of the craft.
     """
     main, rate = (record.measured.get(name) for name in (record.dof.position, record.dof.velocity))
     found = None if main is None or rate is None else compared_with_rate(main, rate)
@@ -145,9 +150,9 @@ Array = NDArray[np.float64]
 class VelocityConsistency:
     """Differences between the measured velocities and the fitted motion.
 
-    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s], with the standard errors of both fits together. ``rms``
-    [rad/s or m/s] of the motion. ``step`` [s] of the densest velocity. ``errors``: per stretch, after the motion is
-    corrected by velocity and position together.
+    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s]. ``std``: their standard errors, including those of the fit.
+    ``rms`` [rad/s or m/s]: of the fitted motion. ``step`` [s]: sampling interval of the densest velocity. ``errors``:
+    per stretch, after correction of the motion by velocity and position together.
     """
 
     gain: float
@@ -161,8 +166,12 @@ class VelocityConsistency:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Compared:
-    """One stretch: error (n,), simulated velocity and acceleration (n,), Jacobian (n, packed) by the fit's
-    vector; ``shifts`` (n, k) derivative by the input's doubtful stamps, over what is known of them."""
+    """Comparison of one stretch.
+
+    ``error`` (n,): measured minus simulated velocity. ``nu``, ``acceleration`` (n,): simulated motion. ``J`` (n,
+    packed): derivatives by the vector of the fit. ``shifts`` (n, k): derivatives by the uncertain stamps of the input,
+    times their uncertainty.
+    """
 
     error: Array
     nu: Array
@@ -173,7 +182,10 @@ class _Compared:
 
 
 def agreement(records: Sequence[Segment], solution: Solution) -> VelocityConsistency | None:
-    """Compare the velocity of every record with *solution*, a fit of the positions alone; None when that diverges."""
+    """Compare the velocity of every record with *solution*, a fit to the positions alone.
+
+    Return None if the simulation diverges.
+    """
     parts = [_compared(records, i, solution) for i in range(len(records))]
     error, nu, slope = (np.concatenate([getattr(p, n) for p in parts]) for n in ("error", "nu", "acceleration"))
     fitted = np.vstack([p.J for p in parts]) @ _root(_raised_covariance(solution))
@@ -237,7 +249,7 @@ def _acceleration(numbers: Explicit, record: Segment, t: Array, nu: Array) -> Ar
 
 
 def _side_by_side(tables: Sequence[Array]) -> Array:
-    """Return the block diagonal of *tables*: every stretch has shifts of its own."""
+    """Return the block diagonal matrix of *tables*, because every stretch has its own time shifts."""
     whole = np.zeros((sum(len(t) for t in tables), sum(t.shape[1] for t in tables)))
     row = column = 0
     for t in tables:
@@ -247,7 +259,10 @@ def _side_by_side(tables: Sequence[Array]) -> Array:
 
 
 def _root(covariance: Array) -> Array:
-    """Return ``R`` (p, p) with ``R R' = covariance``, whose rank may be lower; NaN where that is not finite."""
+    """Return ``R`` (p, p) with ``R R' = covariance``.
+
+    The covariance may be singular. If it is not finite, ``R`` is NaN.
+    """
     if not np.isfinite(covariance).all():
         return np.full_like(covariance, np.nan)
     values, vectors = np.linalg.eigh(covariance)
@@ -256,13 +271,16 @@ def _root(covariance: Array) -> Array:
 
 
 def _scatter(error: Array, table: Array) -> float:
-    """Return the standard deviation of what *table* (n, p) cannot explain."""
+    """Return the standard deviation of the part of *error* that *table* (n, p) cannot explain."""
     residual = error - table @ np.linalg.lstsq(table, error, rcond=1e-9)[0]
     return float(np.sqrt(residual @ residual / max(len(residual) - table.shape[1], 1)))
 
 
 def _ridged(error: Array, known: Array, table: Array, sigma: float) -> tuple[Array, Array]:
-    """Fit *error* by ``known z + table y`` with ``z ~ N(0, 1)``; return (z, y) and their covariance."""
+    """Fit ``known z + table y`` to *error*, with the prior ``z ~ N(0, 1)``.
+
+    Return (z, y) and their covariance.
+    """
     size = known.shape[1]
     A = np.vstack([np.hstack([known, table]), sigma * np.eye(size, size + table.shape[1])])
     inverse = np.linalg.pinv(A, rcond=1e-12)

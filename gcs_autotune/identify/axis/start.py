@@ -1,8 +1,8 @@
-"""Start of the exact fit: from IS-O, or, for any other input, from a scan over time constants.
+"""Find start values of the exact fit from IS-O or, for other inputs, from a scan over time constants.
 
-For constant drag and a given time constant the motion is linear in all other unknowns (input gain, constant force,
-initial state). A scan over the time constant with linear least squares at each point cannot end in a local minimum. It
-needs no derivatives.
+With linear drag and a fixed time constant, the motion is linear in all other unknowns. These are the input gain, the
+constant force and the initial state. A scan over the time constant with linear least squares at each point cannot end
+in a local minimum. It needs no derivatives.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import Explicit
-from gcs_autotune.identify.limits import Limits
+from gcs_autotune.identify.problems.limits import Limits
 from gcs_autotune.identify.result import IsoEstimate
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import simulate_explicit
 
 __all__ = ["DELAYS", "Bounds", "bounds_of", "misfit", "start_from_cycles", "start_from_scan"]
@@ -25,34 +25,35 @@ __all__ = ["DELAYS", "Bounds", "bounds_of", "misfit", "start_from_cycles", "star
 Array = NDArray[np.float64]
 
 POINTS = 14
-"""Time constants tried: half an octave apart over 0.05..60 s, which is within the convergence region of
-Gauss-Newton."""
+"""Number of time constants tried. They are half an octave apart from 0.05 to 60 s, so that Gauss-Newton converges from
+the nearest one."""
 
 SLOWEST = 60.0
-"""Longest time constant tried [s]."""
+"""Longest time constant that the scan tries [s]."""
 
 FASTEST = 50.0
-"""Largest rate fitted [1/s]: no hull responds within 20 ms."""
+"""Largest drag rate fitted [1/s]. No hull responds within 20 ms."""
 
 DELAYS = (0.0, 0.3)
-"""Delays tried [s]. Without them a long delay could hide the time constant."""
+"""Delays that the scan tries [s]. If only zero were tried, a long delay could hide the time constant."""
 
 SAMPLES = 400
-"""Samples per stretch that the scan uses; this is enough for a start."""
+"""Maximum number of samples per stretch in the scan, which is enough for a start."""
 
 LONGEST_DELAY = 2.0
-"""Longest delay fitted [s]. A telemetry link with a longer delay is broken."""
+"""Longest delay fitted [s]. A telemetry link with a longer delay is faulty."""
 
 
 LINEAR = [Explicit._fields.index(n) for n in ("b", "d")]
-"""Indices of the numbers in which the motion is linear at a given rate and delay."""
+"""Indices of the parameters in which the motion is linear at a fixed rate and delay."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Limits of what the data can resolve.
+    """Limits of what the sampling can resolve.
 
-    Largest drag rate [1/s] (``a``, and ``c`` at the typical *speed* [rad/s or m/s]), largest delay [s].
+    ``rate`` [1/s]: largest drag rate, for ``a`` and for ``c`` at the typical velocity ``speed`` [rad/s or m/s].
+    ``delay`` [s]: the largest delay.
     """
 
     rate: float
@@ -61,13 +62,16 @@ class Bounds:
 
     @property
     def limits(self) -> Limits:
-        """The limits of the explicit parameters."""
+        """Limits of the explicit parameters."""
         steep = self.rate / self.speed
         return Limits({"a": -self.rate, "c": -steep, "delay": 0.0}, {"a": self.rate, "c": steep, "delay": self.delay})
 
 
 def bounds_of(records: Sequence[Segment]) -> Bounds:
-    """Return what the sampling can resolve: time constants down to a fifth of a step, delays within the run."""
+    """Return the limits of what the sampling resolves.
+
+    Time constants down to a fifth of a sampling step are allowed, and delays within the run.
+    """
     step = min(float(np.median(np.diff(r.main.t))) for r in records)
     length = max(float(r.main.t[-1] - r.main.t[0]) for r in records)
     speed = max(float(np.mean([_speed(r) for r in records])), 1e-9)
@@ -75,7 +79,7 @@ def bounds_of(records: Sequence[Segment]) -> Bounds:
 
 
 def _speed(record: Segment) -> float:
-    """Return a typical velocity amplitude of a stretch."""
+    """Return a typical amplitude of the velocity in a stretch."""
     if record.velocity is not None:
         return float(np.sqrt(2.0) * np.std(record.velocity.values))
     t, x = record.main.t, record.main.values
@@ -84,7 +88,7 @@ def _speed(record: Segment) -> float:
 
 
 def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Explicit | None:
-    """Return numbers with constant drag from the mean of the valid IS-O estimates, or None."""
+    """Return parameters with linear drag from the mean of the valid IS-O estimates, or None without one."""
     usable = [e for e in estimates if e.cycle.valid and e.alpha != 0.0] or [e for e in estimates if e.alpha != 0.0]
     if not usable:
         return None
@@ -97,12 +101,12 @@ def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Explicit | None:
 
 
 def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence[float] = DELAYS) -> Explicit:
-    """Return numbers with constant drag from a scan over rates and *delays* [s].
+    """Return parameters with linear drag from a scan over rates and *delays* [s].
 
     Raises
     ------
     NotInformative
-        When the input explains nothing of the motion at any time constant.
+        The input explains none of the motion at any time constant.
     """
     thinned = [_thinned(r.main) for r in records]
     best: tuple[float, Explicit] | None = None
@@ -117,7 +121,10 @@ def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence
 
 
 def misfit(records: Sequence[Segment], numbers: Explicit) -> float:
-    """Return the sum of squared residuals for ``a`` and ``delay`` of *numbers*, with all others fitted linearly."""
+    """Return the sum of squared residuals at the ``a`` and ``delay`` of *numbers*.
+
+    All other parameters are fitted by linear least squares.
+    """
     return _linear_fit(records, [_thinned(r.main) for r in records], numbers.a, numbers.delay)[1]
 
 
@@ -129,7 +136,7 @@ def _thinned(signal: Signal) -> Signal:
 def _linear_fit(
     records: Sequence[Segment], signals: Sequence[Signal], rate: float, delay: float
 ) -> tuple[Explicit, float]:
-    """Fit ``b``, ``d`` and the initial states for a given rate ``a`` and delay."""
+    """Fit ``b``, ``d`` and the initial states at a fixed rate ``a`` and delay."""
     count = len(records)
     rows, wanted = [], []
     for i, (record, signal) in enumerate(zip(records, signals, strict=True)):

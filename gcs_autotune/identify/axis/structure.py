@@ -1,4 +1,4 @@
-"""Choose drag and delay by comparing output-error candidates (:mod:`gcs_autotune.identify.axis.evidence`)."""
+"""Choose drag structure and delay by comparing output-error fits (:mod:`gcs_autotune.identify.axis.evidence`)."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from gcs_autotune.identify.axis.evidence import choose, damps, possible_second_d
 from gcs_autotune.identify.axis.form import FREE, Explicit, ExplicitForm, Structure
 from gcs_autotune.identify.axis.start import Bounds, start_from_scan
 from gcs_autotune.identify.axis.uncertainty import numbers_of
-from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import first_levels, first_states, quanta_of
+from gcs_autotune.identify.problems.delay import SEARCHED_DELAYS, weigh_delay
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import first_levels, first_states, quanta_of
+from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.problems.solution import Solution, solve
 from gcs_autotune.identify.result import Decision, StructureFit
-from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, solve
+from gcs_autotune.identify.signals.segment import Segment
 
 __all__ = ["Selection", "select"]
 
@@ -29,10 +29,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:
-    """The choice and its reasons: the fits per structure, the correlation time, whether it was close.
+    """The chosen structure and the fits it was chosen from.
 
-    ``records``: those fitted, without their first moments if there is a delay. ``with_delay``: the fit with a delay
-    that was tried, kept or not. ``rival``: the fit of both drags if the record does not exclude it.
+    ``solutions``: fit per structure. ``correlation``: correlation time of the residuals [samples]. ``undecided``:
+    whether the choice was close. ``records``: the fitted ones, without their start if there is a delay. ``with_delay``:
+    the fit with a delay that was tried, whether kept or not. ``rival``: the fit of both drags if the record does not
+    exclude it.
     """
 
     structure: Structure
@@ -58,18 +60,18 @@ def select(
     *,
     robust: bool = False,
 ) -> Selection:
-    """Fit the candidate structures and choose.
+    """Fit the candidate structures and choose one.
 
     Parameters
     ----------
-    structure : fit only this one; None weighs all three.
-    delay : fixed [s], or None to fit one and keep it on strong evidence only.
-    decision : the two-experiment decision, asked when the evidence is not clear.
+    structure : the only one to fit; None compares all three.
+    delay : fixed value [s]. None fits one and keeps it only if the evidence is strong.
+    decision : the two-experiment decision, used if the evidence is not clear.
 
     Raises
     ------
     NotInformative
-        When no candidate can be simulated at all.
+        No candidate can be simulated.
     """
     base: Structure = structure or "affine"
     quanta = quanta_of([r.only(names) for r in records])
@@ -112,7 +114,10 @@ class _Fitter:
     quanta: Mapping[str, float]
 
     def fit(self, structure: Structure, begin: Explicit, with_delay: bool, near: Solution | None) -> Solution | None:
-        """Fit from *begin* translated to *structure*; initial states and noise levels from *near* if given."""
+        """Fit from *begin*, converted to *structure*.
+
+        near : solution with the initial states and noise levels to start from, if given.
+        """
         free = [n for n, on in zip(Explicit._fields, (*FREE[structure], with_delay), strict=True) if on]
         segments = [r.only(self.names) for r in self.records]
         levels = first_levels(segments) if near is None else near.noise
@@ -129,9 +134,10 @@ class _Fitter:
         )
 
     def must_fit(self, structure: Structure, begin: Explicit) -> Solution:
-        """Fit with the delay of *begin*; both drags start from the better of the single drags.
+        """Fit with the delay of *begin*; raise NotInformative if no start can be simulated.
 
-        From other starts a fit of both drags may diverge to a pair of opposite signs.
+        A fit of both drags starts from the better fit of a single drag. From other starts the two drags may diverge
+        with opposite signs.
         """
         found: Solution | None = None
         if structure == "affine":
@@ -155,7 +161,10 @@ class _Fitter:
 def _with_delay(
     fitter: _Fitter, base: Structure, start: Explicit, delay: float | None
 ) -> tuple[_Fitter, Solution, Solution | None, float, float]:
-    """Return fitter and fit of *base* with the delay it deserves, the correlation time, the evidence for it."""
+    """Return fitter and fit of *base*, with a delay only if the evidence is strong.
+
+    Also return the fit with a delay, the correlation time, and the evidence for the delay.
+    """
     if delay is not None:
         plain = fitter.without(delay).must_fit(base, start._replace(delay=delay))
         return fitter.without(delay), plain, None, plain.correlation, 0.0
@@ -179,12 +188,15 @@ def _with_delay(
 
 
 def _scanned_fit(fitter: _Fitter, base: Structure) -> Solution | None:
-    """Fit with a delay started from a scan over delays: far from the truth a delay's fit gets stuck."""
+    """Fit with a delay that starts from a scan over delays.
+
+    From a start far from the true delay, the fit ends in a local minimum.
+    """
     return fitter.fit(base, start_from_scan(fitter.records, fitter.bounds, SEARCHED_DELAYS), True, None)
 
 
 def _translated(numbers: Explicit, structure: Structure, speed: float) -> Explicit:
-    """Return *numbers* in another structure, with the drag that loses the same first harmonic, Miskovic2010 (6.43)."""
+    """Return *numbers* in another structure, with the same loss at the first harmonic, Miskovic2010 (6.43)."""
     share = 8.0 / (3.0 * math.pi) * speed
     if structure == "linear":
         return numbers._replace(a=numbers.a + share * numbers.c, c=0.0)

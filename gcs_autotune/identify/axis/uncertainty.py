@@ -1,4 +1,7 @@
-"""Uncertainty of a fit of one degree of freedom in physical parameters, and its lower bound for any method."""
+"""Uncertainty of a fit of one degree of freedom in physical parameters, and its Cramer-Rao bound.
+
+The bound applies to any method.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,15 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import PHYSICAL, Explicit, ExplicitForm
 from gcs_autotune.identify.axis.start import bounds_of
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Objective, information_of
-from gcs_autotune.identify.noise import Gaussian, NoiseModel, Rounded
-from gcs_autotune.identify.preparation import prepare
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import first_states
-from gcs_autotune.identify.reweighting import NOISE_ROUNDS
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, solve
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Objective, information_of
+from gcs_autotune.identify.problems.noise import Gaussian, NoiseModel, Rounded
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import first_states
+from gcs_autotune.identify.problems.reweighting import NOISE_ROUNDS
+from gcs_autotune.identify.problems.solution import Solution, solve
+from gcs_autotune.identify.signals.preparation import prepare
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Trial
 
@@ -28,19 +31,22 @@ Array = NDArray[np.float64]
 
 
 def numbers_of(solution: Solution) -> Explicit:
-    """Return the fitted numbers of one degree of freedom."""
+    """Return the fitted explicit parameters of one degree of freedom."""
     return Explicit(*solution.theta.tolist())
 
 
 def physical_covariance(solution: Solution, *, raised: bool = True) -> Array:
-    """Return the covariance (5, 5) of the physical parameters; as :func:`explicit_covariance`."""
+    """Return the covariance (5, 5) of the physical parameters.
+
+    Arguments are those of :func:`explicit_covariance`.
+    """
     G = numbers_of(solution).physical_slopes
     transformed: Array = G @ explicit_covariance(solution, raised=raised) @ G.T
     return transformed
 
 
 def std_of(solution: Solution, name: str, *, raised: bool = True) -> float:
-    """Return the standard error of one of the numbers fitted, 0 where it was not."""
+    """Return the standard error of one explicit parameter, 0 if it was not fitted."""
     if name not in solution.free:
         return 0.0
     at = solution.free.index(name)
@@ -49,7 +55,10 @@ def std_of(solution: Solution, name: str, *, raised: bool = True) -> float:
 
 
 def explicit_covariance(solution: Solution, *, raised: bool = True) -> Array:
-    """Return the covariance (5, 5) of the numbers, zero where not fitted; *raised* for coloured residuals."""
+    """Return the covariance (5, 5) of the explicit parameters, zero for those not fitted.
+
+    raised : whether to include the effect of coloured residuals.
+    """
     names, k = solution.form.parameters, len(solution.free)
     covariance, places = np.zeros((len(names),) * 2), [names.index(n) for n in solution.free]
     covariance[np.ix_(places, places)] = solution.raised_covariance if raised else solution.whole[:k, :k]
@@ -63,16 +72,18 @@ def cramer_rao(
     free: Sequence[str] = ("alpha", "beta", "beta_quadratic", "delta"),
     quantum: float | Mapping[str, float] = 0.0,
 ) -> dict[str, float]:
-    """Return the smallest standard deviation any unbiased estimate of *model* can have from these *trials*.
+    """Return the smallest standard deviation of an unbiased estimate of *model* from *trials*, per parameter.
 
     The noise is white and Gaussian with unknown level. The initial states of every run are unknown. If the records show
-    that input stamps are not exact, their common shift is unknown too (then a van Trees bound).
+    that input stamps are not exact, their common shift is unknown too. The bound is then that of van Trees, with a
+    prior for the shift.
 
     Parameters
     ----------
-    noise_std : of the position [rad or m], before rounding; or per signal name, e.g. ``{"psi": 0.01, "r": 0.02}``.
+    noise_std : standard deviation of the position [rad or m] before rounding, or per signal name, e.g. ``{"psi": 0.01,
+        "r": 0.02}``.
     free : which of ``alpha beta beta_quadratic delta delay`` are unknown.
-    quantum : step [rad or m] to which a coarse sensor rounds, 0 for none; or per signal name. The measured
+    quantum : resolution [rad or m] of a coarse sensor, 0 for none, or per signal name. The measured
         values define the cells, so they must come from the coarse sensor.
 
     Raises
@@ -112,7 +123,7 @@ def cramer_rao(
 def _with_states_fitted(
     model: SingleDof, segments: Sequence[Segment], noise: Mapping[str, float], quanta: Mapping[str, float]
 ) -> Solution:
-    """Return the solution of *model* as it is, only the initial states (and the shift of stamps) fitted."""
+    """Return the solution at *model*, with only the initial states and the shift of stamps fitted."""
     problem = Problem(ExplicitForm.of(segments[0].dof), segments, None, bounds_of(segments).limits, ())
     theta, rounds = np.array(Explicit.of(model)), NOISE_ROUNDS if len(noise) > 1 else 1
     found = solve(problem, theta, first_states(segments), levels=noise, quanta=quanta, rounds=rounds, effort=None)

@@ -1,11 +1,10 @@
-"""Several degrees of freedom at once: what every method that fits a ``CoupledModel`` shares, and output error.
+"""Identify several degrees of freedom at once: common parts of methods that fit a ``CoupledModel``, and output error.
 
 ===============  ======================================================================
-one_axis         a single degree of freedom as the smallest form: every method of forms fits axes too
-limits           bounds: the user's, physical ones, what the record can resolve
-local            the fit from the first start that leads somewhere, with a delay where the evidence is strong
-global_search    two optimisers of different kind, the better kept and polished
+one_axis         a single degree of freedom as a form, so that every method for forms fits it too
+limits           bounds: those of the user, physical ones, and those from the sampling
+local            the fit from the first successful start, with a delay if the evidence is strong
 by_output_error  the method ``output-error``
-by_global        the method ``global``
+by_global        the method ``global``: two different optimisers, the better result refined by output error
 ===============  ======================================================================
 """

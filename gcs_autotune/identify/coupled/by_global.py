@@ -1,8 +1,8 @@
 """The method ``global``: two different global optimisers on the same cost, the better one polished by output error.
 
 Source: Erunsal2017, section 3.4. One optimiser is differential evolution (Storn1997). The other samples the box evenly
-and descends from its best samples with exact derivatives. Both evaluate whole free runs that start at the smoothed
-first states. The cost is the concentrated Gaussian log-likelihood, so neither units nor noise levels need to be known.
+and descends from its best samples with exact derivatives. Both simulate whole runs from the smoothed first states. The
+cost is the concentrated Gaussian log-likelihood, so neither units nor noise levels need to be known.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from scipy.optimize import Bounds, differential_evolution
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.by_output_error import outcome, with_known_delay
-from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, limits_of, physical
+from gcs_autotune.identify.coupled.limits import LONGEST_DELAY, limits_of
 from gcs_autotune.identify.coupled.limits import OPTIONS as LIMIT_OPTIONS
 from gcs_autotune.identify.coupled.local import Delayed, LocalFit, local_fit
 from gcs_autotune.identify.coupled.one_axis import for_axis
-from gcs_autotune.identify.initial_guess import InitialGuess, initial_guess_of
-from gcs_autotune.identify.least_squares import descend
-from gcs_autotune.identify.likelihood import Limits, Objective
 from gcs_autotune.identify.method import Method
-from gcs_autotune.identify.noise import gaussian_noise
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.initial_guess import InitialGuess, initial_guess_of
+from gcs_autotune.identify.problems.least_squares import descend
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.noise import gaussian_noise
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import likeliest
+from gcs_autotune.identify.problems.solution import Solution, solve_form
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.reweighting import likeliest
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import Solution, solve_form
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import CoupledModel, Form, Simulator, inertia_of
 from gcs_autotune.slow_imports import scipy_stats
 
@@ -41,24 +41,25 @@ __all__ = ["METHOD", "OPTIONS", "Box", "Searched", "box_of", "fit_by_global_sear
 Array = NDArray[np.float64]
 
 WIDTH = 4.0
-"""Half-width of the box, in units of the value at which a term is as large as the known forces."""
+"""Half-width of the box. The unit is the value of a parameter at which its term is as large as the known forces."""
 
 MOST_RUNAWAY = 50.0
-"""Cost per sample of a diverging motion, above any finite one."""
+"""Cost per sample assigned to a diverging motion. It is higher than any cost of a simulation that does not diverge."""
 
 PATIENCE = 15
-"""Maximum number of steps per stamp of a simulation. A stiffer model does not fit the sampling."""
+"""Maximum number of integration steps per stamp. Models that need more are too stiff for the sampling and are rejected.
+"""
 
 SHARE_SAMPLED = 0.5
-"""Fraction of the multi-start's budget for even samples; the rest is for descents."""
+"""Fraction of the multi-start's budget spent on evenly spread samples. The descents get the rest."""
 
 DESCENTS, TRIALS = 6, 20
-"""Number of best samples from which a descent starts, and its maximum number of trials."""
+"""Number of best samples from which a descent starts, and maximum number of trials of each descent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """Where to search: ``low``, ``high`` (f,) of the free parameters in the form's order."""
+    """Search region of the free parameters ``names``: limits ``low`` and ``high`` (f,) in the form's order."""
 
     names: tuple[str, ...]
     low: Array
@@ -67,7 +68,10 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Searched:
-    """The better of two searches: ``theta`` (p,); ``costs`` and ``evaluations`` by name of the optimiser."""
+    """Result of the better of two searches.
+
+    ``theta`` (p,): parameters. ``winner``: name of the optimiser. ``costs``, ``evaluations``: by name of the optimiser.
+    """
 
     theta: Array
     winner: str
@@ -76,17 +80,20 @@ class Searched:
 
     @property
     def margin(self) -> float:
-        """By how much the cost (minus twice the log-likelihood) of the other optimiser is larger."""
+        """Difference between the costs of both optimisers (minus twice the log-likelihood)."""
         return max(self.costs.values()) - min(self.costs.values())
 
 
 def box_of(ground: InitialGuess, limits: Limits) -> Box:
-    """Return a wide box: from the size of the forces and motions, inertia positive, cut down to *limits*."""
+    """Return a wide search box for the free parameters.
+
+    Its size follows from the forces and motions. Inertia is positive. The box is cut to *limits*.
+    """
     form, scales = ground.form, dict(zip(ground.regression.names, ground.regression.scales, strict=True))
     speed = max(float(np.max(np.abs(m.X))) for m in ground.motions)
     wide = {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY, "V_x": speed, "V_y": speed}
     low, high = [], []
-    natural = physical(form)
+    natural = Limits.physical(form)
     for name in form.free:
         half = wide.get(name) or WIDTH * (scales.get(name) or abs(form.start.get(name, 0.0)) or 1.0)
         least, most = -half, half
@@ -100,7 +107,10 @@ def box_of(ground: InitialGuess, limits: Limits) -> Box:
 
 
 def search(ground: InitialGuess, box: Box, *, budget: int, seed: int) -> Searched:
-    """Search *box* with both optimisers, each with half of *budget* simulations of all records."""
+    """Search *box* with both optimisers and return the better result.
+
+    budget : simulations of all records; each optimiser may use half.
+    """
     cost = _Cost(ground)
     found = {}
     evaluations = {}
@@ -115,7 +125,10 @@ def search(ground: InitialGuess, box: Box, *, budget: int, seed: int) -> Searche
 
 @dataclass(slots=True, eq=False)
 class _Cost:
-    """Minus twice the log-likelihood of the free parameters, noise levels at their best, first states as smoothed."""
+    """Minus twice the log-likelihood as a function of the free parameters.
+
+    Noise levels are optimal at every point. The initial states are the smoothed ones.
+    """
 
     ground: InitialGuess
     spent: int = 0
@@ -134,11 +147,11 @@ class _Cost:
         )
 
     def theta(self, values: Array) -> Array:
-        """Return all parameters (p,)."""
+        """Return all parameters (p,), with the free ones at *values*."""
         return self.objective.unpack(values)[0]
 
     def __call__(self, values: Array) -> float:
-        """Return the cost at *values* (f,), simulated without derivatives."""
+        """Return the cost at the free parameters *values* (f,), without derivatives."""
         self.spent += 1
         theta, g = self.theta(values), self.ground
         squares = dict.fromkeys(g.rough, 0.0)
@@ -158,7 +171,7 @@ class _Cost:
 
 
 def _evolved(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
-    """Differential evolution with as many generations as *budget* allows."""
+    """Return the free parameters after differential evolution with as many generations as *budget* allows."""
     size = max(5, min(15, budget // (20 * len(box.names))))
     generations = max(1, budget // (size * len(box.names)) - 1)
     found = differential_evolution(
@@ -175,7 +188,7 @@ def _evolved(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
 
 
 def _multi_start(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
-    """Even samples of the box, then descents from the best of them."""
+    """Return the best free parameters after even sampling of the box and descents from the best samples."""
     sampled = max(8, int(SHARE_SAMPLED * budget))
     cube = scipy_stats().qmc.LatinHypercube(len(box.names), rng=np.random.default_rng(seed)).random(sampled)
     points = box.low + cube * (box.high - box.low)
@@ -193,7 +206,10 @@ def _multi_start(cost: _Cost, box: Box, budget: int, seed: int) -> Array:
 
 
 def _descended(cost: _Cost, start: Array, box: Box) -> Array:
-    """Descend with weights that follow the misfit: by each signal's residual at the start, then at the end."""
+    """Return the end of a descent from *start*, with weights updated from the residuals.
+
+    The weight of each signal follows its residual at the start, then at the end of each of three descents.
+    """
     x = start
     for _ in range(3):
         residuals = cost.objective.residuals(x)
@@ -210,26 +226,28 @@ def _descended(cost: _Cost, start: Array, box: Box) -> Array:
 
 
 BUDGET = 150
-"""Simulations of all records per free parameter that both searches may use together by default."""
+"""Default budget of both searches together: simulations of all records per free parameter."""
 
 LEAST = 50
-"""Smallest budget."""
+"""Smallest budget that is accepted [simulations of all records]. A smaller one raises UsageError."""
 
 OPTIONS = (
     *LIMIT_OPTIONS,
     ("budget", f"number of simulations of the search (default: {BUDGET} per free parameter)"),
     ("seed", "seed of the random numbers; the same seed gives the same result"),
 )
-"""Options of ``fit`` read here."""
+"""Options of ``fit`` that this method reads, with a line of help each."""
 
 
 def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* from the better of two global searches; an unknown delay counts as zero unless the form frees it.
+    """Fit *case* from the better of two global searches.
 
-    Start values of the form are not used. The local fit from the regression's start is kept if it is better.
-    ``extra["search"]`` contains the winning optimiser, its margin in minus twice the log-likelihood, and the
-    simulations each used. It also contains the gain in log-likelihood over the local fit (negative: the local fit was
-    kept).
+    An unknown delay counts as zero unless it is free in the form. Start values of the form are not used. The local fit
+    from the regression's start is kept if it is better.
+
+    ``extra["search"]`` contains the winning optimiser, its margin in minus twice the log-likelihood, and the number of
+    simulations of each. It also contains the gain in log-likelihood over the local fit. A negative gain means that the
+    local fit was kept.
 
     Raises
     ------
@@ -261,7 +279,10 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
 
 
 def _from_regression(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Solution | None:
-    """Return the local fit from the regression's start: with many parameters no affordable search comes near it."""
+    """Return the local fit from the regression's start, or None if it fails.
+
+    With many parameters an affordable search does not come near this fit.
+    """
     try:
         found = local_fit(form, records, limits, robust=robust, whole=True)
     except NotInformative:

@@ -13,17 +13,18 @@ from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.limits import OPTIONS, horizon_of, limits_of
 from gcs_autotune.identify.coupled.local import Delayed, LocalFit, fit_with_delay, local_fit
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import delay_fitted
 from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, solution_extra
-from gcs_autotune.identify.likelihood import Limits
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.outlier_run import outlier_run
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import quanta_of
-from gcs_autotune.identify.result import Doubt, Fit
-from gcs_autotune.identify.solution import solve
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import quanta_of
+from gcs_autotune.identify.problems.solution import solve
+from gcs_autotune.identify.problems.stamp_correction import corrected
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.solution_doubts import reversed_input, solution_doubts
-from gcs_autotune.identify.stamp_correction import corrected
 from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["METHOD", "fit_coupled_by_output_error", "outcome", "with_known_delay"]
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 
 
 def fit_coupled_by_output_error(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by output error.
+    """Fit *case* by output error, with a delay if the evidence is strong.
 
     Raises
     ------
@@ -53,7 +54,11 @@ def fit_coupled_by_output_error(case: Case) -> Fit[CoupledModel]:
 
 
 def _finished(chosen: Delayed, limits: Limits, *, robust: bool) -> Delayed:
-    """Return the fit with changes of the inputs at the loops it points to, and coarse sensors taken as rounding."""
+    """Return the fit after two refinements.
+
+    Input changes are moved to the autopilot loop that the fit indicates. The rounding of coarse sensors enters the
+    likelihood.
+    """
     local = chosen.local
     better = None if local.pieces else corrected(local.records, local.records, local.solution)
     segments = local.records if better is None else better
@@ -74,7 +79,10 @@ def _finished(chosen: Delayed, limits: Limits, *, robust: bool) -> Delayed:
 
 
 def with_known_delay(form: Form, delay: float | None) -> Form:
-    """Return *form* with this delay [s] fixed, unless it is negligible."""
+    """Return *form* with the delay fixed at this value [s].
+
+    A zero delay is added only if the form has a delay parameter.
+    """
     if delay is None or (delay == 0.0 and "delay" not in form.parameters):
         return form
     return form.fixing({"delay": delay})
@@ -83,7 +91,10 @@ def with_known_delay(form: Form, delay: float | None) -> Form:
 def outcome(
     case: Case, chosen: Delayed, limits: Limits, method: str, extra: Mapping[str, Any] | None = None
 ) -> Fit[CoupledModel]:
-    """Return the fit of *chosen* with its doubts; *extra* is added to its own extra entries."""
+    """Return the :class:`Fit` of *chosen* with its doubts.
+
+    extra : entries to add to those of the solution.
+    """
     solution, records = chosen.local.solution, chosen.local.records
     form = solution.form
     table = form_table(

@@ -1,4 +1,4 @@
-"""Limits of each parameter: what the record can resolve, what is physical, what the user sets."""
+"""Limits of each parameter from the sampling, from physics, and from the user's bounds."""
 
 from __future__ import annotations
 
@@ -8,37 +8,37 @@ import numpy as np
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.models import FORCES, RIGID_BODY, STATES, Form, inertia_of
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.models import Form
 
-__all__ = ["LONGEST_DELAY", "OPTIONS", "horizon_of", "limits_of", "physical"]
+__all__ = ["LONGEST_DELAY", "OPTIONS", "horizon_of", "limits_of"]
 
 OPTIONS = (
     ("bounds", "limits per parameter, e.g. {'X_u': (-inf, 0)}"),
     ("physical", "True: inertia stays positive and drag damps"),
     ("horizon", "time [s] a simulation runs before it restarts from the measurement; inf: whole runs"),
 )
-"""Options of ``fit`` read here."""
+"""Options of ``fit`` that set limits, with a line of help each."""
 
 LONGEST_DELAY = 3.0
-"""Longest delay and lag [s] searched. A slower craft needs repair first."""
+"""Longest delay and longest lag [s] that are searched. A craft with more should be repaired first."""
 
 SHORTEST_LAG = 0.1
-"""Shortest lag, in sampling steps. A shorter one is not visible in the samples."""
+"""Shortest lag that is fitted, in sampling steps. The samples do not show a shorter one."""
 
 
 def limits_of(form: Form, case: Case) -> Limits:
-    """Return the limits for *form*.
+    """Return the limits of the parameters of *form*.
 
     Raises
     ------
     UsageError
-        Bounds for what is not a free parameter, or the wrong way round.
+        Bounds of a parameter that is not free, or bounds in the wrong order.
     """
     step = min(float(np.median(np.diff(s.t))) for r in case.records for s in r.signals.values())
     limits = Limits({"delay": 0.0, "lag": SHORTEST_LAG * step}, {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY})
     if case.options.get("physical", False):
-        limits = limits.within(physical(form))
+        limits = limits.within(Limits.physical(form))
     low, high = dict(limits.low), dict(limits.high)
     bounds = case.options.get("bounds") or {}
     for name, (least, most) in bounds.items():
@@ -50,32 +50,15 @@ def limits_of(form: Form, case: Case) -> Limits:
     return Limits(low, high)
 
 
-def physical(form: Form) -> Limits:
-    """Return the limits that keep inertia positive and let every drag damp."""
-    sides = {n: _physical_side(n) for n in form.free}
-    return Limits({n: 0.0 for n, s in sides.items() if s > 0}, {n: 0.0 for n, s in sides.items() if s < 0})
-
-
-def _physical_side(name: str) -> int:
-    """Return -1 for what is negative by nature, 1 for what is positive, 0 for what may be either."""
-    if name in ("m", "I_x", "I_y", "I_z"):
-        return 1
-    if name in RIGID_BODY or "_" not in name or name[0] not in FORCES:
-        return 0
-    inertia = inertia_of(name)
-    if inertia is not None:
-        return -1 if inertia.row == inertia.column else 0
-    own = STATES[FORCES.index(name[0])]
-    return -1 if name[2:] in (own, own * 2, f"|{own}|{own}", own * 3) else 0
-
-
 def horizon_of(case: Case) -> float | None:
-    """Return how long [s] a simulation runs freely; None: as long as it can follow the runs.
+    """Return the user's limit for the length of a free simulation [s], or None.
+
+    Without a limit, whole runs are simulated. They are cut into short pieces only if the fit to whole runs fails.
 
     Raises
     ------
     UsageError
-        Not a time.
+        The horizon is not above zero.
     """
     horizon = case.options.get("horizon")
     if horizon is None:

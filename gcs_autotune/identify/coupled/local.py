@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.delay import SEARCHED_DELAYS, weigh_delay
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Limits, Objective
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.reweighting import Effort
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.solution import THOROUGH, Solution, solve_form
+from gcs_autotune.identify.problems.delay import SEARCHED_DELAYS, weigh_delay
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import Effort
+from gcs_autotune.identify.problems.solution import THOROUGH, Solution, solve_form
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["Delayed", "LocalFit", "fit_with_delay", "local_fit"]
@@ -25,27 +25,31 @@ __all__ = ["Delayed", "LocalFit", "fit_with_delay", "local_fit"]
 Array = NDArray[np.float64]
 
 GOOD = 2.0
-"""A fit with noise below this multiple of each signal's own roughness needs no other start."""
+"""Noise of a fit, in multiples of each signal's roughness, below which no other start is tried."""
 
 HOPELESS = 10.0
-"""Misfit of a signal, in multiples of its noise, at which a fit counts as failed and short pieces are tried."""
+"""Misfit of a signal, in multiples of its noise, above which a fit counts as failed. Short pieces are then fitted."""
 
 SKETCH = Effort(15, exact=False, astray=HOPELESS)
-"""Effort for each start; only the best is fitted until it converges."""
+"""Effort for the fit from each start. Only the best of these fits is continued until it converges."""
 
 MISFIT = Effort(25, exact=False)
-"""Effort for the end of a fit that leaves far more than noise. Its last digits depend on what the model misses."""
+"""Effort for the final fit if its residual is far above the noise. More accuracy is useless if the model misses a term.
+"""
 
 PATIENT = Effort(25, exact=False)
-"""Effort for whole runs only: the fit continues whatever the residual."""
+"""Effort for the fit from each start if only whole runs are allowed. The fit then continues whatever its residual."""
 
 BETTER = 3.0
-"""Factor by which the fit of short pieces must be better than that of whole runs."""
+"""Factor by which the misfit of short pieces must be smaller than that of whole runs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalFit:
-    """A fit and its records; ``pieces``: whether they were cut, because no fit held over whole runs."""
+    """A fit and the records it used.
+
+    ``pieces``: whether the records were cut, because no fit over whole runs succeeded.
+    """
 
     solution: Solution
     records: tuple[Segment, ...]
@@ -53,11 +57,11 @@ class LocalFit:
 
 
 def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool, whole: bool = False) -> LocalFit:
-    """Fit *form* from one start after the other until one explains the records down to noise, else return the best.
+    """Fit *form* from several starts until one explains the records down to noise.
 
-    A free run may diverge from the measured one (an unstable craft, runs of different craft, a missing term). The cost
-    then has no useful minimum. The records are cut into short pieces, each with its own initial state, unless *whole*
-    runs are required.
+    If none does, return the best fit. A free run may diverge from the measured one because the craft is unstable, runs
+    are of different craft, or a term is missing. The cost then has no useful minimum. The records are cut into short
+    pieces, each with its own initial state, unless *whole* runs are required.
 
     Raises
     ------
@@ -98,23 +102,23 @@ def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust:
 
 
 def _excess(solution: Solution, levels: Mapping[str, float]) -> float:
-    """Return how many times its level the worst fitted signal is missed."""
+    """Return the largest ratio of a signal's fitted noise to its level in *levels*."""
     return max(solution.noise[n] / level for n, level in levels.items())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delayed:
-    """The fit chosen, and the evidence (difference of the criterion) for a delay."""
+    """The chosen fit, and the evidence for a delay (difference of the criterion)."""
 
     local: LocalFit
     evidence: float
 
 
 def fit_with_delay(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Delayed:
-    """Fit *form* without a delay, and with one if that may help.
+    """Fit *form* without a delay and, if that may improve the fit, with one.
 
-    One Gauss-Newton step from zero delay estimates its possible gain. Only if there is a gain, or if residuals are
-    coloured, both are fitted. Both use the same samples: those that do not depend on inputs before the record.
+    One Gauss-Newton step from zero delay estimates the possible gain. If there is none and the residuals are white, no
+    delay is fitted. Both fits use the same samples: those that do not depend on inputs before the record.
     """
     whole = tuple(records)
     plain = local_fit(form, whole, limits, robust=robust)
@@ -139,7 +143,7 @@ def fit_with_delay(form: Form, records: Sequence[Segment], limits: Limits, *, ro
 
 
 def _again(plain: LocalFit, records: Sequence[Segment], limits: Limits, robust: bool) -> LocalFit | None:
-    """Fit the same form to records that begin later, from where the fit to the whole ended."""
+    """Fit the same form to *records* that begin later, starting from the fit to the whole records."""
     if plain.pieces:
         return plain
     form, solution = plain.solution.form, plain.solution
@@ -151,7 +155,7 @@ def _again(plain: LocalFit, records: Sequence[Segment], limits: Limits, robust: 
 
 
 def _one_step(plain: Solution, records: Sequence[Segment]) -> tuple[float, float]:
-    """Return the delay of one Gauss-Newton step from none, and by how much the cost would fall."""
+    """Return the delay after one Gauss-Newton step from zero, and the predicted decrease of the cost."""
     form = plain.form.freeing("delay")
     theta = np.array([*plain.theta[: len(plain.form.free)], plain.shift, *plain.theta[len(plain.form.free) :]])
     objective = Objective(Problem(form, records, None, Limits({}, {})), theta, plain.initial)
@@ -164,7 +168,10 @@ def _one_step(plain: Solution, records: Sequence[Segment]) -> tuple[float, float
 
 
 def _lagged(form: Form, without: LocalFit, limits: Limits, hint: float, robust: bool) -> Solution | None:
-    """Return the best fit with a delay, from the hint and from a regression at each of some delays."""
+    """Return the best fit with a delay.
+
+    The starts are the delay *hint*, and a regression at each of :data:`SEARCHED_DELAYS`.
+    """
     freed, plain, records = form.freeing("delay"), without.solution, without.records
     p = len(form.free)
     starts = [(np.array([*plain.theta[:p], max(hint, 0.02), *plain.theta[p:]]), plain.initial)]

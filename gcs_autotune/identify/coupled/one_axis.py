@@ -1,8 +1,8 @@
-"""One degree of freedom by a method that fits forms: the axis is the smallest form, reported in physical parameters.
+"""Use methods for forms on one degree of freedom, with the result in physical parameters.
 
-``alpha nu_dot + (beta + beta_nn |nu|) nu = tau + Delta`` is a form with the derivatives ``N_rdot = -alpha``,
-``N_r = -beta``, ``N_rr = -beta_nn``, ``N_0 = Delta`` (yaw; likewise for the others). Estimates and covariances differ
-only by signs.
+``alpha nu_dot + (beta + beta_nn |nu|) nu = tau + Delta`` is a form with the derivatives ``N_rdot = -alpha``, ``N_r =
+-beta``, ``N_rr = -beta_nn``, ``N_0 = Delta`` (yaw; likewise for the others). Estimates and covariances differ only by
+signs.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure, derivative_names
+from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubts import OF_THE_RUNS, once
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, Table, axis_table, fit_of
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 def axis_fit(case: Case, structure: Structure, fit: Fit[Model]) -> AxisFit:
-    """Return *fit*, of the form of one degree of freedom, in physical parameters."""
+    """Return *fit*, whose form has one degree of freedom, converted to physical parameters."""
     record = case.records[0]
     model, table = _in_words(record.dof, record.input_units[0], structure, fit)
     main = record.main.name
@@ -50,15 +50,15 @@ def axis_fit(case: Case, structure: Structure, fit: Fit[Model]) -> AxisFit:
 
 
 def _rms(fit: Fit[Model], signal: str) -> float:
-    """Return the root mean square of what is left of *signal*, or of everything where it was not fitted."""
+    """Return the root mean square residual of *signal*, or of all signals if it was not fitted."""
     return rms_of([t for t in fit.traces if t.signal == signal] or list(fit.traces))
 
 
 def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
-    """Return *fit*, a model of one axis with effects of its actuator, as a fit of one axis.
+    """Return *fit*, a model of one axis with actuator effects, as a fit of one axis.
 
-    plain : the model of the same runs without these effects. Its readings of limit cycles and its doubts about the runs
-    are kept. Its doubts about itself, and its choice of drag, do not apply to *fit*.
+    plain : fit of the same runs without these effects. Its readings of limit cycles and its doubts about the runs are
+        kept. Its doubts about itself, and its choice of drag, do not apply to *fit*.
     """
     assert isinstance(fit.model, ExtendedModel)
     axis, main = plain.model.axis, plain.traces[0].signal if plain.traces else plain.model.axis.position
@@ -66,7 +66,7 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
     effects = tuple(e for e in fit.model.effects if e.place == axis.force)
     labels = [n for n in fit.parameters if n.startswith(tuple(f"{e.slug}@{e.place}." for e in effects))]
     order = list(fit.parameters)
-    names, signs = [*derivative_names(axis), *labels], np.array([*SIGNS, *(1.0 for _ in labels)])
+    names, signs = [*axis.derivative_names(), *labels], np.array([*SIGNS, *(1.0 for _ in labels)])
     places = [i for i, n in enumerate(names) if n in order]
     at = [order.index(names[i]) for i in places]
     whole = np.zeros((len(names),) * 2)
@@ -98,7 +98,7 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
 
 def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:
     """Return model and parameters of a form of one axis."""
-    names = derivative_names(dof)
+    names = dof.derivative_names()
     order = list(fit.parameters)
     values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]
     places = [i for i, n in enumerate(names) if n in order]
@@ -115,8 +115,8 @@ def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tup
 def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
     """Adapt a method that fits forms to single axes.
 
-    Without a requested structure, all three drags are fitted. The one with the lowest Bayesian information criterion of
-    its free run is kept; the others are in ``candidates``.
+    Without a requested structure, all three drag structures are fitted. The one with the lowest Bayesian information
+    criterion of its free run is kept. The others are listed in ``candidates``.
     """
 
     def fit_one_axis(case: Case) -> AxisFit:

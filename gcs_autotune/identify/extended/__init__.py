@@ -1,8 +1,7 @@
-"""Coupled models with effects: what identification fits from runs, and diagnosis searches with.
+"""Coupled models with effects, which identification fits to runs and diagnosis uses in its search.
 
 =================  ================================================================
-effect_spec        effects asked for by name
-forward_selection  one after the other, each from every start and place
-by_output_error    the fit of all together
+effect_spec        effects that a user requests by name
+by_output_error    adds effects one by one, each from every start and place, then fits all together
 =================  ================================================================
 """

@@ -1,6 +1,6 @@
-"""Identification with effects, by output error: from runs and what is asked for to a :class:`Fit`.
+"""Fit a model with requested effects by output error, and return a :class:`Fit`.
 
-The effects asked for come into the base model one after the other, each from every start and place.
+The effects are added to the base model one after the other, each from every start and place.
 """
 
 from __future__ import annotations
@@ -9,16 +9,15 @@ from collections.abc import Sequence
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.base_model import fit_base, given_base
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
 from gcs_autotune.identify.fit_builder import Motion, Table, fit_of, solution_extra, table_of
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.free_numbers import label_of
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import quanta_of
+from gcs_autotune.identify.problems.base_model import fit_base, given_base
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import quanta_of
+from gcs_autotune.identify.problems.solution import Solution, solution_of, solve
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.solution import Solution, solution_of, solve
 from gcs_autotune.identify.solution_doubts import effect_doubts, solution_doubts
 from gcs_autotune.models import CoupledModel, unit_of
 
@@ -26,16 +25,17 @@ __all__ = ["fit_with_effects", "with_effects"]
 
 
 def fit_with_effects(case: Case) -> Fit[CoupledModel | ExtendedModel]:
-    """Fit *case*; all of the base and of the effects together, each run with initial states of its own.
+    """Fit all parameters of the base model and of the effects of *case* together.
 
-    Unlike other fits nothing is mended on the way in: units and signs may be among the effects asked for.
+    Each run has its own initial states. Unlike in other fits, units and signs are not corrected first, because they may
+    be among the requested effects.
 
     Raises
     ------
     NotInformative
         No such model can be simulated on these runs.
     UsageError
-        An effect these runs cannot show.
+        The runs cannot show a requested effect.
     """
     form, start = case.the_form, case.start
     if start is None:
@@ -49,15 +49,15 @@ def fit_with_effects(case: Case) -> Fit[CoupledModel | ExtendedModel]:
 
 
 def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
-    """Fit to the end as any other model: coarse sensors as rounding, outliers weighted if required.
+    """Fit until convergence, as for a model without effects.
 
-    A disturbance that was learnt from the residuals (outliers, a jump of the compass) stays unchanged, and so does the
-    noise.
+    The rounding of coarse sensors enters the likelihood, and outliers are weighted if requested. A disturbance that was
+    learnt from the residuals (outliers, a jump of the compass) stays unchanged, and so does the noise.
 
     Raises
     ------
     UsageError
-        Weights against outliers, and a disturbance that explains them.
+        Robust weights are requested together with a disturbance that already explains outliers.
     """
     if any(EFFECTS[e.slug].is_disturbance for e in fitted.effects):
         if case.robust:
@@ -105,7 +105,7 @@ def _outcome(case: Case, problem: Problem, fitted: Fitted, solution: Solution) -
 
 
 def _table(data_summary: DataSummary, solution: Solution) -> Table:
-    """Return all numbers with units, standard errors and Cramer-Rao bounds."""
+    """Return the table of all parameters with units, standard errors and Cramer-Rao bounds."""
     form = solution.form
     normalised = form.normalised or set(data_summary.inputs.values()) == {"1"}
     values = dict(zip(form.parameters, solution.theta.tolist(), strict=True))
@@ -116,7 +116,7 @@ def _table(data_summary: DataSummary, solution: Solution) -> Table:
     for own in solution.effects:
         entry = EFFECTS[own.slug]
         for name, value in own.values.items():
-            label = label_of(own, name)
+            label = own.label_of(name)
             values[label], units[label] = value, entry.unit_of(name, own.place, data_summary)
             if entry.is_disturbance:
                 learnt.append(label)
@@ -132,7 +132,7 @@ def _table(data_summary: DataSummary, solution: Solution) -> Table:
 
 
 FIRST_TRIALS = 12
-"""Steps of a start's first descent; the best is then fitted to the end."""
+"""Maximum number of steps of the first descent from each start. Only the best one is then fitted until convergence."""
 
 LAST_TRIALS = 60
 
@@ -140,13 +140,15 @@ LAST_TRIALS = 60
 def with_effects(problem: Problem, fitted: Fitted, specs: Sequence[EffectSpec]) -> Fitted:
     """Return *fitted* with every effect of *specs* added and all parameters fitted together.
 
-    With two or more effects each is fitted again from all its starts once the others are present. The first one may
-    have absorbed part of the later ones.
+    The first of several effects may have absorbed part of the later ones. Each is therefore fitted again from all its
+    starts once the others are present.
 
     Raises
     ------
     UsageError
-        An effect these runs cannot show. NotInformative: the motion diverges with it from every start.
+        The runs cannot show one of the effects.
+    NotInformative
+        The motion with an effect diverges from every start.
     """
     for spec in specs:
         fitted = _best(problem, fitted, fitted.effects, spec)

@@ -1,4 +1,4 @@
-"""Effects to be fitted, by name: ``dead-zone``, ``dead-zone@N``."""
+"""Effects to fit, requested by name: ``dead-zone``, ``dead-zone@N``."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ __all__ = ["EffectSpec", "effect_spec_of"]
 
 @dataclass(frozen=True, slots=True)
 class EffectSpec:
-    """An effect to fit; ``place`` None: wherever it explains most."""
+    """An effect to fit.
+
+    ``place``: where it acts; None chooses the place at which it explains most.
+    """
 
     slug: str
     place: str | None = None
 
     def candidates(self, data_summary: DataSummary) -> Iterator[EffectInstance]:
-        """Yield the effect at every place and with every start these runs allow.
+        """Yield the effect at every place and with every start that these runs allow.
 
         Raises
         ------
         UsageError
-            These runs cannot show it, or not there.
+            These runs cannot show the effect, or not at this place.
         """
         entry = EFFECTS[self.slug]
         places = entry.places(data_summary)
@@ -42,12 +45,12 @@ class EffectSpec:
 
 
 def effect_spec_of(text: str) -> EffectSpec:
-    """Read ``slug`` or ``slug@place``.
+    """Return the effect written as ``slug`` or ``slug@place``.
 
     Raises
     ------
     UnknownName
-        No such effect.
+        There is no effect of this name.
     """
     slug, _, place = text.strip().partition("@")
     return EffectSpec(lookup(EFFECTS, slug, "effect").slug, place or None)

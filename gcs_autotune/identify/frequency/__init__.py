@@ -1,24 +1,20 @@
-"""Frequency domain: what control people look at first.
+"""Identification in the frequency domain.
 
 ============  ===================================================================================
-response      the empirical response as a value: frequencies, complex gains, coherence, uncertainty
-spectrum      it, from any run: cross spectra with sine tapers; from a relay: the harmonics of its cycles
-nomoto        Nomoto's models of first and second order fitted to it
+response      the empirical response: frequencies, complex gains, coherence, uncertainty
+spectrum      the response of any run (cross spectra with sine tapers) or of a relay (harmonics)
+nomoto        fits of Nomoto's models of first and second order to the response
 by_frequency  the method ``frequency``
 ============  ===================================================================================
 """
 
 from __future__ import annotations
 
-from gcs_autotune.identify.frequency.nomoto import NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
-from gcs_autotune.identify.frequency.spectrum import harmonic_response, spectral_response
+from gcs_autotune.identify.frequency.spectrum import harmonic_response
 
 __all__ = [
     "COHERENT",
     "FrequencyResponse",
-    "NomotoFit",
-    "fit_nomoto",
     "harmonic_response",
-    "spectral_response",
 ]

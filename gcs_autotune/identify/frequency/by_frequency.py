@@ -1,4 +1,4 @@
-"""The method ``frequency``: measure the response, fit Nomoto's models to it, and collect doubts."""
+"""The method ``frequency``: measure the frequency response, fit Nomoto's models to it, and collect doubts."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit, fit_nomoto
@@ -23,7 +24,7 @@ from gcs_autotune.identify.frequency.spectrum import (
 )
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
-from gcs_autotune.identify.result import AxisFit, Doubt, Status
+from gcs_autotune.identify.result import AxisFit, Status
 from gcs_autotune.models import Nomoto1, SingleDof
 
 __all__ = ["METHOD", "OPTIONS", "fit_by_frequency", "frequency_doubts"]
@@ -32,11 +33,11 @@ DECADE_PART = 3.0
 """Minimum ratio of highest to lowest measured frequency to determine a slope: half a decade."""
 
 MISFIT = 0.05
-"""Unexplained fraction of the motion beyond noise, above which the model does not fit the response."""
+"""Fraction of the motion, beyond noise, that the model may leave unexplained. Above it a misfit is reported."""
 
 
 def frequency_doubts(response: FrequencyResponse, first: NomotoFit, second: NomotoFit | None) -> list[Doubt]:
-    """Return the doubts: low coherence, a band too narrow for the corner, a model that misses the response."""
+    """Return the doubts about coherence, about the width of the measured band, and about the misfit of the model."""
     assert isinstance(first.model, Nomoto1)
     found = [_coherence(response), _band(response, first.model), _misfit(first, second)]
     return [doubt for doubt in found if doubt is not None]
@@ -103,17 +104,17 @@ OPTIONS = (
 
 
 def fit_by_frequency(case: Case) -> AxisFit:
-    """Fit Nomoto's first order, i.e. linear drag, to the empirical frequency response of *case*.
+    """Fit Nomoto's first-order model (linear drag) to the empirical frequency response of *case*.
 
-    ``extra`` holds the response (``FrequencyResponse.from_dict`` rebuilds it), ``nomoto`` and ``nomoto_2`` with their
-    standard errors, and the order the evidence prefers.
+    ``extra`` contains the response, which ``FrequencyResponse.from_dict`` reads. It also contains ``nomoto`` and
+    ``nomoto_2`` with their standard errors, and the order that the evidence prefers.
 
     Raises
     ------
     NotInformative
-        Too little record, or too few frequencies with coherence.
+        The record is too short, or too few frequencies have enough coherence.
     UsageError
-        Drag other than linear was asked for, or an unknown source.
+        Drag other than linear is requested, or the source is unknown.
     """
     if case.structure not in (None, "linear"):
         raise UsageError(
@@ -151,7 +152,7 @@ def fit_by_frequency(case: Case) -> AxisFit:
 
 
 def _motion(model: SingleDof, case: Case) -> Motion:
-    """Return the free run; without one all of the motion is left over."""
+    """Return the free run of the model. If it diverges, all of the motion counts as residual."""
     motion = Motion.freely(model, case.records)
     if motion.traces:
         return motion
@@ -173,7 +174,7 @@ def _runs_away(first: NomotoFit) -> Doubt:
 
 
 def _settled(case: Case) -> bool:
-    """Return whether the runs are relay experiments that settled, by the rule of Miskovic2010, 6.7."""
+    """Return whether all runs are settled relay experiments, by the rule of Miskovic2010, 6.7."""
     settled = [c for c in case.cycles if c.periods >= PERIODS and c.scatter <= SCATTER]
     return len(settled) >= len(case.trials) and len(settled) == len(case.cycles)
 
@@ -204,7 +205,7 @@ def _second(response: FrequencyResponse, delay: float | None) -> tuple[NomotoFit
 
 
 def _model(case: Case, first: NomotoFit) -> tuple[SingleDof, NDArray[np.float64]]:
-    """Return the model and the covariance (5, 5) of (alpha, beta, beta_quadratic, delta, delay)."""
+    """Return the model and its covariance (5, 5), in the order (alpha, beta, beta_quadratic, delta, delay)."""
     beta, alpha, delay = (float(v) for v in first.physical)
     if alpha == 0.0:
         raise NotInformative("the response shows no inertia. Record faster, or sweep to a higher frequency")

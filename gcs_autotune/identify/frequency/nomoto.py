@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.frequency.response import FrequencyResponse
-from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.models import Nomoto1, Nomoto2
 
 __all__ = ["EVIDENCE", "NomotoFit", "fit_nomoto"]
@@ -25,10 +25,11 @@ __all__ = ["EVIDENCE", "NomotoFit", "fit_nomoto"]
 Array = NDArray[np.float64]
 
 FLOOR = 0.003
-"""Smallest relative error of a gain: the effect of finite resolution if the coherence shows no noise."""
+"""Smallest relative standard deviation of a gain. It covers the finite frequency resolution if the coherence shows no
+noise."""
 
 LEAST, MOST = 1e-4, 3.0
-"""Range of the model error, as a fraction of the motion. At its upper end the model explains nothing."""
+"""Range of the model error, as a fraction of the motion. At the upper end the model explains nothing."""
 
 EVIDENCE = 10.0
 """Decrease of the Bayesian criterion at which a further parameter is accepted (Kass1995: very strong)."""
@@ -36,12 +37,12 @@ EVIDENCE = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NomotoFit:
-    """A Nomoto model fitted to a response.
+    """A Nomoto model fitted to a frequency response.
 
-    ``std`` standard errors by name (``K``, ``T`` or ``T_1 T_2 T_3``, ``delay``; 0: not fitted); ``physical`` and its
-    ``covariance``: those of ``1/K``, of the denominator's further coefficients over K, of ``T_3``, of the delay.
-    ``misfit`` is the model's own error: the fraction of the motion it misses and noise does not explain.
-    ``bic`` is the Bayesian criterion, comparable between models of the same response.
+    ``std``: standard errors by name (``K``, ``T`` or ``T_1 T_2 T_3``, ``delay``), 0 if not fitted. ``physical``:
+    ``1/K``, the other coefficients of the denominator over K, ``T_3``, and the delay. ``covariance``: that of
+    ``physical``. ``misfit``: the model's own error, which is the fraction of the motion that neither model nor noise
+    explains. ``bic``: Bayesian information criterion, comparable between models of the same response.
     """
 
     model: Nomoto1 | Nomoto2
@@ -52,26 +53,26 @@ class NomotoFit:
     bic: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the fit as data for JSON."""
         return {"model": self.model.to_dict(), "std": dict(self.std), "misfit": self.misfit, "bic": self.bic}
 
 
 def fit_nomoto(response: FrequencyResponse, order: int = 1, delay: float | None = None) -> NomotoFit:
     """Fit Nomoto's model of *order* 1 or 2 to *response*.
 
-    Points are weighted by their noise and by the model's own error, which is raised until it explains the residual.
-    Otherwise an approximate model would follow the point with the least noise.
+    Points are weighted by their noise and by a model error. The model error is raised until it explains the residual.
+    Without it, an approximate model would follow the point with the least noise.
 
     Parameters
     ----------
-    delay : known delay [s]; None fits one and keeps it on strong evidence only, or when the motion would otherwise
-        start before the input (a negative time constant).
+    delay : known delay [s]; None fits one and keeps it only on strong evidence. It is also kept if the time constant
+        without it is negative, so that the motion would precede the input.
 
     Raises
     ------
     NotInformative
-        Fewer points than parameters; or poles of second order that come out complex or unstable beside a stable
-        gain: no Nomoto model.
+        There are fewer points than parameters. Or the second-order poles are complex, or unstable with a stable gain,
+        which a Nomoto model excludes.
     """
     if delay is not None:
         return _fit(response, order, delay, free=False)
@@ -94,7 +95,7 @@ def fit_nomoto(response: FrequencyResponse, order: int = 1, delay: float | None 
 
 
 def _with_delay(response: FrequencyResponse, order: int) -> NomotoFit | None:
-    """Return the best fit with a delay, None when none is positive."""
+    """Return the best fit with a positive delay, or None without one."""
     tries = []
     for phase in (0.1, 0.5, 1.5):
         try:
@@ -106,7 +107,7 @@ def _with_delay(response: FrequencyResponse, order: int) -> NomotoFit | None:
 
 
 def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -> NomotoFit:
-    """Return the fit at the relative model error at which chi-squared has its expected value."""
+    """Return the fit with the model error at which chi-squared has its expected value."""
 
     def at(error: float, start: Array | None = None) -> tuple[Array, float]:
         theta = _search(response, order, delay, error, start, free=free)
@@ -136,10 +137,11 @@ def _check_reach(model: Nomoto2, lowest: float) -> None:
 
 
 REACH = 30.0
-"""Longest time of the second order, times the lowest frequency. Beyond it the static gain is a guess."""
+"""Largest product of the longest time constant of the second-order model and the lowest measured frequency. Beyond it
+the static gain is not determined."""
 
 BISECTIONS = 10
-"""Halvings of the model error's logarithm: leaves it uncertain by 1 %."""
+"""Number of bisections of the logarithm of the model error, which leave it uncertain by 1 %."""
 
 
 def _size(order: int) -> int:
@@ -147,9 +149,10 @@ def _size(order: int) -> int:
 
 
 def _sigma(response: FrequencyResponse, error: float) -> Array:
-    """Return the standard deviation of real and imaginary part: noise, finite resolution, and the model's *error*.
+    """Return the standard deviation of the real and the imaginary part of each point.
 
-    What a model misses of the motion lies under all of its spectrum, so it counts most where the input is weak.
+    It combines noise, finite resolution and the model's relative *error*. Motion that the model misses is spread over
+    its whole spectrum. It therefore contributes most where the input is weak.
     """
     power = np.maximum(response.input_power, np.finfo(float).tiny)
     typical = math.sqrt(float(np.sum(power * response.magnitude**2) / np.sum(power)))
@@ -159,7 +162,10 @@ def _sigma(response: FrequencyResponse, error: float) -> Array:
 
 
 def _response(theta: Array, order: int, omega: Array) -> NDArray[np.complex128]:
-    """Return G of ``(1/K, a_1, [a_2, T_3], delay)``: ``(1 + T_3 s) exp(-s delay) / (1/K + a_1 s + a_2 s^2)``."""
+    """Return the frequency response of a Nomoto model.
+
+    theta : ``(1/K, a_1, [a_2, T_3], delay)`` of ``(1 + T_3 s) exp(-s delay) / (1/K + a_1 s + a_2 s^2)``.
+    """
     s = 1j * omega
     denominator = theta[0] + theta[1] * s
     numerator = np.exp(-s * theta[-1])
@@ -183,7 +189,10 @@ def _cost(theta: Array, response: FrequencyResponse, error: float) -> float:
 def _search(
     response: FrequencyResponse, order: int, delay: float, error: float, start: Array | None = None, *, free: bool
 ) -> Array:
-    """Return the parameters of least cost, the delay last, searched from *delay* or *start* when it is *free*."""
+    """Return the parameters with the lowest cost, the delay last.
+
+    free : whether the delay is fitted. The search starts at *start* or, without it, at *delay* and a linear solution.
+    """
     wanted = _size(order) - (0 if free else 1)
     if 2 * len(response) < wanted:
         raise NotInformative(
@@ -214,7 +223,10 @@ def _search(
 
 
 def _start(response: FrequencyResponse, order: int, delay: float, error: float) -> Array:
-    """Return the linear least-squares solution of ``G D(s) - N(s) + 1 = 1``, reweighted by the denominator found."""
+    """Return the linear least-squares solution of ``G D(s) - N(s) + 1 = 1`` at this delay.
+
+    The equations are reweighted by the denominator of the previous iteration.
+    """
     s, weight = 1j * response.omega, 1.0 / _sigma(response, error)
     value = response.value * np.exp(s * delay)
     columns = [value, value * s] if order == 1 else [value, value * s, value * s * s, -s]
@@ -231,7 +243,7 @@ def _start(response: FrequencyResponse, order: int, delay: float, error: float) 
 
 
 def _described(response: FrequencyResponse, order: int, theta: Array, error: float, *, free: bool) -> NomotoFit:
-    """Return *theta* with names, standard errors and evidence."""
+    """Return the fit with parameters *theta*, their names and standard errors, and the evidence."""
     fitted = np.ones(len(theta), dtype=bool)
     fitted[-1] = free
     J = _jacobian(theta, response, error)[:, fitted]
@@ -247,7 +259,7 @@ def _described(response: FrequencyResponse, order: int, theta: Array, error: flo
 
 
 def _jacobian(theta: Array, response: FrequencyResponse, error: float) -> Array:
-    """Return the derivative of the residuals by the parameters, analytic."""
+    """Return the analytic derivatives of the residuals by the parameters."""
     order, s = (1 if len(theta) == 3 else 2), 1j * response.omega
     value = _response(theta, order, response.omega)
     denominator = theta[0] + theta[1] * s + (theta[2] * s * s if order == 2 else 0.0)
@@ -260,7 +272,7 @@ def _jacobian(theta: Array, response: FrequencyResponse, error: float) -> Array:
 
 
 def _named(theta: Array, order: int) -> tuple[Nomoto1 | Nomoto2, Array]:
-    """Return the model and the Jacobian of its parameters by *theta*."""
+    """Return the Nomoto model, and the derivatives of its parameters by *theta*."""
     K = 1.0 / theta[0] if theta[0] else math.inf
     G = np.zeros((len(theta), len(theta)))
     G[0, 0], G[-1, -1] = -(K**2), 1.0

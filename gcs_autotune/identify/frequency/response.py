@@ -1,9 +1,9 @@
 """The empirical response and its data: frequencies, complex gains, coherence, uncertainty.
 
-:class:`Sampled` is a record on one even grid, input and velocity averaged over the same steps. Over a step both are box
-averages: of the held input exactly, of the velocity as the position's difference. The box then cancels from their
-ratio. A measured velocity is averaged by the trapezoid rule, whose box differs a little; :func:`mending` is the ratio
-of the two.
+:class:`Sampled` is a record on one even grid, with input and velocity averaged over the same steps. The average of the
+held input is exact. The average velocity is the difference of the position over a step, if the position was measured.
+The effect of averaging then cancels in the ratio of velocity to input. A measured velocity is averaged by the trapezoid
+rule, which differs slightly. :func:`mending` corrects for this.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.free_run import run_freely
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import SingleDof
 from gcs_autotune.slow_imports import scipy_stats
 
@@ -26,19 +26,19 @@ __all__ = ["FrequencyResponse", "Sampled", "mending", "sampled", "together", "tr
 Array = NDArray[np.float64]
 
 COHERENT = 0.6
-"""Squared coherence above which a point counts as measured.
+"""Squared coherence from which a point counts as measured.
 
-With eight averages the gain is then known to 20 %. Chance alone exceeds it once in six hundred.
+With eight averages the gain is then known to 20 %. Pure noise exceeds this value by chance once in six hundred points.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyResponse:
-    """Response from input to *velocity*, all arrays (k,).
+    """Frequency response from input to *velocity*, as arrays (k,).
 
-    ``omega`` [rad/s] ascending; ``value`` complex gain [velocity unit per input unit]; ``std`` standard deviation of
-    its real and of its imaginary part; ``coherence`` squared, 0 to 1; ``averages`` independent ones behind each point;
-    ``input_power`` relative to the strongest point; ``source``: how it was measured.
+    ``omega`` [rad/s]: frequencies, ascending. ``value``: complex gain [velocity unit per input unit]. ``std``: standard
+    deviation of the real and of the imaginary part. ``coherence``: squared, 0 to 1. ``averages``: number of independent
+    averages per point. ``input_power``: relative to the strongest point. ``source``: how the response was measured.
     """
 
     omega: Array
@@ -54,7 +54,7 @@ class FrequencyResponse:
 
     @property
     def magnitude(self) -> Array:
-        """Gain."""
+        """Magnitude of the complex gain."""
         return np.abs(self.value)
 
     @property
@@ -63,20 +63,21 @@ class FrequencyResponse:
         return np.unwrap(np.angle(self.value))
 
     def radius(self, level: float = 0.95) -> Array:
-        """Return the radius (k,) of the circle about ``value`` that holds the truth with probability *level*.
+        """Return the radius (k,) of the circle about ``value`` that contains the true gain with probability *level*.
 
-        Of the residual spectrum with ``2 averages - 2`` degrees of freedom (Bendat and Piersol, Random Data).
+        It follows from the residual spectrum with ``2 averages - 2`` degrees of freedom (Bendat and Piersol, Random
+        Data).
         """
         quantile = scipy_stats().f.ppf(level, 2.0, np.maximum(2.0 * self.averages - 2.0, 1.0))
         found: Array = self.std * np.sqrt(2.0 * quantile)
         return found
 
     def measured(self, coherence: float = COHERENT) -> FrequencyResponse:
-        """Return the points that are *coherence* or better."""
+        """Return the points whose squared coherence is at least *coherence*."""
         return self.at(self.coherence >= coherence)
 
     def at(self, keep: NDArray[np.bool_]) -> FrequencyResponse:
-        """Return the points marked in *keep*, (k,)."""
+        """Return the points selected by the mask *keep* (k,)."""
         return FrequencyResponse(
             omega=self.omega[keep],
             value=self.value[keep],
@@ -88,7 +89,7 @@ class FrequencyResponse:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the response as data for JSON."""
         return {
             "source": self.source,
             "omega": self.omega.tolist(),
@@ -102,14 +103,14 @@ class FrequencyResponse:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> FrequencyResponse:
-        """Rebuild from :meth:`to_dict`."""
+        """Return the response that :meth:`to_dict` wrote."""
         columns = {k: np.asarray(v, dtype=np.float64) for k, v in data.items() if k != "source"}
         value = columns.pop("magnitude") * np.exp(1j * columns.pop("phase"))
         return cls(value=value, source="harmonics" if data["source"] == "harmonics" else "spectrum", **columns)
 
 
 def together(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
-    """Return several responses of one source as one, sorted by frequency."""
+    """Return several responses from the same source as one, sorted by frequency."""
     order = np.argsort(np.concatenate([p.omega for p in parts]), kind="stable")
     return FrequencyResponse(
         omega=np.concatenate([p.omega for p in parts])[order],
@@ -124,7 +125,10 @@ def together(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sampled:
-    """``tau`` and ``nu`` (n,) averaged over even steps of ``dt`` [s]; ``derived``: from the position."""
+    """Input ``tau`` and velocity ``nu`` (n,), averaged over even steps of ``dt`` [s].
+
+    ``derived``: whether the velocity was derived from the position.
+    """
 
     dt: float
     tau: Array
@@ -133,25 +137,25 @@ class Sampled:
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration of the record [s]."""
         return self.dt * len(self.nu)
 
 
 def trusted(record: Segment) -> Signal:
-    """Return the signal of *record* that a fit of its degree of freedom trusts first."""
+    """Return the signal of *record* that a fit of its degree of freedom uses first."""
     name = first_names([record])[0]
     return record.signals.get(name, record.main)
 
 
 def sampled(record: Segment, model: SingleDof | None = None) -> Sampled:
-    """Return *record* on the grid of its median time step.
+    """Return *record* on an even grid with the median time step of its signal.
 
-    Between samples the signal is taken as straight; with stamps as uneven as telemetry's that shows near half the
-    sampling rate only, where the spectra do not look.
+    The signal is interpolated linearly between samples. With the uneven stamps of telemetry the error is visible only
+    near half the sampling rate. The spectra do not use these frequencies.
 
     Parameters
     ----------
-    model : what it makes of the input, from the initial state that suits best, is taken off the motion.
+    model : its free run, with fitted initial state, is subtracted from the motion.
     """
     signal = trusted(record)
     derived = signal is record.position
@@ -167,7 +171,10 @@ def sampled(record: Segment, model: SingleDof | None = None) -> Sampled:
 
 
 def _impulse(record: Segment, t: Array) -> Array:
-    """Return the integral of the held input up to *t*, exactly; the first value holds before its stamp too."""
+    """Return the exact integral of the held input up to *t*.
+
+    The first value also counts before its stamp.
+    """
     area = np.concatenate([[0.0], np.cumsum(record.tau[:-1] * np.diff(record.t_in))])
     i = np.maximum(np.searchsorted(record.t_in, t, side="right") - 1, 0)
     total: Array = area[i] + record.tau[i] * (t - record.t_in[i])
@@ -175,7 +182,7 @@ def _impulse(record: Segment, t: Array) -> Array:
 
 
 def mending(omega: Array, dt: float, derived: bool) -> Array:
-    """Return what a response must be multiplied by for the trapezoid average of a measured velocity."""
+    """Return the correction factor of a response for the trapezoid average of a measured velocity."""
     if derived:
         return np.ones_like(omega)
     half = 0.5 * omega * dt

@@ -1,17 +1,17 @@
-"""Measure the frequency response of a run, by cross spectra or at the harmonics of limit cycles.
+"""Measure the frequency response of a run from cross spectra, or at the harmonics of limit cycles.
 
-``G = S_yu / S_uu`` and coherence ``|S_yu|^2 / (S_uu S_yy)`` (Bendat and Piersol, Random Data), averaged over sine
-tapers (Riedel1995) and over runs. The tapers cover the whole run, so the resolution of slow motion is limited only by
-its length. A sweep need not be cut into pieces. The number of tapers grows with frequency, where fine resolution is not
-needed.
+The response is ``G = S_yu / S_uu``, with coherence ``|S_yu|^2 / (S_uu S_yy)`` (Bendat and Piersol, Random Data). The
+spectra are averaged over sine tapers (Riedel1995) and over runs. The tapers cover the whole run, so the resolution of
+slow motion is limited only by its length. A sweep need not be cut into pieces. The number of tapers grows with
+frequency, where fine resolution is not needed.
 
 A run of some tens of seconds hardly resolves a craft's corner frequency. Within one bandwidth the response bends, and
 the motion at the start and end leaks. Therefore a first-order model is fitted, its free run is subtracted from the
-motion, and its response is added to that of the rest (prewhitening, Blackman1958). The result is that of the record,
-whatever the model. Only the small remainder suffers from the resolution.
+motion, and its response is added to that of the rest (prewhitening, Blackman1958). The result describes the record,
+whatever the model. Finite resolution affects only the small remainder.
 
-A settled relay experiment is periodic. At every odd harmonic the ratio of output to input is the process' response,
-exactly for a linear process. The higher harmonics, which IS-O neglects, are data here.
+A settled relay experiment is periodic. At every odd harmonic the ratio of output to input is the response of the
+process. For a linear process this is exact. The higher harmonics, which IS-O neglects, are used as data here.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.frequency.nomoto import fit_nomoto
 from gcs_autotune.identify.frequency.response import FrequencyResponse, Sampled, mending, sampled, together, trusted
-from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.relay.limit_cycle import Settled, settled_cycles
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.preparation import prepare
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import Nomoto1, SingleDof
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Trial
@@ -39,30 +39,31 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 TAPERS = 4
-"""Tapers at low frequency: the fewest from which a coherence can be calculated."""
+"""Default number of tapers at low frequency. It is the fewest from which a coherence can be calculated reliably."""
 
 MOST_TAPERS = 24
 
 WIDTH = 0.5
-"""Largest bandwidth as a fraction of the frequency: half an octave still resolves every corner."""
+"""Largest bandwidth as a fraction of the frequency. Half an octave still resolves every corner frequency."""
 
 HIGHEST = 0.4
-"""Highest frequency as a fraction of half the sampling rate: below it straight lines between samples do no harm."""
+"""Highest frequency as a fraction of half the sampling rate. Below it the error of linear interpolation between samples
+is negligible."""
 
 ROUNDS = 3
-"""Number of times the model is fitted and subtracted; the third changes a gain by less than its error."""
+"""Number of times the model is fitted and subtracted. The third round changes a gain by less than its error."""
 
 STRONG = 1e-4
-"""Least input power, relative to the strongest point, of the points that the model is fitted to."""
+"""Smallest input power of the points to which the first-order model is fitted, relative to the strongest point."""
 
 
 BLOCKS = 4
-"""Pieces of a record whose means are balanced one by one."""
+"""Number of pieces of each record in which the mean forces are balanced, to estimate the constant force."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spectra:
-    """Sums over tapers and runs, (k,)."""
+    """Sums of spectra over tapers and runs, (k,): input ``uu``, velocity ``yy``, cross spectrum ``yu``."""
 
     uu: Array
     yy: Array
@@ -71,13 +72,13 @@ class _Spectra:
 
 
 def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: int = TAPERS) -> FrequencyResponse:
-    """Return the response from input to velocity at frequencies whose bands do not overlap.
+    """Return the response from input to velocity, at frequencies whose bands do not overlap.
 
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`gcs_autotune.identify.preparation.prepare`; NotInformative, too, when the runs are too short for a
-        single point.
+        As :func:`gcs_autotune.identify.signals.preparation.prepare`; NotInformative, too, when the runs are too short
+        for a single point.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     records = [record for trial in runs for record in prepare(trial, dof)]
@@ -104,10 +105,10 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
 
 
 def constant_force(records: Sequence[Segment], alpha: float, beta: float) -> tuple[float, float]:
-    """Return the constant force of linear motion and its standard error.
+    """Return the constant force in linear motion, and its standard error.
 
-    It balances the means of inertia, drag and input over any stretch. The scatter comes from :data:`BLOCKS` of each
-    record.
+    It balances the mean inertial force, drag and input over each piece of a record. The standard error follows from the
+    scatter of :data:`BLOCKS` pieces per record.
     """
     forces = []
     for run in (sampled(record) for record in records):
@@ -121,7 +122,7 @@ def constant_force(records: Sequence[Segment], alpha: float, beta: float) -> tup
 
 
 def _model(found: FrequencyResponse, records: Sequence[Segment]) -> SingleDof | None:
-    """Return the first-order model of *found*; None when there is none that can be simulated."""
+    """Return the first-order model fitted to *found*, or None if it cannot be simulated."""
     strong = found.at((found.input_power >= STRONG) & (found.coherence > 1.0 / found.averages))
     try:
         beta, alpha, delay = (float(v) for v in fit_nomoto(strong, 1).physical)
@@ -134,7 +135,10 @@ def _model(found: FrequencyResponse, records: Sequence[Segment]) -> SingleDof | 
 
 
 def _grid(duration: float, dt: float, tapers: int) -> tuple[Array, NDArray[np.int_]]:
-    """Return frequencies a bandwidth apart, and how many tapers serve at each; k tapers see (k + 1)/duration Hz."""
+    """Return frequencies that are one bandwidth apart, and the number of tapers at each.
+
+    The bandwidth of k tapers is (k + 1)/duration Hz.
+    """
     unit, highest = 2.0 * np.pi / duration, HIGHEST * np.pi / dt
     omega: list[float] = []
     count: list[int] = []
@@ -164,7 +168,7 @@ def _spectra(runs: Sequence[Sampled], omega: Array, count: NDArray[np.int_]) -> 
 
 
 def _transforms(run: Sampled, omega: Array, tapers: int) -> tuple[Complex, Complex]:
-    """Return the tapered Fourier sums (tapers, k) of input and velocity, their means taken off."""
+    """Return the tapered Fourier sums (tapers, k) of input and velocity after subtracting their means."""
     n = len(run.nu)
     steps = np.arange(n)
     taper = np.sin(np.pi * np.outer(np.arange(1, tapers + 1), steps + 1.0) / (n + 1.0)) * np.sqrt(2.0 / (n + 1.0))
@@ -175,7 +179,7 @@ def _transforms(run: Sampled, omega: Array, tapers: int) -> tuple[Complex, Compl
 
 
 def _response(omega: Array, left: _Spectra, raw: _Spectra, known: Complex | Array) -> FrequencyResponse:
-    """Return *known* plus the response of what is *left* of the motion beside it."""
+    """Return the response *known* of the model plus the response of the remaining motion *left*."""
     tiny = np.finfo(float).tiny
     value = known + left.yu / np.maximum(left.uu, tiny)
     noise = np.maximum(left.yy - np.abs(left.yu) ** 2 / np.maximum(left.uu, tiny), 0.0)
@@ -194,10 +198,10 @@ def _response(omega: Array, left: _Spectra, raw: _Spectra, known: Complex | Arra
 
 
 HARMONICS = (1, 3, 5)
-"""Those read. The input's power falls as 1/h^2, the position's as 1/h^6."""
+"""Harmonics used by default. The power of the input falls as 1/h^2, that of the position as 1/h^6."""
 
 FITTED = 9
-"""Harmonics fitted to a period, so that the ones read are not mistaken for their neighbours."""
+"""Number of harmonics fitted to a period, so that higher ones do not distort those used."""
 
 
 def harmonic_response(
@@ -205,13 +209,13 @@ def harmonic_response(
 ) -> FrequencyResponse:
     """Return the response from input to velocity at *harmonics* of every limit cycle in *trials*.
 
-    Mean and scatter are taken over the periods.
+    Mean and standard deviation are calculated over the periods.
 
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`gcs_autotune.identify.preparation.prepare`; NotInformative, too, when no limit cycle has two whole
-        periods with enough samples in each.
+        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative also if no limit cycle has two
+        whole periods with enough samples in each.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [
@@ -246,7 +250,7 @@ def _of_cycle(record: Segment, settled: Settled, harmonics: Sequence[int]) -> Fr
 
 
 def _averaged(omega: Array, U: Complex, Y: Complex) -> FrequencyResponse:
-    """Return the response of per-period coefficients (periods, harmonics)."""
+    """Return the response from the Fourier coefficients (periods, harmonics) of each period."""
     periods = len(U)
     tiny = np.finfo(float).tiny
     S_uu, S_yy = np.sum(np.abs(U) ** 2, axis=0), np.sum(np.abs(Y) ** 2, axis=0)
@@ -267,7 +271,7 @@ def _averaged(omega: Array, U: Complex, Y: Complex) -> FrequencyResponse:
 
 
 def _series(signal: Signal, start: float, end: float, harmonics: Sequence[int]) -> Complex | None:
-    """Return complex Fourier coefficients of one period by least squares over its samples, at their own stamps."""
+    """Return the complex Fourier coefficients of one period, by least squares over its samples."""
     keep = (signal.t >= start) & (signal.t <= end)
     t, x = signal.t[keep] - start, signal.values[keep]
     fitted = min(FITTED, (len(t) - 2) // 2)
@@ -282,7 +286,7 @@ def _series(signal: Signal, start: float, end: float, harmonics: Sequence[int]) 
 
 
 def _held_series(record: Segment, start: float, end: float, harmonics: Sequence[int]) -> Complex:
-    """Return the same coefficients of the held input, by exact integration."""
+    """Return the complex Fourier coefficients of the held input over one period, by exact integration."""
     inside = (record.t_in > start) & (record.t_in < end)
     edges = np.concatenate([[start], record.t_in[inside], [end]])
     level = record.tau[np.maximum(np.searchsorted(record.t_in, edges[:-1], side="right") - 1, 0)]

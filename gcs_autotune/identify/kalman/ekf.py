@@ -1,4 +1,4 @@
-"""Fit by extended and sigma-point Kalman filters with the parameters in the state: ZhaoUSV, (8)-(18).
+"""Fit by extended and sigma-point Kalman filters whose state contains the parameters (ZhaoUSV, (8)-(18)).
 
 The filter runs over the records, then the noise levels are fitted to its innovations. It then runs again from its own
 result until the parameters settle. A repeated pass starts with a prior three standard errors wide around the last
@@ -36,24 +36,30 @@ FILTER_OPTIONS = (
 )
 
 PASSES = 40
-"""Maximum number of passes. Noise levels converge geometrically; 10 to 25 passes suffice."""
+"""Default maximum number of passes over the runs. Noise levels converge geometrically; 10 to 25 passes suffice."""
 
 CLOSE = 0.5
-"""Largest move of a parameter, in standard errors, at which the smoothed states are used too."""
+"""Largest move of the parameters, in standard errors, below which the spread of the smoothed first states is used."""
 
 
 HOPELESS = 3
-"""Number of passes after which an inertia that is not positive definite counts as a failure."""
+"""Number of passes after which the fit stops if the inertia is still not positive definite."""
 
 
 def fit_by_ekf(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by the extended Kalman filter; *case* and result as for every method for coupled models."""
+    """Fit a coupled model by the extended Kalman filter.
+
+    *case* and result are those of every method for coupled models.
+    """
     return _fit(case, "ekf", sigma=False)
 
 
 @on_settled_stamps
 def fit_by_ukf(case: Case) -> Fit[CoupledModel]:
-    """Fit by the sigma-point filter; see :mod:`.sigma`. It cannot estimate a shift of stamps."""
+    """Fit a coupled model by the sigma-point filter; see :mod:`.sigma`.
+
+    This filter cannot estimate a shift of stamps.
+    """
     return _fit(case, "ukf", sigma=True)
 
 
@@ -92,7 +98,11 @@ def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ended:
-    """The last pass, the covariance of the parameters by the data alone, levels, last moves, how many passes."""
+    """State of the filter after its last pass.
+
+    ``result``: the pass. ``covariance``: that of the parameters from the data alone. ``levels``: noise levels.
+    ``moved``: last move of each parameter in standard errors. ``count``: number of passes.
+    """
 
     result: FilterResult
     covariance: Array
@@ -102,7 +112,7 @@ class _Ended:
 
 
 def _passes(task: Task, prior: Prior, levels: Levels, passes: int, *, sigma: bool) -> _Ended | None:
-    """Run at most *passes* passes from *prior*; None when even the first runs away."""
+    """Return the result of at most *passes* passes from *prior*, or None if the first pass diverges."""
     ended, close = None, False
     for count in range(1, passes + 1):
         now = _survived(task, prior, levels, sigma=sigma)
@@ -126,7 +136,10 @@ def _passes(task: Task, prior: Prior, levels: Levels, passes: int, *, sigma: boo
 
 
 def _survived(task: Task, prior: Prior, levels: Levels, *, sigma: bool) -> tuple[FilterResult, Levels] | None:
-    """Run a pass; when the motion runs away, with ever more process noise, which ties the states to the samples."""
+    """Run one pass and return it with its noise levels, or None if all attempts diverge.
+
+    After divergence the pass is repeated with more process noise, which ties the states to the samples.
+    """
     for _ in range(6):
         result = task.bank.run(task.theta(prior.parameters), prior, levels, sigma=sigma, full=True)
         if result is not None:
@@ -136,9 +149,11 @@ def _survived(task: Task, prior: Prior, levels: Levels, *, sigma: bool) -> tuple
 
 
 def _next(task: Task, result: FilterResult, covariance: Array, smoothed: Smoothed, *, close: bool) -> Prior:
-    """Return the prior of the next pass: where this one ended, wide again, but not wider than at first.
+    """Return the prior of the next pass.
 
-    close : the parameters are near their end, so that the first states seen from the end can be trusted.
+    It starts at the result of this pass, with a wide spread that never exceeds the first one.
+
+    close : whether the parameters have nearly settled, so that the spread of the smoothed first states is reliable.
     """
     first = task.prior
     wide = np.minimum(REPEAT, np.sqrt(np.diag(first.covariance) / np.diag(covariance)))
@@ -147,7 +162,10 @@ def _next(task: Task, result: FilterResult, covariance: Array, smoothed: Smoothe
 
 
 def _alone(after: Array, before: Array) -> Array:
-    """Return the covariance from the data alone: *after* a pass, without the information of that *before* it."""
+    """Return the covariance of the parameters from the data alone.
+
+    It is the covariance *after* a pass without the information in that *before* it.
+    """
     unit = np.sqrt(np.diag(before))
     w, V = np.linalg.eigh(after / np.outer(unit, unit))
     root = V * np.sqrt(np.maximum(w, 1e-300))
@@ -158,7 +176,7 @@ def _alone(after: Array, before: Array) -> Array:
 
 
 def _history(task: Task, result: FilterResult) -> dict[str, Any]:
-    """Return every parameter over the last pass, run by run: stamps, value, standard deviation, thinned."""
+    """Return stamps, value and standard deviation of every parameter during the last pass, thinned, run by run."""
     n = len(task.bank.states)
     runs = []
     for track, history in zip(task.bank.tracks, result.histories, strict=True):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs_autotune.clock import spend
 from gcs_autotune.identify.kalman.sweep import FilterHistory, backward, forward, new_history
 from gcs_autotune.identify.kalman.waves import rough
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, program_of, scratch, states_of
 
 __all__ = ["FilterBank", "FilterRecord", "FilterResult", "Levels", "Prior", "Smoothed"]
@@ -25,14 +25,17 @@ For craft with time constants above half a second, Simpson's rule for the proces
 """
 
 HASTE = 1.5
-"""Over-relaxation exponent for the drive levels, whose iteration converges slowly if process noise is weak."""
+"""Over-relaxation exponent for the levels of the drive. Their iteration converges slowly if process noise is weak."""
 
 _CODES = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterRecord:
-    """One record: ``stamps`` (s,), samples ``Y`` (s, m) with NaN for a missing sample, inputs as in the record."""
+    """Data of one record: ``stamps`` (s,) and samples ``Y`` (s, m), NaN for a missing sample.
+
+    ``record``: the segment, which contains the inputs.
+    """
 
     record: Segment
     stamps: Array
@@ -45,9 +48,9 @@ class Levels:
 
     ``noise`` (m,): variance of every signal. ``drive`` (n,): intensity of the white noise that drives every state
     [unit^2/s]. ``walk`` (p,): the same for the free parameters. ``decay`` (p,) [1/s]: rate at which each parameter
-    returns to zero; 0 or empty for constants. A decaying parameter is an Ornstein-Uhlenbeck process: a drifting force
-    that restarts in every record. ``waves`` (4,): see :mod:`.waves`, zeros for none. Waves restart in every record,
-    appear in the first signal, and act as the first free parameter does.
+    returns to zero; 0 or empty for constants. A decaying parameter is an Ornstein-Uhlenbeck process that restarts in
+    every record; it models a drifting force. ``waves`` (4,): see :mod:`.waves`, zeros for none. Waves restart in every
+    record, appear in the first signal, and act as the first free parameter does.
     """
 
     noise: Array
@@ -58,7 +61,7 @@ class Levels:
 
     @property
     def of_waves(self) -> int:
-        """Number of states of the waves."""
+        """Number of states for the waves: 2, or 0 without waves."""
         return 2 if rough(self.waves) else 0
 
 
@@ -77,7 +80,10 @@ class Prior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterResult:
-    """One pass: free parameters (p,) and their covariance at the end, log likelihood, a history per record."""
+    """Result of one pass over all records.
+
+    ``parameters`` (p,), ``covariance`` (p, p): free parameters at the end. ``histories``: one per record.
+    """
 
     parameters: Array
     covariance: Array
@@ -86,15 +92,16 @@ class FilterResult:
 
     @property
     def innovations(self) -> tuple[Array, Array]:
-        """All innovations (records' stamps, m) and their variances, NaN where there is no sample."""
+        """All innovations and their variances (stamps of all records, m), NaN where a sample is missing."""
         return np.vstack([t.e for t in self.histories]), np.vstack([t.S for t in self.histories])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """Smoothed result of a run: trajectories (s, N) of states, free parameters and waves, with variances, per record.
+    """Result of the smoother for all records.
 
-    ``score``: ``by_noise`` (2, m) and ``by_drive`` (2, n). A level is at its maximum of likelihood if both rows agree.
+    ``trajectories``, ``variances`` (s, N): of states, free parameters and waves, per record. ``by_noise`` (2, m),
+    ``by_drive`` (2, n): score of the noise levels. A level maximises the likelihood if its two rows agree.
     """
 
     trajectories: tuple[Array, ...]
@@ -129,21 +136,24 @@ class FilterBank:
         self._needed = list(self._max_rates)
 
     def with_free(self, free: Sequence[str]) -> FilterBank:
-        """Return a bank of the same records with other parameters in the state."""
+        """Return a bank of the same records with the parameters *free* in the filter's state."""
         return FilterBank(self.form, [t.record for t in self.tracks], free)
 
     def ease(self) -> bool:
-        """Make later steps no finer than the last pass needed; return whether that changes anything.
+        """Reset the step size to what the last pass needed, and return whether that changes it.
 
-        Passes that are compared must take the same steps, so the finest step so far applies to all later passes. A
-        trial with almost no inertia would otherwise keep the steps a hundred times too fine.
+        Passes that are compared must take the same steps, so the finest step so far applies to all later passes.
+        Without this reset, a trial with almost no inertia would keep the steps a hundred times too fine.
         """
         finer = self._max_rates != self._needed
         self._max_rates = list(self._needed)
         return finer
 
     def afresh(self) -> None:
-        """Reset the step size: an earlier trial may have required more steps than are allowed."""
+        """Reset the step size to its initial value.
+
+        An earlier trial may have required more steps than are allowed.
+        """
         self._max_rates = [1.0] * len(self.tracks)
         self._needed = list(self._max_rates)
 
@@ -157,20 +167,20 @@ class FilterBank:
         sigma: bool = False,
         full: bool = False,
     ) -> FilterResult | None:
-        """Filter all records one after the other; return None if the motion diverges.
+        """Filter all records in order; return None if the motion diverges.
 
         Parameters
         ----------
-        theta : (all,) every parameter; the free ones count only with *about*.
+        theta : (all,) all parameters; values of free ones are used only with *about*.
         about : a trajectory (s, n) per record to linearise about, with the parameters of *theta*; None: linearise at
             the estimate.
-        sigma : carry mean and covariance by sigma points, which do not support waves.
-        full : keep what :meth:`smooth` needs.
+        sigma : propagate mean and covariance by sigma points, which do not support waves.
+        full : store the data that :meth:`smooth` needs.
 
         Raises
         ------
         OutOfTime
-            Within an :class:`.Effort` that is used up: each state is as much work as a simulation.
+            The :class:`.Effort` is used up. Each state counts as much as a simulation.
         """
         n, p = len(self.states), len(self.free)
         N = n + p + levels.of_waves
@@ -228,7 +238,7 @@ class FilterBank:
         return FilterResult(parameters, covariance, total, tuple(histories))
 
     def smooth(self, result: FilterResult, levels: Levels) -> Smoothed:
-        """Run a full pass backwards."""
+        """Return the smoothed result of a full pass, by running backwards over the records."""
         n, p, m = len(self.states), len(self.free), len(self.signals)
         N = n + p + levels.of_waves
         decay = levels.decay if len(levels.decay) else np.zeros(p)
@@ -271,11 +281,13 @@ def _track(record: Segment, signals: Sequence[str]) -> FilterRecord:
 
 
 def tuned(levels: Levels, smoothed: Smoothed, floors: Array, *, noise: bool = True, drive: bool = True) -> Levels:
-    """Return levels closer to the maximum of the likelihood: each is multiplied by the ratio of its two score rows.
+    """Return levels closer to the maximum of the likelihood.
 
-    The score of a variance is half the difference of the rows (``backward``), so the maximum is a fixed point. A level
-    that the run contains no information on keeps its value. floors : (m,) least variances, from the resolution of the
-    sensors.
+    Each level is multiplied by the ratio of its two score rows. The score of a variance is half the difference of the
+    rows (``backward``), so the maximum is a fixed point. A level keeps its value if the run contains no information on
+    it.
+
+    floors : (m,) smallest variances, from the resolution of the sensors.
     """
     r, q = levels.noise.copy(), levels.drive.copy()
     if noise:

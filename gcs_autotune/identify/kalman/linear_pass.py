@@ -1,9 +1,9 @@
 """Filter one degree of freedom that is linear in its own velocity, with exact transitions.
 
-The equation stays linear in the craft's own velocity if commands are bent, delayed or scaled. The same holds for forces
-by measured flow, and for damping that depends on it. The motion between two stamps is then an exponential, and neither
-Runge-Kutta steps nor sensitivities are needed. The drifting force is held over an interval between samples, as in
-:func:`.sweep.forward`. Likelihoods of both passes are therefore comparable.
+The equation stays linear in the craft's own velocity if an effect distorts, delays or scales the commands. The same
+holds for forces from measured flow, and for damping that depends on measured flow. The motion between two stamps is
+then an exponential, and neither Runge-Kutta steps nor sensitivities are needed. The drifting force is held over an
+interval between samples, as in :func:`.sweep.forward`. Likelihoods of both passes are therefore comparable.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ Array = NDArray[np.float64]
 
 
 Term = tuple[str, float, tuple[tuple[str, bool], ...]]
-"""Parameter, sign and (input, by its magnitude) of a product."""
+"""A product in the equation: parameter, sign, and factors. Each factor is an input and whether its magnitude is used.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class LinearTerms:
-    """Terms of an equation that is linear in its velocity.
+    """Terms of an equation that is linear in its own velocity.
 
     ``forces``: terms that add up to the force. ``dampings``: terms multiplied by the velocity.
     """
@@ -39,11 +40,11 @@ class LinearTerms:
     dampings: tuple[Term, ...]
 
     def rows(self, values: Mapping[str, float], channels: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Return force and damping rate per inertia (j,) of inputs (j,) with these parameters."""
+        """Return force and damping rate per inertia (j,) for the parameters *values* and the inputs *channels* (j,)."""
         return _added_up(self.forces, values, channels), -_added_up(self.dampings, values, channels)
 
     def share_of(self, name: str, values: Mapping[str, float], channels: Mapping[str, Array]) -> Array:
-        """Return the part of the force (j,) that is proportional to the parameter *name*."""
+        """Return the part of the force per inertia (j,) that is proportional to the parameter *name*."""
         return _added_up([f for f in self.forces if f[0] == name], values, channels)
 
 
@@ -58,10 +59,10 @@ def _added_up(terms: Sequence[Term], values: Mapping[str, float], channels: Mapp
 
 
 def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
-    """Return the terms of *form*, of one degree of freedom, with the derivatives *added*.
+    """Return the terms of *form*, which has one degree of freedom, including the derivatives *added*.
 
-    Return None if a term is not linear in the velocity, depends on a position, or has an input without a free gain. The
-    form uses every input it has.
+    Return None in three cases: a term is not linear in the velocity, a term depends on a position, or an input has no
+    free gain. The form uses every input it has.
     """
     d, inputs = DOFS[form.dofs[0]], list(form.inputs)
     own = STATES.index(d.velocity)  # velocities come first among a term's factors
@@ -92,7 +93,8 @@ def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
 
 
 NEAR_ZERO = 1e-3
-"""Damping times interval below which its exponential is calculated by a series, because cancellation loses digits."""
+"""Product of damping and interval below which the exponential is calculated by a series. The direct formula would lose
+digits by cancellation."""
 
 
 @njit(cache=True, nogil=True)
@@ -114,13 +116,17 @@ def linear_pass(
 ) -> bool:
     """Filter one record; return whether the motion stayed finite.
 
-    t_in, force (c, j), damping (j,) : held from each stamp on, per inertia. The first row of forces drives the craft.
-    For each further row the pass returns the response of the innovations to that force, from rest and with all samples
-    zero (DeJong1991). The innovations are linear in it. y : (s,) position at *stamps* (s,), NaN where there is none;
-    *of_velocity*: velocity instead. size, memory [s] : of the drifting force (Ornstein-Uhlenbeck); noise : standard
-    deviation of *y*; waves (4,) : see :mod:`.waves`, without size for none. start, spread : (2,) velocity and position
-    at the first stamp and their standard deviations. e (c, s), S (s,) : filled with innovations and their variances,
-    unchanged without a sample.
+    The first row of *force* drives the craft. For each further row the pass returns the response of the innovations to
+    that force, from rest and with all samples zero. The innovations are linear in it (DeJong1991).
+
+    t_in, force (c, j), damping (j,) : stamps, forces and damping rates per inertia, each held until the next stamp.
+    y : (s,) position at *stamps* (s,), NaN for a missing sample.
+    of_velocity : whether *y* is the velocity instead.
+    size, memory : standard deviation and time constant [s] of the drifting force (Ornstein-Uhlenbeck).
+    noise : standard deviation of *y*.
+    waves : (4,), see :mod:`.waves`; zero size for none.
+    start, spread : (2,) velocity and position at the first stamp, and their standard deviations.
+    e (c, s), S (s,) : filled with innovations and their variances, unchanged without a sample.
     """
     rows, m = len(force), 5 if rough(waves) else 3
     # Velocity, position, the drifting force; two of the waves.

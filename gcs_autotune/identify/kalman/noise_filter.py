@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from gcs_autotune.clock import spend
 from gcs_autotune.effects import EFFECTS, DataSummary, Drive, EffectInstance
-from gcs_autotune.identify.free_numbers import ModelProblem
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterRecord, FilterResult, Levels, Prior
 from gcs_autotune.identify.kalman.linear_pass import LinearTerms, linear_pass, linear_terms
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
 from gcs_autotune.identify.kalman.run_to_run import integrate_out
 from gcs_autotune.identify.kalman.thinning import smoothed_drive
-from gcs_autotune.identify.limits import Limits
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.free_numbers import ModelProblem
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, states_of
 from gcs_autotune.sname import DOFS
 
@@ -37,18 +37,19 @@ DRIFTING_FORCE, FORCE_OF_THE_RUN = "gust", "day"
 """Inputs that are always 1. Their gains are the drifting force and the constant force of a run."""
 
 LINEAR_STATES = 3
-"""Number of states (position, velocity and force). It is the work of one sample, as in a filter bank."""
+"""Number of states (position, velocity and force). The effort of one sample is counted in states, as in a filter bank.
+"""
 
 MOST_KEPT = 60
-"""Maximum number of modified command series that are cached."""
+"""Maximum number of series of modified commands kept in the cache."""
 
 Made = TypeVar("Made")
 
 
 class NoiseFilter(ModelProblem):
-    """A form of one degree of freedom, segments with its position, and the filter passes over them.
+    """Filter for a form of one degree of freedom and segments with its position.
 
-    Parameters as for :class:`.ModelProblem`. The form is per unit of inertia: its inertia is known and equals one.
+    Parameters are those of :class:`.ModelProblem`. The form is scaled to unit inertia.
     """
 
     def __init__(self, form: Form, segments: Sequence[Segment], data_summary: DataSummary, limits: Limits) -> None:
@@ -66,7 +67,7 @@ class NoiseFilter(ModelProblem):
         return len({s.run for s in self.segments})
 
     def _first(self) -> tuple[Array, Array]:
-        """Return first position and velocity (records, 2) and their standard deviations, wide."""
+        """Return the first position and velocity (records, 2), and wide standard deviations of them."""
         states, spread = [], []
         for s in self.segments:
             own = next(iter(s.signals.values()))
@@ -85,7 +86,10 @@ class NoiseFilter(ModelProblem):
         kept: dict[tuple[object, ...], Made],
         make: Callable[[Sequence[EffectInstance], ProcessNoise], Made],
     ) -> Made:
-        """Return what *make* returns, made once for as long as *effects* do the same to the commands."""
+        """Return the result of *make* from the cache, or call it and store the result.
+
+        The key contains all that changes the commands: effects, smoothing, and whether runs differ.
+        """
         early = [e for e in effects if EFFECTS[e.slug].acts_on & {"commands"}]
         key: tuple[object, ...] = tuple((e.slug, e.place, *sorted(e.values.items())) for e in early)
         key = (
@@ -110,7 +114,7 @@ class NoiseFilter(ModelProblem):
         return self._kept(effects, noise, self._banks, self._new_bank)
 
     def _formed(self, effects: Sequence[EffectInstance]) -> tuple[Form, list[str]]:
-        """Return the form with the inputs that *effects* add, and the derivatives they add."""
+        """Return the form with the inputs that *effects* add, and the names of the derivatives that they add."""
         more = [n for e in effects for n in EFFECTS[e.slug].inputs(e)]
         added = [n for e in effects for n in EFFECTS[e.slug].derivatives(e)]
         inputs = {**self.form.inputs, **{n: () for n in more if n not in self.form.inputs}}
@@ -130,7 +134,7 @@ class NoiseFilter(ModelProblem):
         return FilterBank(form, records, (*names, *gain), per_run=True)
 
     def _driven(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> tuple[Drive, ...]:
-        """Return what *effects*, and a smoother of the signal, make of the commands, segment by segment."""
+        """Return the commands as modified by *effects* and by the smoother of the signal, per segment."""
         return self._kept(effects, noise, self._drives, self._new_drives)
 
     def _new_drives(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> tuple[Drive, ...]:
@@ -148,29 +152,32 @@ class NoiseFilter(ModelProblem):
 
     @cached_property
     def _tracks(self) -> tuple[FilterRecord, ...]:
-        """The segments' stamps and samples, whatever drives them."""
+        """Stamps and samples of the segments. They do not depend on the inputs."""
         return FilterBank(self.form, self.segments, ()).tracks
 
     def _linear(self, effects: Sequence[EffectInstance]) -> LinearTerms | None:
-        """Return the equation's terms where it is linear in its velocity with *effects*, else None."""
+        """Return the terms of the equation if it is linear in its velocity with *effects*, else None."""
         key = tuple((e.slug, e.place) for e in effects)
         if key not in self._terms:
             self._terms[key] = linear_terms(*self._formed(effects))
         return self._terms[key]
 
     def ease(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> bool:
-        """Return whether the filter's steps were finer than necessary: see :meth:`.filter_bank.FilterBank.ease`."""
+        """Reset the step size of the filter to what is needed, and return whether that changes it.
+
+        See :meth:`.filter_bank.FilterBank.ease`.
+        """
         return self._linear(effects) is None and self.bank(effects, noise).ease()
 
     def afresh(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> None:
-        """Reset the step size of the filter: see :meth:`.filter_bank.FilterBank.afresh`."""
+        """Reset the step size of the filter to its initial value; see :meth:`.filter_bank.FilterBank.afresh`."""
         if self._linear(effects) is None:
             self.bank(effects, noise).afresh()
 
     def run(
         self, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise, *, full: bool = False
     ) -> tuple[FilterBank, FilterResult, Levels] | None:
-        """Run the filter over all records; return None if it diverges."""
+        """Return the filter bank, the pass over all records and its noise levels, or None if the pass diverges."""
         bank = self.bank(effects, noise)
         every = self.theta_of(bank.form, theta, effects)
         decay = 1.0 / noise.memory
@@ -193,7 +200,7 @@ class NoiseFilter(ModelProblem):
         return None if result is None else (bank, result, levels)
 
     def theta_of(self, form: Form, theta: Array, effects: Sequence[EffectInstance]) -> Array:
-        """Return all parameters of *form*, the effects' derivatives added to the base's."""
+        """Return all parameters of *form*, where derivatives from effects are added to those of the base."""
         values = self._values(theta, effects)
         return np.array([values.get(n, 0.0) for n in form.parameters])
 
@@ -207,7 +214,7 @@ class NoiseFilter(ModelProblem):
     def innovations_at(
         self, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise
     ) -> tuple[tuple[Array, Array, Array], ...] | None:
-        """Return stamps, innovations and their variances of every segment, (n,) each; None if the filter fails."""
+        """Return stamps, innovations and variances (n,) of every segment, or None if the filter fails."""
         terms = self._linear(effects)
         if terms is not None:
             return self._linear_innovations(terms, theta, effects, noise)
@@ -224,7 +231,7 @@ class NoiseFilter(ModelProblem):
     def _linear_innovations(
         self, terms: LinearTerms, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise
     ) -> tuple[tuple[Array, Array, Array], ...] | None:
-        """Do as :meth:`innovations_at` with exact transitions."""
+        """Return the result of :meth:`innovations_at`, calculated with exact transitions."""
         values = self._values(theta, effects)
         states, spread = self._priors
         order = [states_of(self.form).index(n) for n in (self.dof.velocity, self.dof.position)]

@@ -9,28 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.free_numbers import ModelFit
 from gcs_autotune.identify.kalman.noisy_objective import log_density
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.problems.free_numbers import ModelFit
 
 __all__ = ["NoisyFit", "Tangent"]
 
 Array = NDArray[np.float64]
 
 HALF_WIDTH = 1.96
-"""Half-width of a 95 % interval in standard errors."""
+"""Half-width of a 95 % confidence interval of a Gaussian, in standard errors."""
 
 WIDEST = 10.0
-"""Half-width of the 95 % interval of a logarithm, above which the quantity counts as unknown."""
+"""Largest half-width of the 95 % interval of a parameter's logarithm. A parameter with a wider one counts as unknown.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoisyFit(ModelFit):
-    """A fit with process noise. ``theta`` (p,): free parameters of the form only.
+    """Result of a fit with process noise. ``theta`` (p,): free parameters of the form only.
 
-    ``noise``: as fitted. ``log_likelihood`` (records,): of each record. ``covariance`` (q, q): of the base parameters,
-    then those of the effects, then the logarithms of the noise's unknowns. ``innovations``: per record the stamps,
-    innovations and their variances.
+    ``noise``: fitted process noise. ``log_likelihood`` (records,): of each record. ``covariance`` (q, q): of the base
+    parameters, then those of the effects, then the logarithms of the noise parameters. ``innovations``: stamps,
+    innovations and variances per record.
     """
 
     noise: ProcessNoise
@@ -40,22 +41,24 @@ class NoisyFit(ModelFit):
 
     @property
     def total(self) -> float:
-        """The log-likelihood of all records."""
+        """Log-likelihood of all records together."""
         return float(self.log_likelihood.sum())
 
     def densities(self, rougher: float = 1.0) -> Array:
-        """Return the log density (samples,) of every innovation in order of the records, with variances times
-        *rougher*."""
+        """Return the log density (samples,) of every innovation, record by record.
+
+        rougher : factor by which the variances are multiplied.
+        """
         return np.concatenate([log_density(e, rougher * S, self.noise.freedom) for _, e, S in self.innovations])
 
     @property
     def roughness(self) -> float:
-        """Mean square of all innovations relative to their variances."""
+        """Mean square of all innovations divided by their variances; 1 for a correct noise model."""
         return float(np.mean(np.concatenate([e * e / S for _, e, S in self.innovations])))
 
     @property
     def unknowns(self) -> int:
-        """Number of fitted numbers."""
+        """Number of fitted parameters."""
         return len(self.theta) + len(self.free_effects) + len(self.noise.unknowns)
 
     @property
@@ -64,17 +67,17 @@ class NoisyFit(ModelFit):
         return sum(len(e) for _, e, _ in self.innovations)
 
     def price(self, more: int) -> float:
-        """Return the cost of this many further numbers (Schwarz), as log-likelihood."""
+        """Return the penalty for this many further parameters (Schwarz criterion), in units of log-likelihood."""
         return 0.5 * more * math.log(max(self.samples, 2))
 
     def errors_of(self, effect: EffectInstance) -> dict[str, float]:
-        """Return the standard errors of an effect's fitted numbers, as far as they are known."""
+        """Return the standard errors of the fitted parameters of an effect, without the unknown ones."""
         return {n: std for n, std in self.errors_in(self.covariance, effect).items() if not math.isnan(std)}
 
     def interval_of(self, name: str) -> tuple[float, float]:
-        """Return the 95 % interval of one of the noise's unknowns, from the standard error of its logarithm.
+        """Return the 95 % interval of a noise parameter, from the standard error of its logarithm.
 
-        The interval is 0 to inf if the unknown was not fitted, or if the data do not limit it.
+        The interval is 0 to inf if the parameter was not fitted, or if the data do not limit it.
         """
         names = self.noise.unknowns
         if name not in names:
@@ -89,7 +92,7 @@ class NoisyFit(ModelFit):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tangent:
-    """Derivatives (q, samples) of all innovations and of their log variances by the unknowns of a fit."""
+    """Derivatives (q, samples) of all innovations and of their log variances, by the unknowns of a fit."""
 
     J: Array
     D: Array

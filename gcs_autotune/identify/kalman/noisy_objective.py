@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.free_numbers import FreeNumbers
 from gcs_autotune.identify.kalman.noise_filter import NoiseFilter
-from gcs_autotune.identify.kalman.process_noise import ProcessNoise
+from gcs_autotune.identify.kalman.process_noise import LEAST_DAMPING, LONGEST_WAVE, MOST_DAMPING, ProcessNoise
+from gcs_autotune.identify.problems.free_numbers import FreeNumbers
 
-__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "NoisyObjective", "log_density"]
+__all__ = ["NoisyObjective", "log_density"]
 
 Array = NDArray[np.float64]
 
@@ -27,37 +27,29 @@ Innovations = tuple[tuple[Array, Array, Array], ...]
 """Stamps, innovations and their variances of every segment, (n,) each."""
 
 STEP = 0.3
-"""Length of a difference in standard errors, with all other unknowns held.
+"""Length of a finite difference, in standard errors that apply with all other unknowns fixed.
 
-For correlated unknowns this is a small fraction of their total error. With a step of 0.02, rounding ended one fit 1.3
-nats early, and its errors came out at half the true ones.
+For correlated unknowns this is a small fraction of their total error. A step of 0.02 was too short. Because of
+rounding, one fit ended 1.3 nats early and its errors were half the true ones.
 """
 
 LONGEST_MOVE = 2.0
-"""Largest change of a logarithm in one step."""
+"""Largest change of the logarithm of a noise parameter in one step of the search."""
 
 LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
-"""Time constants of a smoother, in samples of the record."""
-
-LONGEST_WAVE = 20.0
-"""Longest period [s] of waves. Slower motion is part of the drifting force."""
-
-LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
-"""Limits of the damping ratio of waves.
-
-A narrower band is the hum of a machine; a wider one is not a band. Fossen2011 fits 0.1 to 0.26 to usual sea states.
-"""
+"""Limits of the time constant of a smoother, in sampling intervals of the record."""
 
 SHORTEST_MEMORY = 2.0
-"""Shortest time constant of the force, in sampling intervals. A faster force looks like sensor noise."""
+"""Shortest time constant of the drifting force, in sampling intervals. A faster force cannot be distinguished from
+sensor noise."""
 
 
 class Point:
-    """Innovations at one point ``x`` (q,). The cost is minus twice their log-likelihood.
+    """Innovations at one point ``x`` (q,), and their cost.
 
-    ``innovations``: stamps, innovations and variances of every segment. ``total``: their log-likelihood; ``each``: that
-    of each segment. The derivatives are calculated on demand, by differences of filter passes. If an earlier trial made
-    the filter's steps finer, the point is first evaluated again.
+    The cost is minus twice the log-likelihood. ``innovations``: stamps, innovations and variances of every segment.
+    ``total``: their log-likelihood. ``each``: that of each segment. The derivatives are calculated on demand, by
+    differences of filter passes. If an earlier trial made the filter's steps finer, the point is first evaluated again.
     """
 
     def __init__(self, objective: NoisyObjective, x: Array, innovations: Innovations, each: Array) -> None:
@@ -66,17 +58,17 @@ class Point:
 
     @property
     def cost(self) -> float:
-        """Minus twice the log-likelihood."""
+        """Minus twice the log-likelihood of the innovations."""
         return -2.0 * self.total
 
     @property
     def gradient(self) -> Array:
-        """Half the gradient (q,) of the cost."""
+        """Half the gradient (q,) of the cost by the unknowns."""
         return self._slopes[0]
 
     @property
     def curvature(self) -> Array:
-        """The expected information (q, q)."""
+        """Expected information (q, q) on the unknowns."""
         return self._slopes[1]
 
     @cached_property
@@ -87,12 +79,12 @@ class Point:
 
 
 class NoisyObjective(FreeNumbers):
-    """Minus the log-likelihood of the innovations, as a function of the vector of all unknowns.
+    """Minus the log-likelihood of the innovations, as a function of all unknowns.
 
-    The unknowns are the base parameters, the numbers of effects, and the logarithms of those of the noise
+    The unknowns are the base parameters, the parameters of effects, and the logarithms of the noise parameters
     (:attr:`ProcessNoise.unknowns`).
 
-    held : numbers of effects that stay fixed.
+    held : parameters of effects that stay fixed.
     """
 
     def __init__(
@@ -132,7 +124,7 @@ class NoisyObjective(FreeNumbers):
         self.steps: Array | None = None
         self._is_new = True
         self.information = np.eye(len(self.low))
-        """Of the last place whose slopes were asked for."""
+        """Information at the last point whose derivatives were calculated."""
 
     def pack(self) -> Array:
         """Return the vector (q,) of unknowns."""
@@ -140,24 +132,24 @@ class NoisyObjective(FreeNumbers):
         return np.append(self.pack_shared(), [math.log(max(v, 1e-12)) for v in every])
 
     def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], ProcessNoise]:
-        """Return base parameters (p,), effects and process noise of the unknowns *x* (q,)."""
+        """Return base parameters (p,), effects and process noise for the unknowns *x* (q,)."""
         levels = dict(zip(self.names, np.exp(x[-self.levels :]).tolist(), strict=True))
         return *self.unpack_shared(x), replace(self.noise, **levels)
 
     def clipped(self, x: Array) -> Array:
-        """Return *x* (q,) within its bounds."""
+        """Return *x* (q,), clipped to the bounds of the unknowns."""
         inside: Array = np.clip(x, self.low, self.high)
         return inside
 
     def first_steps(self, x: Array) -> Array:
-        """Return the lengths (q,) of the first differences at *x*, before its errors are known."""
+        """Return the lengths (q,) of the first finite differences at *x*, before its errors are known."""
         steps = 1e-3 * np.maximum(np.abs(x), 1e-3 * max(float(np.abs(x[: -self.levels]).max(initial=1e-6)), 1e-9))
         steps[-self.levels :] = 1e-2
         least: Array = np.minimum(steps, self.widest)
         return least
 
     def at(self, x: Array) -> Point | None:
-        """Return the innovations at *x* (q,); None if the filter fails."""
+        """Return the innovations at *x* (q,), or None if the filter fails."""
         found = self.problem.innovations_at(*self.unpack(x))
         if found is None:
             return None
@@ -165,7 +157,10 @@ class NoisyObjective(FreeNumbers):
         return Point(self, x, found, each) if math.isfinite(float(each.sum())) else None
 
     def begun(self, x: Array) -> Point | None:
-        """Return :meth:`at` the first *x* (q,) of a series. The step size is reset if the earlier one fails."""
+        """Return the innovations at *x* (q,), the first of a series of points.
+
+        If the filter fails, its step size is reset and it is run again.
+        """
         here = self.at(x)
         if here is None:
             _, effects, noise = self.unpack(x)
@@ -174,17 +169,20 @@ class NoisyObjective(FreeNumbers):
         return here
 
     def local(self, x: Array) -> Point | None:
-        """Return :meth:`begun` in the first call, :meth:`at` in later ones."""
+        """Return :meth:`begun` on the first call and :meth:`at` on later calls."""
         first, self._is_new = self._is_new, False
         return self.begun(x) if first else self.at(x)
 
     def eased(self, x: Array, here: Point) -> Point:
-        """Return the innovations *here* again if an earlier trial made the filter's steps finer."""
+        """Return *here*, evaluated again if an earlier trial made the filter's steps finer than necessary."""
         _, effects, noise = self.unpack(x)
         return (self.at(x) or here) if self.problem.ease(effects, noise) else here
 
     def slopes(self, here: Point) -> tuple[Array, Array]:
-        """Return half the gradient (q,) and the expected information (q, q), by differences of filter passes."""
+        """Return half the gradient (q,) of the cost, and the expected information (q, q).
+
+        Both come from differences of filter passes.
+        """
         x = here.x
         gradient, self.information = self.gathered(*self.derivatives(x, here, self._steps_at(x)), here)
         self.steps = self.steps_for(x, np.sqrt(np.maximum(np.diag(self.information), 1e-30)))
@@ -194,12 +192,15 @@ class NoisyObjective(FreeNumbers):
         return self.first_steps(x) if self.steps is None else self.steps
 
     def steps_for(self, x: Array, scale: Array) -> Array:
-        """Return the lengths (q,) of differences about *x* (q,); *scale*: the inverse standard errors."""
+        """Return the lengths (q,) of finite differences about *x* (q,).
+
+        scale : inverse standard errors.
+        """
         steps: Array = np.minimum(np.maximum(STEP / scale, 1e-9 * np.abs(x) + 1e-12), self.widest)
         return steps
 
     def derivatives(self, x: Array, here: Point, steps: Array) -> tuple[Array, Array]:
-        """Return the derivatives (q, samples) of innovations and log variances."""
+        """Return the derivatives (q, samples) of innovations and of the logarithms of their variances."""
         samples = sum(len(r[1]) for r in here.innovations)
         J, D = np.zeros((len(x), samples)), np.zeros((len(x), samples))
         for i in range(len(x)):
@@ -207,8 +208,10 @@ class NoisyObjective(FreeNumbers):
         return J, D
 
     def derivative(self, i: int, x: Array, here: Point, step: float) -> tuple[Array, Array]:
-        """Return the derivatives (samples,) of innovations and log variances by unknown *i*; 0 if they cannot be
-        calculated."""
+        """Return the derivatives (samples,) of innovations and log variances by unknown *i*.
+
+        They are 0 if the filter fails.
+        """
         e, S = (np.concatenate([r[k] for r in here.innovations]) for k in (1, 2))
         moved = x.copy()
         moved[i] += step if x[i] + step <= self.high[i] else -step
@@ -220,7 +223,7 @@ class NoisyObjective(FreeNumbers):
         return (then - e) / by, (np.log(wider) - np.log(S)) / by
 
     def gathered(self, J: Array, D: Array, here: Point) -> tuple[Array, Array]:
-        """Return gradient and expected information at *here* from these derivatives."""
+        """Return gradient and expected information at *here* from the derivatives *J* and *D*."""
         e, S = (np.concatenate([r[k] for r in here.innovations]) for k in (1, 2))
         nu = self.noise.freedom
         if math.isinf(nu):
@@ -234,7 +237,10 @@ class NoisyObjective(FreeNumbers):
 
 
 def log_density(e: Array, S: Array, freedom: float) -> Array:
-    """Return the log density of innovations of variance *S*: Student's with *freedom* degrees, or normal."""
+    """Return the log density of innovations *e* of variance *S*.
+
+    freedom : degrees of freedom of Student's distribution, infinite for the normal one.
+    """
     density: Array
     if math.isinf(freedom):
         density = -0.5 * (e * e / S + np.log(2.0 * np.pi * S))

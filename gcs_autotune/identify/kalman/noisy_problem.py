@@ -1,8 +1,8 @@
 """Fit one degree of freedom with process noise: wind, wake and current as a drifting force.
 
 The likelihood is that of the innovations of :mod:`.noise_filter`. Because gusts come in bursts, the innovations may
-follow Student's distribution with *freedom* degrees instead of the normal one. Its variance is the filter's.
-Derivatives are those of ``noisy_objective``. Steps and covariance come from the expected information.
+follow Student's distribution with *freedom* degrees instead of the normal one. Its variance is that calculated by the
+filter. Derivatives are those of ``noisy_objective``. Steps and covariance come from the expected information.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from gcs_autotune.identify.kalman.noise_filter import DRIFTING_FORCE, NoiseFilte
 from gcs_autotune.identify.kalman.noisy_fit import NoisyFit, Tangent
 from gcs_autotune.identify.kalman.noisy_objective import NoisyObjective, Point
 from gcs_autotune.identify.kalman.process_noise import ProcessNoise
-from gcs_autotune.identify.kalman.run_to_run import RunLikelihood
+from gcs_autotune.identify.kalman.run_to_run import RunLikelihood, RunLikelihoods
 from gcs_autotune.identify.kalman.waves import waves_ahead
-from gcs_autotune.identify.least_squares import Local, Rules, descend, step_of
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.least_squares import Local, Rules, descend, step_of
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.kept_results import recalled
 from gcs_autotune.models import Simulator
 
@@ -31,29 +31,30 @@ __all__ = ["NoisyProblem"]
 Array = NDArray[np.float64]
 
 KNOWN_WITHIN = 0.2
-"""Prior standard deviation of a run's own thrust and force, relative to thrust and to the largest commanded force.
+"""Prior standard deviation of a run's own thrust, and of its own force.
 
-It is wide enough for the run to decide and narrow enough for a nonlinear equation.
+The first is relative to the thrust, the second to the largest commanded force. The prior is wide, so that the data of
+the run decide. It is narrow enough to linearise a nonlinear equation.
 """
 
 ROUNDS = 30
-"""Maximum number of scoring rounds."""
+"""Maximum number of scoring rounds of a fit, which are the steps that lower its cost."""
 
 MOST_TRIALS = 10_000
-"""Maximum number of trials of a fit. In practice the scoring rounds or the damping end it."""
+"""Maximum number of trials of a fit. In practice the number of scoring rounds or the damping ends it first."""
 
 ENOUGH = 2e-2
-"""Expected gain of the log-likelihood at which a search ends."""
+"""Expected gain of the log-likelihood below which a fit ends."""
 
 
 class NoisyProblem(NoiseFilter):
-    """A form of one degree of freedom and segments with its position, ready to fit with any effects."""
+    """A form of one degree of freedom and segments with its position, to be fitted with process noise."""
 
     def on(self, segments: Sequence[Segment]) -> NoisyProblem:
         """Return the same problem on other segments."""
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
 
-    def says(self, fit: NoisyFit) -> tuple[RunLikelihood, ...] | None:
+    def says(self, fit: NoisyFit) -> RunLikelihoods | None:
         """Return the likelihood of each run's own constant force and thrust at *fit*; None if the filter fails."""
         full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
@@ -69,7 +70,7 @@ class NoisyProblem(NoiseFilter):
             told: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
             mean = (history.mean[-1, first : first + 2] - [0.0, gain]) / scale
             found[track.record.run] = RunLikelihood(track.record.run, told - np.diag(wide**-2.0), told @ mean)
-        return tuple(found.values())
+        return RunLikelihoods(tuple(found.values()))
 
     def fit(
         self,
@@ -80,9 +81,9 @@ class NoisyProblem(NoiseFilter):
         rounds: int = ROUNDS,
         only_log_likelihood: bool = False,
     ) -> NoisyFit | None:
-        """Fit from these values; return None if the filter diverges at the start.
+        """Fit from these start values; return None if the filter diverges there.
 
-        Within :func:`.keeping` a known fit is only evaluated.
+        Within :func:`.keeping` the result of a known fit is reused and only evaluated.
         """
         effects = in_order(effects)
         if only_log_likelihood or rounds == 0:
@@ -95,7 +96,7 @@ class NoisyProblem(NoiseFilter):
         )
 
     def _refit(self, kept: dict[str, Any] | None) -> NoisyFit | None:
-        """Return the fit that was kept as :func:`_plain_fit` has it."""
+        """Return a fit from the cached data of :func:`_plain_fit`."""
         if kept is None:
             return None
         effects = in_order([EffectInstance(**e) for e in kept["effects"]])
@@ -139,7 +140,7 @@ class NoisyProblem(NoiseFilter):
         return NoisyFit(self.form, theta, effects, *fitted, noise, here.each, covariance, here.innovations)
 
     def tangent(self, fit: NoisyFit) -> Tangent | None:
-        """Return the derivatives of the innovations of *fit* by its unknowns; None if it is about to diverge."""
+        """Return the derivatives of the innovations of *fit* by its unknowns, or None if the filter fails."""
         objective = NoisyObjective(self, fit.theta, fit.effects, fit.noise)
         x = objective.pack()
         here = objective.begun(x)
@@ -149,7 +150,10 @@ class NoisyProblem(NoiseFilter):
         return Tangent(*objective.derivatives(x, here, objective.steps_for(x, scale)))
 
     def adapted(self, fit: NoisyFit, own: EffectInstance, tangent: Tangent) -> NoisyFit | None:
-        """Return *fit* with one more effect. Its other numbers are adjusted to first order for that effect."""
+        """Return *fit* with the effect *own* added.
+
+        The other parameters are adjusted to first order for that effect.
+        """
         effects = in_order((*fit.effects, own))
         held = [(own.slug, own.place, name) for name in own.values]
         objective = NoisyObjective(self, fit.theta, effects, fit.noise, held)
@@ -174,11 +178,14 @@ class NoisyProblem(NoiseFilter):
         return self._fit_at(objective, here, np.zeros((len(x), len(x))))
 
     def judge(self, fit: NoisyFit) -> NoisyFit | None:
-        """Return *fit* evaluated on the segments of this problem: log-likelihoods and innovations."""
+        """Return *fit* with log-likelihoods and innovations on the segments of this problem."""
         return self.fit(fit.theta, fit.effects, fit.noise, only_log_likelihood=True)
 
     def ahead(self, fit: NoisyFit, seconds: float) -> Array:
-        """Return the errors (k,) of the signal, predicted *seconds* [s] ahead of samples throughout the records."""
+        """Return the prediction errors (k,) of the signal, *seconds* [s] ahead.
+
+        The predictions start at samples spread over all records.
+        """
         done = self.run(fit.theta, fit.effects, fit.noise, full=True)
         if done is None:
             return np.array([np.nan])
@@ -215,7 +222,10 @@ class NoisyProblem(NoiseFilter):
 
 
 def _plain_fit(fit: NoisyFit | None) -> dict[str, Any] | None:
-    """Return a fit in JSON's own types: its numbers, from which the innovations follow."""
+    """Return the parameters of a fit as data for JSON.
+
+    The innovations can be calculated from them.
+    """
     if fit is None:
         return None
     return {

@@ -24,8 +24,8 @@ from gcs_autotune.identify.kalman.filter_bank import FilterBank, FilterResult, L
 from gcs_autotune.identify.kalman.report import Found, report
 from gcs_autotune.identify.kalman.smoother import iterate
 from gcs_autotune.identify.kalman.task import OPTIONS, Task, first_states, task_of
-from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 
@@ -39,30 +39,30 @@ ROUNDS = 20
 """Maximum number of scoring rounds. Three to six suffice from the smoother's result."""
 
 STEP = 1e-2
-"""Length of a difference, in standard errors. The log-likelihood is nearly a parabola over this length."""
+"""Length of a finite difference, in standard errors. The log-likelihood is nearly a parabola over this length."""
 
 ENOUGH = 1e-3
 """Expected gain of the log-likelihood below which the search ends. It corresponds to a thousandth of a standard
 error."""
 
 SMOOTHER_ROUNDS = 30
-"""Rounds of the smoother that provides the start."""
+"""Maximum number of rounds of the smoother that provides the start."""
 
 ACTIVE = 1e-3
-"""Contribution to the score's power above which process noise is estimated. Below it the process noise is set to
-zero."""
+"""Influence of process noise on the likelihood (intensity of the drive times its score row) above which it is
+estimated. Below it the process noise is set to zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Point:
-    """Unknowns: free parameters (p,), logarithms of the levels sought (l,), and the prior states of the records."""
+    """Point of the search: free parameters (p,) and logarithms of the noise levels to be estimated (l,)."""
 
     parameters: Array
     logs: Array
 
 
 class _Likelihood:
-    """The log likelihood of a task over its unknowns, with its score and information."""
+    """Log-likelihood of a task as a function of its unknowns, with score and information."""
 
     def __init__(self, task: Task, levels: Levels, states: Array, spread: Array) -> None:
         self.task, self.levels = task, levels
@@ -76,18 +76,21 @@ class _Likelihood:
         self.sought = np.array(sought, dtype=np.int64)
 
     def start(self, parameters: Array) -> _Point:
-        """Return the point of *parameters* and the task's levels."""
+        """Return the point with *parameters* and the noise levels of the task."""
         return _Point(parameters, np.log(np.concatenate([self.levels.noise, self.levels.drive])[self.sought]))
 
     def levels_at(self, point: _Point) -> Levels:
-        """Return all levels at *point*."""
+        """Return all noise levels at *point*."""
         m, together = len(self.levels.noise), np.concatenate([self.levels.noise, self.levels.drive])
         together[self.sought] = np.exp(point.logs)
         noise = np.maximum(together[:m], self.task.start.floors)
         return Levels(noise, together[m:], np.zeros(0))
 
     def at(self, point: _Point, *, full: bool = False) -> FilterResult | None:
-        """Return the filter's pass at *point*; its log-likelihood includes the prior of a shift of stamps."""
+        """Return the filter's pass at *point*.
+
+        Its log-likelihood includes the prior of a shift of stamps.
+        """
         result = self.bank.run(self.task.theta(point.parameters), self.prior, self.levels_at(point), full=full)
         if result is None or self.task.stamps is None:
             return result
@@ -95,13 +98,16 @@ class _Likelihood:
         return replace(result, log_likelihood=result.log_likelihood - 0.5 * weight * off**2)
 
     def _shift(self, point: _Point) -> tuple[float, float]:
-        """Return how far a shift of stamps is from none, and the information known of it beforehand."""
+        """Return the deviation of the shift of stamps from its prior value, and the information of the prior."""
         at = self.task.bank.free.index("delay")
         std = self.task.spread * float(self.task.start.scale[at])
         return float(point.parameters[at]) - float(self.task.stamps or 0.0), std**-2
 
     def score(self, point: _Point, here: FilterResult, steps: Array) -> tuple[Array, Array]:
-        """Return gradient and information by parameters and levels; *steps* (p + l,) are difference lengths."""
+        """Return gradient and information at *point* by parameters and levels.
+
+        steps : (p + l,) lengths of the finite differences.
+        """
         e, S = here.innovations
         seen = ~np.isnan(S)
         e, S = e[seen], S[seen]
@@ -130,7 +136,10 @@ class _Likelihood:
 
 
 def fit_by_prediction_error(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by prediction error; *case* and result as for every method for coupled models."""
+    """Fit a coupled model by prediction error.
+
+    *case* and result are those of every method for coupled models.
+    """
     task = task_of(case)
     rounds = int(case.options.get("rounds", ROUNDS))
     if rounds < 1:
@@ -187,7 +196,10 @@ def _moved(point: _Point, p: int, i: int, by: float) -> _Point:
 def _line(
     likelihood: _Likelihood, point: _Point, here: FilterResult, step: Array
 ) -> tuple[FilterResult | None, _Point, float]:
-    """Return the first point along *step*, halved if necessary, that is more likely; None if there is none."""
+    """Return the first more likely point along *step*, which is halved if necessary.
+
+    Also return its pass and the fraction of the step. Without such a point, return None, *point* and 0.
+    """
     p, length = len(point.parameters), 1.0
     for _ in range(12):
         trial = _Point(point.parameters + length * step[:p], point.logs + length * step[p:])
@@ -199,7 +211,10 @@ def _line(
 
 
 def _thresholded(levels: Levels, by_drive: Array) -> Levels:
-    """Return levels with the process noise that does not matter put to zero: its score there points down."""
+    """Return levels with negligible process noise set to zero.
+
+    There the score shows that less noise is more likely.
+    """
     share = levels.drive * by_drive[1]
     return replace(levels, drive=np.where(share > ACTIVE, levels.drive, 0.0))
 

@@ -10,13 +10,22 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.kalman.waves import rough
 
-__all__ = ["ProcessNoise"]
+__all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "ProcessNoise"]
 
 Array = NDArray[np.float64]
 
 NO_FORCE = 1e-9
-"""Size [m/s^2, rad/s^2] up to which a drifting force counts as none. It is held there, and its time constant has no
-effect."""
+"""Size [m/s^2, rad/s^2] up to which a drifting force counts as zero. The size is then fixed, and the time constant has
+no effect."""
+
+LONGEST_WAVE = 20.0
+"""Longest period [s] of waves. Slower motion is part of the drifting force."""
+
+LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
+"""Limits of the damping ratio of waves.
+
+A narrower band is the hum of a machine; a wider one is not a band. Fossen2011 fits 0.1 to 0.26 to usual sea states.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +43,8 @@ class ProcessNoise:
     ``smoothing`` [s]: time constant with which the position was smoothed forwards and backwards, 0 for none. The
     response of a linear craft then equals the response to smoothed commands.
 
-    ``day_force`` [as size] and ``day_thrust`` [relative]: standard deviations between runs of the constant force and of
-    the thrust; 0 if runs are alike.
+    ``day_force`` [as size] and ``day_thrust`` [relative]: standard deviations between runs, of the constant force and
+    of the thrust; 0 if the runs do not differ.
     """
 
     size: float
@@ -52,27 +61,32 @@ class ProcessNoise:
 
     @property
     def differs(self) -> bool:
-        """Whether every run has its own constant force or thrust."""
+        """Whether runs differ in constant force or thrust."""
         return self.day_force > 0.0 or self.day_thrust > 0.0
 
     @property
     def waves(self) -> Array:
-        """Oscillation, force, frequency and damping ratio (4,) of the waves."""
+        """Parameters (4,) of the waves: oscillation, force, frequency and damping ratio."""
         return np.array([self.wave_swing, self.wave_force, self.wave_frequency, self.wave_damping])
 
     @property
     def wavy(self) -> bool:
-        """Whether there are waves."""
+        """Whether the model includes waves."""
         return bool(rough(self.waves))
 
     @property
+    def is_band(self) -> bool:
+        """Whether the damping ratio of the waves is within its limits: at a limit they are no band."""
+        return 1.01 * LEAST_DAMPING < self.wave_damping < 0.99 * MOST_DAMPING
+
+    @property
     def still(self) -> ProcessNoise:
-        """Return the same sensor without drifting force, differences between runs or waves."""
+        """Return the same sensor noise without drifting force, differences between runs, or waves."""
         return replace(self, size=NO_FORCE, day_force=0.0, day_thrust=0.0, wave_swing=0.0, wave_force=0.0)
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Names of the fitted quantities; each is fitted as a logarithm."""
+        """Names of the fitted noise parameters. The logarithm of each is fitted."""
         smoothing = ("smoothing",) if self.smoothing > 0.0 else ()
         waves = ("wave_swing", "wave_force", "wave_frequency", "wave_damping") if self.wavy else ()
         force = ("size", "memory") if self.size > NO_FORCE else ()

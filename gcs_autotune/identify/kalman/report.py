@@ -1,6 +1,6 @@
 """Build a ``Fit`` from the result of a filter: parameters, free-run traces, innovations and doubts.
 
-Doubts concern the innovations, the last moves of the parameters, and parameters that the run does not excite.
+Doubts are about coloured innovations, parameters that have not settled, and parameters that the run does not excite.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import COLOUR
 from gcs_autotune.identify.fit_builder import Motion, fit_of, table_of
 from gcs_autotune.identify.kalman.filter_bank import FilterResult, Levels
 from gcs_autotune.identify.kalman.task import Task
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
@@ -25,14 +26,16 @@ __all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
 Array = NDArray[np.float64]
 
 MOST_POINTS = 200
-"""Maximum number of points of a history kept for plots."""
+"""Maximum number of points of a parameter's history that are stored for plots."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Result of a method: free parameters (p,), covariance (p, p), their bounds (p,), levels, the last pass.
+    """Result of a method, from which a ``Fit`` is built.
 
-    ``moved`` (p,): last move of each parameter in standard errors. ``extra``: further entries for the fit.
+    ``parameters`` (p,), ``covariance`` (p, p), ``bounds`` (p,): of the free parameters. ``levels``: noise levels.
+    ``last``: the last pass. ``moved`` (p,): last move of each parameter in standard errors. ``extra``: further entries
+    for the fit.
     """
 
     parameters: Array
@@ -46,7 +49,7 @@ class Found:
 
 
 def report(task: Task, method: str, found: Found) -> Fit[CoupledModel]:
-    """Return the fit of *method*."""
+    """Return the fit of *method* from its result."""
     form, bank, case = task.bank.form, task.bank, task.case
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     sought = [n for n in bank.free if not task.is_shift(n)]
@@ -88,7 +91,7 @@ def report(task: Task, method: str, found: Found) -> Fit[CoupledModel]:
 
 
 def _innovations(task: Task, last: FilterResult) -> dict[str, Any]:
-    """Return one-step prediction errors per run and signal, with the standard deviations the filter expects."""
+    """Return one-step prediction errors and their expected standard deviations, per run and signal."""
     runs: dict[str, Any] = {}
     for track, history in zip(task.bank.tracks, last.histories, strict=True):
         own = {}
@@ -105,7 +108,7 @@ def _innovations(task: Task, last: FilterResult) -> dict[str, Any]:
 
 
 def thinned(indices: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return at most MOST_POINTS of *indices*, including the first and the last."""
+    """Return at most :data:`MOST_POINTS` of *indices*, evenly spaced, including the first and the last."""
     whole = np.asarray(indices, dtype=np.int64)
     if len(whole) <= MOST_POINTS:
         return whole
@@ -113,14 +116,14 @@ def thinned(indices: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 MOVING = 0.5
-"""Last move of a parameter, in standard errors, above which it has not settled."""
+"""Last move of a parameter, in standard errors, above which it counts as not settled."""
 
 UNSEEN = 0.5
-"""Standard error relative to prior spread, above which a run contains almost no information on a parameter."""
+"""Standard error, relative to the prior spread, above which a run contains almost no information on a parameter."""
 
 
 def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, model: CoupledModel) -> tuple[Doubt, ...]:
-    """Return the doubts about a fit from its last pass and the last moves (p,) of its parameters."""
+    """Return the doubts about a fit, from its last pass and the last move of each parameter."""
     doubts = [*_consistency(task, last)]
     names = [n for n in task.bank.free if not task.is_shift(n)]
     own = [task.bank.free.index(n) for n in names]

@@ -4,8 +4,8 @@ A run has its own constant force ``b`` (mean wind, current, trim) and its own re
 load). Both have zero mean and are known only by their standard deviations.
 
 For a linear equation the innovations of a run are ``e = e0 + A (b, s)``. ``e0`` is the innovation without them; each
-column of ``A`` is the filter's response to one of the forces. Both are therefore integrated out beside the filter,
-sample by sample (DeJong1991), and the filter needs no further states.
+column of ``A`` is the filter's response to one of the forces. Both are therefore integrated out after the filter,
+sample by sample (DeJong1991). The filter needs no further states.
 
 The spread between runs is estimated from each run's own ``b`` and ``s``, about their common part. The common part is a
 bias, which an effect has to explain.
@@ -14,23 +14,22 @@ bias, which an effect has to explain.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["RunLikelihood", "RunOffset", "common_gain", "integrate_out", "spread_between"]
+__all__ = ["RunLikelihood", "RunLikelihoods", "RunOffset", "integrate_out"]
 
 Array = NDArray[np.float64]
 
 MOST_THRUST = 0.05
 """Largest standard deviation of thrust between runs.
 
-The voltage of a battery falls by a sixth from full to empty, and thrust at one command falls by twice that. The runs of
-one outing start closer together. A larger spread hides what a nonlinear thrust curve does to runs with different
-commands. Example: a saturation with process noise, seed 318; a spread of 0.1 leaves 7 of 16 in log-likelihood.
+The voltage of a battery falls by a sixth from full to empty, and thrust at one command falls by twice that. Runs of one
+outing differ by less. A larger spread hides what a nonlinear thrust curve does to runs with different commands.
+Example: for a saturation with process noise (seed 318), a spread of 0.1 reduces its log-likelihood gain from 16 to 7.
 """
 
 
@@ -47,14 +46,17 @@ class RunOffset:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunLikelihood:
-    """Log-likelihood ``h x - x G x / 2`` of the constant force and thrust ``x`` of one run; h (2,), G (2, 2)."""
+    """Log-likelihood of the constant force and thrust ``x`` (2,) of one run.
+
+    It is ``h x - x G x / 2`` with ``h`` (2,) and ``G`` (2, 2).
+    """
 
     run: str
     G: Array
     h: Array
 
     def day(self, force: float, thrust: float) -> RunOffset:
-        """Return the estimate for a prior with zero means and these standard deviations."""
+        """Return the estimate for a prior with zero means and standard deviations *force* and *thrust*."""
         P = np.diag([force**2, thrust**2])
         cov = P @ np.linalg.inv(np.eye(2) + self.G @ P)
         mean = cov @ self.h
@@ -64,12 +66,14 @@ class RunLikelihood:
 
 @njit(cache=True, nogil=True)
 def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None:
-    """Remove the run's own forces from the innovations of one record, sample by sample.
+    """Remove the run's own constant force and change of thrust from the innovations of one record.
 
-    A (2, s) : response of the innovations to each force of size one. e, S (s,) : innovations without these forces and
-    their variances. They are replaced by those of a filter that does not know (b, s). mean (2,), cov (2, 2) : of (b, s)
-    before the record and, in place, after it. The innovation e0 + A' x has variance S about zero at the true x, so H =
-    -A'.
+    A (2, s) : response of the innovations to each force of size one.
+    e, S (s,) : innovations without these forces, and their variances. They are replaced by those of a filter to which
+        (b, s) are unknown.
+    mean (2,), cov (2, 2) : of (b, s) before the record and, in place, after it.
+
+    The innovation e0 + A' x has variance S about zero at the true x, so H = -A'.
     """
     for k in range(len(e)):
         a0, a1 = A[0, k], A[1, k]
@@ -86,41 +90,48 @@ def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None
         e[k], S[k] = error, variance
 
 
-def _parts(says: Sequence[RunLikelihood], force: float, thrust: float) -> tuple[float, Array, Array]:
-    """Return the log-likelihood of deviations of these sizes about a common x, ``c + q x - x Q x / 2``: c, q, Q."""
-    P = np.diag([force**2, thrust**2])
-    constant, q, Q = 0.0, np.zeros(2), np.zeros((2, 2))
-    for one in says:
-        GP = np.eye(2) + one.G @ P
-        B = P @ np.linalg.inv(GP)
-        constant += 0.5 * float(one.h @ B @ one.h) - 0.5 * float(np.linalg.slogdet(GP)[1])
-        q += one.h - one.G @ B @ one.h
-        Q += one.G - one.G @ B @ one.G
-    return constant, q, Q
+@dataclass(frozen=True, slots=True)
+class RunLikelihoods:
+    """The likelihoods of all runs together."""
 
+    runs: tuple[RunLikelihood, ...]
 
-def common_gain(says: Sequence[RunLikelihood], force: float, thrust: float) -> float:
-    """Return the log-likelihood gained by deviations of these sizes, about the best common part, over none."""
-    constant, q, Q = _parts(says, force, thrust)
-    return constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q)
+    def offsets(self, force: float, thrust: float) -> tuple[RunOffset, ...]:
+        """Return each run's own constant force and thrust, for a prior with zero means and these deviations."""
+        return tuple(one.day(force, thrust) for one in self.runs)
 
+    def gain(self, force: float, thrust: float) -> float:
+        """Return the log-likelihood gained by deviations of these sizes, about the best common part, over none."""
+        constant, q, Q = self._parts(force, thrust)
+        return constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q)
 
-def spread_between(
-    says: Sequence[RunLikelihood], least: float, widest: float, *, force: bool, thrust: bool
-) -> tuple[float, float]:
-    """Return the standard deviations of force and thrust between runs, about their common part.
+    def spread(self, least: float, widest: float, *, force: bool, thrust: bool) -> tuple[float, float]:
+        """Return the standard deviations of force and thrust between runs, about their common part.
 
-    The estimate is by restricted likelihood (Patterson1971), that is, after the common part is taken out. With few runs
-    the plain likelihood makes the spread too small. least, widest : limits of the force [per inertia]. force, thrust :
-    whether the force differs by more than the least, and whether the thrust differs at all.
-    """
-    best, found = -math.inf, (least, 0.0)
-    forces = [least, *np.geomspace(max(least, 0.01 * widest), widest, 25)[1:]] if force and widest > least else [least]
-    thrusts = [0.0, *(MOST_THRUST * np.geomspace(0.1, 1.0, 12))] if thrust else [0.0]
-    for b in forces:
-        for s in thrusts:
-            constant, q, Q = _parts(says, float(b), float(s))
-            told = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
-            if told > best:
-                best, found = told, (float(b), float(s))
-    return found
+        The estimate is by restricted likelihood (Patterson1971), that is, after the common part is taken out. With few
+        runs the plain likelihood makes the spread too small. least, widest : limits of the force [per inertia]. force,
+        thrust : whether the force differs by more than the least, and whether the thrust differs at all.
+        """
+        best, found = -math.inf, (least, 0.0)
+        wide = force and widest > least
+        forces = [least, *np.geomspace(max(least, 0.01 * widest), widest, 25)[1:]] if wide else [least]
+        thrusts = [0.0, *(MOST_THRUST * np.geomspace(0.1, 1.0, 12))] if thrust else [0.0]
+        for b in forces:
+            for s in thrusts:
+                constant, q, Q = self._parts(float(b), float(s))
+                told = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
+                if told > best:
+                    best, found = told, (float(b), float(s))
+        return found
+
+    def _parts(self, force: float, thrust: float) -> tuple[float, Array, Array]:
+        """Return the log-likelihood of deviations of these sizes about a common x, ``c + q x - x Q x / 2``: c, q, Q."""
+        P = np.diag([force**2, thrust**2])
+        constant, q, Q = 0.0, np.zeros(2), np.zeros((2, 2))
+        for one in self.runs:
+            GP = np.eye(2) + one.G @ P
+            B = P @ np.linalg.inv(GP)
+            constant += 0.5 * float(one.h @ B @ one.h) - 0.5 * float(np.linalg.slogdet(GP)[1])
+            q += one.h - one.G @ B @ one.h
+            Q += one.G - one.G @ B @ one.G
+        return constant, q, Q

@@ -33,25 +33,29 @@ Array = NDArray[np.float64]
 SMOOTHER_OPTIONS = (*OPTIONS, ("rounds", "most rounds (60)"))
 
 ROUNDS = 60
-"""Maximum number of rounds. Parameters need five to ten; noise levels that go to zero need up to forty."""
+"""Maximum number of rounds of the smoother. Parameters need five to ten; noise levels that go to zero need up to forty.
+"""
 
 WIDE = 10.0
-"""Prior spread in natural scales. It is wide, because linearisation about a trajectory needs no prior information."""
+"""Width of the parameters' prior, in units of their scales. It is wide, because linearisation about a trajectory needs
+no prior information."""
 
 
 RETREATS = 6
-"""Number of times a diverged round is repeated with half the step."""
+"""Maximum number of times that a diverged round is repeated with half the step."""
 
 SETTLED = 0.02
-"""Limit for the last move in standard errors, and for the gain of log-likelihood by the levels, at which rounds end."""
+"""Limit that ends the rounds. It applies to the last move in standard errors and to the gain of log-likelihood by new
+noise levels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ended:
     """State at the end of the rounds.
 
-    It holds the last pass, the smoothed states, the levels, the last moves (p,) in standard errors and the number of
-    rounds. It also holds whether parameters and levels have settled.
+    ``result``: the last pass. ``smoothed``: the smoothed states. ``levels``: noise levels. ``moved`` (p,): last move of
+    each parameter in standard errors. ``count``: number of rounds. ``settled``: whether parameters and levels have
+    settled.
     """
 
     result: FilterResult
@@ -63,7 +67,10 @@ class Ended:
 
 
 def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by the iterated smoother; *case* and result as for every method for coupled models."""
+    """Fit a coupled model by the iterated smoother.
+
+    *case* and result are those of every method for coupled models.
+    """
     task = task_of(case)
     rounds = int(case.options.get("rounds", ROUNDS))
     if rounds < 1:
@@ -83,8 +90,9 @@ def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
 
 
 def iterate(task: Task, rounds: int) -> Ended:
-    """Return the result of at most *rounds* rounds, started from the regression or, if that does not settle, without
-    drag.
+    """Return the result of at most *rounds* rounds that start at the regression.
+
+    If it does not settle, a second start without drag is tried.
 
     Raises
     ------
@@ -109,7 +117,7 @@ def _rank(ended: Ended) -> tuple[bool, float]:
 
 
 def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
-    """Run at most *rounds* rounds from *theta*; None when even the first runs away."""
+    """Return the result of at most *rounds* rounds from *theta*, or None if the first round diverges."""
     bank, prior = task.bank, task.prior
     prior = replace(prior, covariance=task.widened(WIDE))
     here, paths, levels = theta[bank.places], task.start.paths, task.start.levels
@@ -136,7 +144,7 @@ def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
 
 
 def settled(before: Levels, after: Levels, smoothed: Smoothed) -> bool:
-    """Whether the noise levels have settled. Levels too small to matter are ignored."""
+    """Return whether the noise levels have settled, ignoring levels too small to matter."""
     for old, new, rows in (
         (before.noise, after.noise, smoothed.by_noise),
         (before.drive, after.drive, smoothed.by_drive),
@@ -148,14 +156,14 @@ def settled(before: Levels, after: Levels, smoothed: Smoothed) -> bool:
 
 
 def positive_inertia(task: Task, parameters: Array) -> bool:
-    """Whether the inertia of free *parameters* (p,) is positive definite."""
+    """Return whether the inertia with the free *parameters* (p,) is positive definite."""
     active = task.bank.program.active
     M = inertia_matrix(task.bank.form, task.theta(parameters))[np.ix_(active, active)]
     return bool(np.all(np.linalg.eigvalsh(0.5 * (M + M.T)) > 0.0))
 
 
 def _within(task: Task, here: Array, there: Array) -> Array:
-    """Return *there*, or a point on the way where the inertia is still positive definite."""
+    """Return *there*, or the nearest tried point between *here* and *there* with positive definite inertia."""
     for _ in range(20):
         if positive_inertia(task, there):
             return there
@@ -164,7 +172,7 @@ def _within(task: Task, here: Array, there: Array) -> Array:
 
 
 def _smoothed(task: Task, smoothed: Smoothed) -> list[dict[str, Any]]:
-    """Return the smoothed states of every run with their standard deviations, thinned."""
+    """Return the smoothed states of every run and their standard deviations, thinned."""
     runs = []
     for track, path, var in zip(task.bank.tracks, smoothed.trajectories, smoothed.variances, strict=True):
         at = thinned(np.arange(len(track.stamps)))

@@ -1,8 +1,8 @@
-"""Starting values of a filter: smoothed motion, a regression of the equations of motion on it, and scales.
+"""Calculate start values of a filter from smoothed motion and a regression of the equations of motion on it.
 
 The smoother uses no craft model: velocities are random walks whose intensity is fitted by maximum likelihood. It
 accepts positions alone, or positions and velocities, at any stamps. The equations of motion are linear in the
-derivatives (Miskovic2007 (10)-(12), ZhaoUSV (25)). Least squares therefore gives the first parameters.
+derivatives (Miskovic2007 (10)-(12), ZhaoUSV (25)). Least squares therefore provides the first parameters.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.identify.free_run import first_state
-from gcs_autotune.identify.initial_guess import SPECIAL_START, RecordedMotion, regression_of
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior, tuned
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.problems.initial_guess import SPECIAL_START, RecordedMotion, regression_of
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import (
     RIGID_BODY,
     SPECIAL,
@@ -37,18 +37,18 @@ __all__ = ["Start", "begin"]
 Array = NDArray[np.float64]
 
 ROUNDS = 12
-"""Rounds to fit the random walk of the velocities. Starting values need no more."""
+"""Number of rounds that fit the random walk of the velocities. Start values need no more accuracy."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
     """Initial values of a filter.
 
-    ``theta`` (all,): parameters. ``scale`` (p,): scale of the free ones, the size at which a term matters as much as
-    all others together. ``states`` (records, n): states at every start, with standard deviations ``spread``.
-    ``levels``: noise levels, with a drive on the high side. ``floors`` (m,): least variances of the signals. ``paths``
-    (s, n): smoothed states. ``cautious`` (all,): parameters that cannot diverge, in case ``theta`` does. Their inertia
-    is input over acceleration, and they have no drag.
+    ``theta`` (all,): parameters. ``scale`` (p,): value of each free parameter at which its term is as large as all
+    others together. ``states`` (records, n): states at every start, with standard deviations ``spread``. ``levels``:
+    noise levels, with a high intensity of the drive. ``floors`` (m,): smallest variances of the signals. ``paths`` (s,
+    n): smoothed states. ``cautious`` (all,): start that cannot diverge, in case ``theta`` does. Its inertia is input
+    divided by acceleration, and it has no drag.
     """
 
     theta: Array
@@ -62,7 +62,10 @@ class Start:
 
 
 def begin(bank: FilterBank, given: Mapping[str, float]) -> Start:
-    """Return the starting values; *given* overrides the regression's values."""
+    """Return the start values of a filter.
+
+    given : values that override those of the regression.
+    """
     form = bank.form
     walked = [_walked(form, track.record, bank.signals) for track in bank.tracks]
     motions = [m for m, _ in walked]
@@ -92,7 +95,10 @@ def begin(bank: FilterBank, given: Mapping[str, float]) -> Start:
 
 
 def _rough_noise(signal: Signal) -> float:
-    """Return the standard deviation of a signal's noise, from how far samples lie off the line through neighbours."""
+    """Return the standard deviation of a signal's noise.
+
+    It is estimated from the distances of samples from the line through their neighbours.
+    """
     t, y = signal.t, signal.values
     w = (t[2:] - t[1:-1]) / (t[2:] - t[:-2])
     off = (y[1:-1] - w * y[:-2] - (1.0 - w) * y[2:]) / np.sqrt(1.0 + w**2 + (1.0 - w) ** 2)
@@ -101,9 +107,10 @@ def _rough_noise(signal: Signal) -> float:
 
 
 def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[RecordedMotion, Array]:
-    """Smooth one record with velocities that walk at random; also return the noise variances (m,) of *signals*.
+    """Smooth one record, modelling its velocities as random walks.
 
-    A velocity counts as known where the run tells of it at all: this smoother takes positions only as well.
+    Also return the noise variances (m,) of *signals*. A velocity counts as known if the record determines it, because
+    this smoother also accepts positions alone.
     """
     walk = Form(
         name="walk",
@@ -147,7 +154,7 @@ def _walked(form: Form, record: Segment, signals: Sequence[str]) -> tuple[Record
 def _regression(
     form: Form, motions: Sequence[RecordedMotion], given: Mapping[str, float]
 ) -> tuple[Array, Array, Array]:
-    """Return all parameters, the scales of the free ones, and the accelerations (k,) the equations do not explain."""
+    """Return all parameters, the scales of the free ones, and the unexplained accelerations (k,)."""
     names = form.parameters
     seen = np.any([m.known for m in motions], axis=0)
     begun = replace(form, start=dict(given))
@@ -173,10 +180,9 @@ def _regression(
 
 
 def _possible(form: Form, given: Mapping[str, float]) -> dict[str, float]:
-    """Return *given* without its inertias when they make an inertia matrix that no craft has.
+    """Return *given* without its inertias if they make the inertia matrix indefinite.
 
-    A filter cannot come back from there: on the way the inertia passes through zero and every acceleration through
-    infinity.
+    A filter cannot correct this: the inertia would pass through zero, where accelerations are infinite.
     """
     named = {**given, **form.known}
     inertias = [n for n in given if inertia_of(n) is not None or n in RIGID_BODY]
@@ -195,7 +201,7 @@ def _scale(force: Array, size: Array, value: float) -> float:
 
 
 def _balance(form: Form, theta: Array, motions: Sequence[RecordedMotion]) -> Balance:
-    """Return the balance of the equations at all stamps."""
+    """Return the force balance of the equations at all stamps."""
     found = [balance_of(program_of(form), theta, m.X, m.nu_dot, m.inputs) for m in motions]
     return Balance(np.vstack([b.values for b in found]), np.vstack([b.by for b in found]))
 
@@ -203,7 +209,7 @@ def _balance(form: Form, theta: Array, motions: Sequence[RecordedMotion]) -> Bal
 def _make_inertia_positive(
     form: Form, theta: Array, motions: Sequence[RecordedMotion], given: Mapping[str, float]
 ) -> None:
-    """Replace inertias that came out negative by what input over acceleration suggests."""
+    """Replace the free inertias by input divided by acceleration if the inertia matrix is not positive definite."""
     active = program_of(form).active
     M = inertia_matrix(form, theta)[np.ix_(active, active)]
     if not np.all(np.linalg.eigvalsh(0.5 * (M + M.T)) > 1e-3 * np.max(np.abs(M))):
@@ -221,7 +227,7 @@ def _cautious(form: Form, theta: Array, motions: Sequence[RecordedMotion], given
 
 
 def _rough_inertia(form: Form, theta: Array, motions: Sequence[RecordedMotion], given: Mapping[str, float]) -> None:
-    """Set the free inertias not *given* to what input over acceleration suggests, none off the diagonal."""
+    """Set the free inertias not in *given* to input divided by acceleration, and coupling inertias to zero."""
     names, active = form.parameters, program_of(form).active
     acceleration = np.sqrt(np.mean(np.vstack([m.nu_dot for m in motions]) ** 2, axis=0))
     still = theta.copy()
@@ -252,7 +258,10 @@ def _spread(form: Form, record: Segment, motion: RecordedMotion) -> Array:
 
 
 def _spread_of(names: Sequence[str], record: Segment) -> Array:
-    """Return the standard deviations (n,) assumed of the first state: wide against noise, of the size of the motion."""
+    """Return the assumed standard deviations (n,) of the first state.
+
+    They are as large as the motion, and large compared with noise.
+    """
     spread = np.zeros(len(names))
     speed = 0.0
     for name in ("x", "y"):

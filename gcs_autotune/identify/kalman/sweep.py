@@ -1,10 +1,10 @@
-"""The compiled filter, forwards, and its adjoint, backwards.
+"""Compiled functions for one record: the filter forwards in time, and its adjoint backwards.
 
 Forwards: state and free parameters form one augmented vector (ZhaoUSV, (8)-(12)). The time update (14)-(15) covers the
-true interval between stamps. The measurement update (16)-(18) takes one sample after the other, in Joseph's form, so
-that any subset of the signals may be present at a stamp.
+actual interval between stamps. The measurement update (16)-(18) takes one sample after the other, in Joseph's form. Any
+subset of the signals may therefore be present at a stamp.
 
-Backwards: the adjoint recursion of Bryson and Frazier smooths without inverting a covariance. It gives the exact
+Backwards: the adjoint recursion of Bryson and Frazier smooths without inverting a covariance. It provides the exact
 derivatives of the likelihood by every noise level.
 
 Numba's cache identifies a function by its file and line, and named tuples by their class's name. After a class is
@@ -66,9 +66,9 @@ def new_history(s: int, m: int, n: int, N: int, *, full: bool) -> FilterHistory:
 
 @njit(cache=True)
 def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, decay: Array, h: float) -> None:
-    """Carry *cov* (N, N) over an interval of *h* seconds: ZhaoUSV (15), noise by Simpson's rule.
+    """Propagate *cov* (N, N) over *h* seconds, by ZhaoUSV (15), with the noise by Simpson's rule.
 
-    A parameter that decays is an Ornstein-Uhlenbeck process: it keeps ``exp(-decay h)`` of itself.
+    A parameter with a decay rate is an Ornstein-Uhlenbeck process. It decreases by the factor ``exp(-decay h)``.
     """
     n, N = F.shape
     end = n + len(decay)  # of the parameters; waves come after them
@@ -100,7 +100,10 @@ def _time_update(cov: Array, F: Array, late: Array, q: Array, walk: Array, decay
 
 @njit(cache=True)
 def _measurement_update(cov: Array, K: Array, H: Array, r: float) -> None:
-    """Update *cov* by one sample in Joseph's form, (I - K H) P (I - K H)' + K r K', in N^2 operations."""
+    """Update *cov* for one sample in Joseph's form, with N^2 operations.
+
+    The form is (I - K H) P (I - K H)' + K r K'.
+    """
     N = len(K)
     HP = np.zeros(N)
     for j in range(N):
@@ -127,7 +130,10 @@ def _measurement_update(cov: Array, K: Array, H: Array, r: float) -> None:
 
 @njit(cache=True)
 def _keep(matrix: Array, place: Array) -> None:
-    """Copy *matrix* to *place*. An assignment to a slice, which may fail in words, takes seconds to compile."""
+    """Copy *matrix* to *place*.
+
+    Assignment to a slice would take seconds to compile, because it includes an error message.
+    """
     for i in range(matrix.shape[0]):
         for j in range(matrix.shape[1]):
             place[i, j] = matrix[i, j]
@@ -157,21 +163,28 @@ def forward(
     history: FilterHistory,
     W: Scratch,
 ) -> float:
-    """Filter one record; *mean* (N,) and *cov* (N, N) are the prior at ``stamps[0]`` and are replaced by the final
-    values.
+    """Filter one record, and replace the prior *mean* (N,) and *cov* (N, N) by the values at the end.
 
-    theta : all parameters; places : (p,) index of the free ones in it; free : (all,) their column in the augmented
-    vector, -1 for known ones. Y : (s, m) samples, NaN if missing; codes : (m,) their kind (see :func:`measure`); r :
-    (m,) variances. q : (n,) intensity of the white noise that drives each state [unit^2/s]; walk : (p,) that of the
-    parameters; decay : (p,) [1/s] the rate at which each returns to zero, 0 for constants. waves : (4,) see
-    :mod:`.waves`, of size zero for none; they are not part of *mean* and *cov*. They appear in the first signal, and
-    their force is added to the first free parameter. reference : (s, n) trajectory to linearise about with the
-    parameters in *theta*, or (0, n) to linearise at the estimate. sigma : carry mean and covariance by sigma points.
+    The prior is that at ``stamps[0]``.
 
-    max_rate : lowest rate [1/s] that the steps are made for. A filter with changing parameters uses finer steps if
-    necessary.
+    theta : all parameters.
+    places : (p,) indices of the free ones in *theta*.
+    free : (all,) column of each parameter in the augmented vector, -1 for known ones.
+    Y : (s, m) samples, NaN if missing.
+    codes : (m,) kinds of the signals (see :func:`measure`).
+    r : (m,) noise variances of the signals.
+    q : (n,) intensity of the white noise that drives each state [unit^2/s].
+    walk : (p,) the same for each free parameter.
+    decay : (p,) [1/s] rate at which each free parameter returns to zero, 0 for constants.
+    waves : (4,) see :mod:`.waves`, zero size for none. Their states are not part of *mean* and *cov*. They appear in
+        the first signal, and their force is added to the first free parameter.
+    reference : (s, n) trajectory to linearise about with the parameters in *theta*, or (0, n) to linearise at the
+        estimate.
+    sigma : whether to propagate mean and covariance by sigma points.
+    max_rate : lowest rate [1/s] that the step size is chosen for. If parameters change, the filter uses finer steps
+        where necessary.
 
-    Returns the fastest rate [1/s] met, or -1 - (index of the stamp at which the motion diverged).
+    Return the fastest rate [1/s], or -1 - (index of the stamp at which the motion diverged).
     """
     n, N, p = len(q), len(mean), len(places)
     theta = theta.copy()
@@ -306,7 +319,10 @@ def _move_parameters(
     M_inverse: Array,
     positive: bool,
 ) -> bool:
-    """Take over the parameters of *moved*, less far when the inertia would cease to be positive definite."""
+    """Set the parameters to those of *moved*.
+
+    The move is shortened if the inertia would not remain positive definite.
+    """
     for _ in range(30):
         for i in range(len(places)):
             theta[places[i]] = moved[n + i]
@@ -335,11 +351,15 @@ def backward(
     by_noise: Array,
     by_drive: Array,
 ) -> None:
-    """Run the adjoint over a full *history*.
+    """Run the adjoint backwards over a full *history*.
 
-    adjoint : (N,), information : (N, N). On entry they are those of the records after this one (states zero), on return
-    those at its start. smoothed : (s, N) filled with smoothed means; variances : (s, N) likewise. by_noise : (2, m) and
-    by_drive : (2, n) are added to. Row 0 minus row 1 is twice the derivative of the log-likelihood by a variance.
+    adjoint (N,), information (N, N) : on entry those of the records after this one (states zero), on return those at
+        the start of this one.
+    smoothed, variances : (s, N) filled with the smoothed means and their variances.
+    by_noise : (2, m) to which the score of the noise variances is added.
+    by_drive : (2, n) to which the score of the drive intensities is added.
+
+    Row 0 minus row 1 of a score is twice the derivative of the log-likelihood by a variance.
     """
     m, N = history.K.shape[1], history.K.shape[2]
     n = history.F.shape[1]

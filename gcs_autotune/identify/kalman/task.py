@@ -1,4 +1,4 @@
-"""The task of a filter: bank, start, checked options, and the noise levels that a user fixes."""
+"""Task of a filter: filter bank, start, checked options, and the noise levels that the user fixed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.free_numbers import WEAK
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior, Smoothed, tuned
 from gcs_autotune.identify.kalman.start import Start, begin
+from gcs_autotune.identify.problems.free_numbers import WEAK
 from gcs_autotune.models import Form
 
 __all__ = ["OPTIONS", "REPEAT", "Task", "first_states", "task_of"]
@@ -26,19 +26,20 @@ OPTIONS = (
     ("start", "start values of some or all parameters, by name (default: from a regression)"),
     ("spread", "initial standard deviation of a parameter, in units of its natural scale (1)"),
 )
-"""Options that all methods of this package accept."""
+"""Options that all methods of this package accept, with a line of help each."""
 
 REPEAT = 3.0
-"""Prior width of a repeated pass in standard errors: wide enough to move, narrow enough for the linear model."""
+"""Prior width of a repeated pass, in standard errors. It is wide enough for parameters to move, and narrow enough for
+linearisation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
     """Input of every method of this package.
 
-    ``form``: the form to fit. That of ``bank`` also has the shift of input stamps as ``delay`` if these are not exact
-    (decision 3); ``stamps`` [s] is then the delay it starts from. ``tune_noise``, ``tune_drive``: whether levels are
-    estimated or fixed. ``loose`` (n,): a drive on the high side, which ties the states to the samples.
+    ``form``: the form to fit. If input stamps are not exact (decision 3), the form of ``bank`` has their shift as its
+    ``delay``. ``stamps`` [s] is then the start value of that delay. ``tune_noise``, ``tune_drive``: whether levels are
+    estimated. ``loose`` (n,): a high intensity of the drive, which ties the states to the samples.
     """
 
     case: Case
@@ -53,33 +54,39 @@ class Task:
 
     @property
     def prior(self) -> Prior:
-        """Assumptions before the first sample."""
+        """Prior before the first sample."""
         theta = self.start.theta[self.bank.places]
         return Prior(self.start.states, self.start.spread, theta, np.diag((self.spread * self.start.scale) ** 2))
 
     def widened(self, factor: float) -> Array:
-        """Return the prior covariance, *factor* times as wide. The shift of stamps keeps its known width."""
+        """Return the prior covariance with standard deviations *factor* times as wide.
+
+        The shift of stamps keeps its known width.
+        """
         wide = np.array([1.0 if self.is_shift(n) else factor for n in self.bank.free])
         return self.prior.covariance * np.outer(wide, wide)
 
     def is_shift(self, name: str) -> bool:
-        """Whether a name in the state is the shift of input stamps."""
+        """Return whether the parameter *name* in the state is the shift of input stamps."""
         return self.stamps is not None and name == "delay"
 
     def theta(self, free: Array) -> Array:
-        """Return all parameters with the free ones at *free* (p,)."""
+        """Return all parameters, with the free ones at *free* (p,)."""
         theta = self.start.theta.copy()
         theta[self.bank.places] = free
         return theta
 
     def tuned(self, levels: Levels, smoothed: Smoothed) -> Levels:
-        """Return *levels* closer to the most likely ones. Levels fixed by the user stay unchanged."""
+        """Return *levels* closer to the most likely ones.
+
+        Levels fixed by the user stay unchanged.
+        """
         levels = tuned(levels, smoothed, self.start.floors, noise=self.tune_noise, drive=self.tune_drive)
         return levels if self.tune_drive else replace(levels, drive=self.start.levels.drive)
 
 
 def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
-    """Return the smoothed first states of the records (records, n) and their spread for the next pass."""
+    """Return the smoothed first states of the records (records, n), and their spread, for the next pass."""
     n = widest.shape[1]
     states = np.array([path[0, :n] for path in smoothed.trajectories])
     std = np.sqrt(np.array([var[0, :n] for var in smoothed.variances]))
@@ -87,12 +94,12 @@ def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
 
 
 def task_of(case: Case) -> Task:
-    """Read a case and its options.
+    """Return the filter task of a case, with its options checked.
 
     Raises
     ------
     UsageError
-        An option that cannot be read.
+        An option has an invalid value.
     NotInformative
         The form has no free parameter.
     """

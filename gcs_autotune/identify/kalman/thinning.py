@@ -1,6 +1,6 @@
-"""Thin records to one signal at a suitable interval, with inputs averaged to match.
+"""Reduce records to one signal at a suitable interval, with inputs averaged accordingly.
 
-Inputs are means over a fraction of the interval, or smoothed as the signal was.
+Inputs become means over a fraction of the interval, or are smoothed as the signal was.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import Drive
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.slow_imports import scipy_signal
 
 __all__ = ["smoothed_drive", "thinned_to"]
@@ -21,13 +21,13 @@ __all__ = ["smoothed_drive", "thinned_to"]
 Array = NDArray[np.float64]
 
 PER_SAMPLE = 4.0
-"""Shortest averaging interval of inputs and measured motions, as a fraction of the interval between samples."""
+"""Number of averaging intervals of inputs and measured motions per sampling interval of the thinned signal."""
 
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
 
 
 def thinned_to(segments: Sequence[Segment], signal: str, interval: float) -> list[Segment]:
-    """Return the segments with samples of *signal* only, at least *interval* [s] apart."""
+    """Return the segments with only samples of *signal* that are at least *interval* [s] apart."""
     found = []
     for segment in segments:
         if signal not in segment.signals:
@@ -41,7 +41,10 @@ def thinned_to(segments: Sequence[Segment], signal: str, interval: float) -> lis
 
 
 def _coarser(segment: Segment, width: float) -> Segment:
-    """Return the segment with inputs and measured motions as means over *width* [s], where they come more often."""
+    """Return the segment with inputs and measured velocities averaged over *width* [s].
+
+    Channels with fewer samples stay unchanged.
+    """
     measured = {}
     for name, channel in segment.measured.items():
         known = np.isfinite(channel.values) & np.isfinite(channel.t)
@@ -71,7 +74,7 @@ def _coarser(segment: Segment, width: float) -> Segment:
 
 
 def smoothed_drive(drive: Drive, smoothing: float, end: float, step: float, commands: Container[str]) -> Drive:
-    """Return inputs up to *end* [s] as means over *step* [s], with *commands* smoothed forwards and backwards.
+    """Return inputs up to *end* [s] as means over *step* [s], with *commands* smoothed in both directions.
 
     smoothing : time constant [s] of the smoother in each direction.
     """
@@ -90,7 +93,7 @@ def smoothed_drive(drive: Drive, smoothing: float, end: float, step: float, comm
 
 
 def _two_sided(x: Array, kept: float) -> Array:
-    """Return *x* (n,) smoothed by weights ``kept**|k|``, as if its ends went on for ever."""
+    """Return *x* (n,) smoothed with weights ``kept**|k|``, as if its end values continued for ever."""
     rest = 1.0 - kept
     lfilter = scipy_signal().lfilter
     forward, _ = lfilter([1.0], [1.0, -kept], x, zi=[kept * x[0] / rest])

@@ -1,9 +1,9 @@
 """The compiled step of every filter: from one stamp to the next, with inputs that jump in between.
 
-By linearisation (:func:`step`): Runge-Kutta steps of :mod:`gcs_autotune.models.coupled.kernel` carry the mean. The
-sensitivities of the same steps give the transition matrix, which is exact for the computed motion to rounding.
+Linearisation (:func:`step`) propagates the mean by the Runge-Kutta steps of :mod:`gcs_autotune.models.coupled.kernel`.
+The sensitivities of these steps are the transition matrix. For the computed motion it is exact to rounding.
 
-By sigma points (:func:`sigma_step`): central differences at sqrt(3) standard deviations, Norgaard2000. The covariance
+Sigma points (:func:`sigma_step`) are central differences at sqrt(3) standard deviations, Norgaard2000. Their covariance
 is a sum of squares and stays positive with twenty parameters. The weights of the plain unscented transform would make
 it negative.
 """
@@ -22,19 +22,19 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SHORT = 0.3
-"""Interval times fastest rate below which the root of a transition is calculated by its series, with an error of
-3e-4."""
+"""Product of interval and fastest rate below which a series gives the root of a transition. Its error is 3e-4."""
 
 
 MAX_STEPS = 400.0
-"""Maximum number of Runge-Kutta steps between two stamps. Beyond it the model counts as too stiff."""
+"""Maximum number of Runge-Kutta steps between two stamps. A model that needs more counts as too stiff."""
 
 
 @njit(cache=True)
 def inertia(P: Program, theta: Array, M: Array, M_inverse: Array) -> bool:
-    """Fill M (6, 6) and the inverse (k, k) of its active part; return whether it is positive definite.
+    """Fill M (6, 6) and the inverse (k, k) of its active part; return whether M is positive definite.
 
-    Gauss-Jordan without pivoting: the pivots of a matrix with a positive definite symmetric part are positive.
+    Gauss-Jordan elimination needs no pivoting here. The pivots of a matrix with a positive definite symmetric part are
+    positive.
     """
     k = len(P.active)
     M[:, :] = 0.0
@@ -111,12 +111,11 @@ def step(
     max_rate: float,
     W: Scratch,
 ) -> tuple[bool, float, int]:
-    """Carry *x* over one interval; fill ``F`` (n, N) of the whole and ``late`` (n, n) of its second half.
+    """Propagate *x* over one interval; fill ``F`` (n, N) of the whole and ``late`` (n, n) of its second half.
 
-    Returns whether the motion stayed finite, the fastest rate met and the input row in force at *stop*.
-
-    Process noise needs ``late`` (Simpson's rule). Over an interval that is short against the fastest rate, it is the
-    root of the whole transition, by its series. A longer interval is crossed in two halves.
+    Return whether the motion stayed finite, the fastest rate, and the row of the input in force at *stop*. Process
+    noise needs ``late`` for Simpson's rule. If the interval is short compared with the fastest rate, ``late`` is the
+    root of the whole transition, from its series. A longer interval is computed in two halves.
     """
     n, N = F.shape
     begin, first = x.copy(), row
@@ -161,12 +160,15 @@ def step(
 
 
 SPREAD_2 = 3.0
-"""Squared distance of the sigma points in standard deviations; 3 is best for a Gaussian (Norgaard et al.)."""
+"""Squared distance of the sigma points, in standard deviations. The value 3 is best for a Gaussian (Norgaard2000)."""
 
 
 @njit(cache=True)
 def _root(cov: Array) -> Array:
-    """Return L (N, N), lower, with L L' = cov; columns of directions without variance are zero."""
+    """Return the lower triangular L (N, N) with L L' = cov.
+
+    Columns of directions without variance are zero.
+    """
     N = len(cov)
     L = np.zeros((N, N))
     for j in range(N):
@@ -204,10 +206,11 @@ def sigma_step(
     max_rate: float,
     W: Scratch,
 ) -> bool:
-    """Carry *mean*, *cov* from *t* to *stop*; replace *x* (n,), the mean carried linearly, by the better estimate.
+    """Propagate *mean* and *cov* from *t* to *stop* by sigma points, and update *x* (n,).
 
-    Returns False, with nothing changed, if a sigma point diverges or has no positive inertia. The caller then uses the
-    linearised step.
+    On entry *x* is the mean propagated by linearisation; on return it is the better estimate. The function returns
+    False and changes nothing if a sigma point diverges or has no positive inertia. The caller then uses the linearised
+    step.
     """
     n, N, p = len(x), len(mean), len(places)
     L = _root(cov)

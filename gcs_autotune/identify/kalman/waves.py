@@ -1,11 +1,11 @@
 """Model waves as two states of a filter: a narrow-band force and an oscillation of the measured signal.
 
-Both are white noise through ``s / (s^2 + 2 damping frequency s + frequency^2)`` (Fossen2011, chapter 8). Both states
-have unit standard deviation. The first is proportional to the integral of the second. The second acts as a force and
-appears in the signal. The filter has no gain at zero frequency, because a slow force is not a wave.
+Both are white noise filtered by ``s / (s^2 + 2 damping frequency s + frequency^2)`` (Fossen2011, chapter 8). Both
+states have unit standard deviation. The first is proportional to the integral of the second. The second acts as a force
+and appears in the signal. The filter has no gain at zero frequency, because a slow force is not a wave.
 
 ``waves`` (4,): standard deviations of the oscillation [m, rad] and of the force per inertia; frequency [rad/s]; damping
-ratio. Between two stamps the force is held, as the drifting force is.
+ratio. Between two stamps the force is held constant, as is the drifting force.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ Array = NDArray[np.float64]
 
 @njit(cache=True)
 def rough(waves: Array) -> bool:
-    """Return whether there are waves."""
+    """Return whether the model includes waves, from their parameters *waves* (4,)."""
     return bool(waves[0] > 0.0 or waves[1] > 0.0)
 
 
 @njit(cache=True)
 def wave_transition(waves: Array, h: float, F: Array) -> None:
-    """Fill *F* (2, 2), the exact transition over *h* seconds."""
+    """Fill *F* (2, 2) with the exact transition of the wave states over *h* seconds."""
     omega, zeta = waves[2], waves[3]
     root = np.sqrt(1.0 - zeta * zeta)
     c, s, fade = np.cos(omega * root * h), np.sin(omega * root * h) / root, np.exp(-zeta * omega * h)
@@ -37,8 +37,10 @@ def wave_transition(waves: Array, h: float, F: Array) -> None:
 
 @njit(cache=True)
 def turn_waves(vector: Array, matrix: Array, F: Array) -> None:
-    """Apply *F* (2, 2) to the last two elements of *vector* (N,), and to those of *matrix* (N, N) from both sides, in
-    place."""
+    """Apply *F* (2, 2) to the wave states, in place.
+
+    These are the last two elements of *vector* (N,). In *matrix* (N, N) the last two rows and columns are transformed.
+    """
     N = len(vector)
     a, b = N - 2, N - 1
     vector[a], vector[b] = F[0, 0] * vector[a] + F[0, 1] * vector[b], F[1, 0] * vector[a] + F[1, 1] * vector[b]
@@ -52,7 +54,10 @@ def turn_waves(vector: Array, matrix: Array, F: Array) -> None:
 
 @njit(cache=True)
 def renew_waves(cov: Array, F: Array) -> None:
-    """Add the noise of an interval of transition *F* to *cov* (N, N): as much as a stationary process loses."""
+    """Add the noise of an interval with transition *F* to *cov* (N, N).
+
+    It replaces the variance that the stationary process loses over the interval.
+    """
     a, b = len(cov) - 2, len(cov) - 1
     cov[a, a] += 1.0 - F[0, 0] * F[0, 0] - F[0, 1] * F[0, 1]
     cov[b, b] += 1.0 - F[1, 0] * F[1, 0] - F[1, 1] * F[1, 1]
@@ -62,7 +67,7 @@ def renew_waves(cov: Array, F: Array) -> None:
 
 
 def waves_ahead(waves: Array, state: Array, after: Array) -> Array:
-    """Return the expected second state (k,) *after* (k,) [s], starting from the two states *state* (2,)."""
+    """Return the expected second wave state (k,) at the times *after* (k,) [s], from the two states *state* (2,)."""
     F, found = np.zeros((2, 2)), np.zeros(len(after))
     if rough(waves):
         for k, h in enumerate(after.tolist()):

@@ -1,4 +1,4 @@
-"""From a model of one degree of freedom to a ``Fit``: shared by the step and the zig-zag method."""
+"""Build the ``Fit`` of the step and the zig-zag method from their model of one degree of freedom."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import Findings, collect
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
-from gcs_autotune.identify.result import AxisFit, Doubt, Status
+from gcs_autotune.identify.result import AxisFit, Status
 from gcs_autotune.models import SingleDof
 
 __all__ = ["axis_answer"]
@@ -31,9 +32,10 @@ def axis_answer(
     doubts: Sequence[Doubt],
     extra: Mapping[str, Any],
 ) -> AxisFit:
-    """Return the fit with its free run on the records.
+    """Return the fit of the model, with its free run on the records.
 
-    theta, covariance, fitted : (4,), (4, 4), (4,) of (alpha, beta, beta_quadratic, Delta); the delay is the case's.
+    theta (4,), covariance (4, 4), fitted (4,) : for alpha, beta, beta_quadratic and Delta. The delay is that of the
+        case.
     """
     record = case.records[0]
     alpha, beta, quadratic, delta = (float(v) for v in theta)

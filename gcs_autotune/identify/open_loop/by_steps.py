@@ -1,11 +1,12 @@
 """The method ``step``: one model from the step responses of all runs, with readings weighted by their accuracy.
 
-Each step has two residuals that are zero for the right model. One is the balance at the steady velocity,
-``tau + Delta - (beta + beta_nn*|k_ss|)*k_ss``. The other is the lag ``(eta_0 - eps_v) - lag(model)``, or the time to
-the knee. For one step, one drag and no Delta this equals Miskovic2010, table 4.1, once the response has settled.
+Each step has two residuals that are zero for the right model. One is the balance at the steady velocity, ``tau + Delta
+- (beta + beta_nn*|k_ss|)*k_ss``. The other is the lag ``(eta_0 - eps_v) - lag(model)``, or the time to the knee. For
+one step, one drag and no Delta this equals Miskovic2010, table 4.1, once the response has settled.
 
-With quadratic drag and little force it never settles completely, because the velocity decays as one over the time. The
-model's response is therefore read over the same seconds as the record's, so that both contain the same transient.
+With quadratic drag and little force the response never settles completely, because the velocity decays as one over the
+time. The model's response is therefore read over the same seconds as the record's, so that both contain the same
+transient.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ from scipy.optimize import least_squares
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.step_table import lag, row_of, time_to, unevenness_doubts
 from gcs_autotune.identify.open_loop.steps import ENOUGH, StepReading, read_steps
-from gcs_autotune.identify.result import AxisFit, Doubt
+from gcs_autotune.identify.result import AxisFit
 
 __all__ = ["METHOD", "StepModel", "fit_by_steps", "fit_readings"]
 
@@ -35,10 +37,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepModel:
-    """``theta`` = (alpha, beta, beta_quadratic, Delta), its covariance (4, 4), which of them were fitted, the misfit.
+    """Model fitted to the step responses.
 
-    ``chi2`` is the sum of squared residuals over their standard errors; ``spare`` the readings beyond parameters.
-    ``covariance`` is raised by chi2/spare when that exceeds 1: the steps then differ by more than their noise.
+    ``theta`` (4,): alpha, beta, beta_quadratic and Delta. ``fitted``: which of them were fitted. ``covariance`` (4, 4):
+    multiplied by chi2/spare if this exceeds 1, because the steps then differ by more than their noise. ``chi2``: sum of
+    squared residuals, each divided by its standard error. ``spare``: number of readings minus number of parameters.
     """
 
     structure: Structure
@@ -50,20 +53,19 @@ class StepModel:
 
     @property
     def scatter(self) -> float:
-        """Factor by which the steps differ beyond their noise, at least 1."""
+        """Ratio of the differences between steps to their noise, at least 1."""
         return math.sqrt(max(self.chi2 / self.spare, 1.0)) if self.spare > 0 else 1.0
 
 
 def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepModel:
     """Fit one model to all readings.
 
-    ``Delta`` is fitted when the steady readings suffice for it; with a single level it is taken as 0, as Miskovic2010
-    does.
+    ``Delta`` is fitted if there are enough levels of input. With a single level it is taken as 0, as in Miskovic2010.
 
     Raises
     ------
     NotInformative
-        No reading tells the inertia, or too few levels for the drags asked for.
+        No reading determines the inertia, or there are too few levels for the requested drags.
     """
     if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
@@ -100,14 +102,17 @@ def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepM
 
 
 def _levels(readings: Sequence[StepReading]) -> int:
-    """Return how many different inputs were held, to a fiftieth of their range."""
+    """Return the number of different input levels.
+
+    Levels closer than a fiftieth of the largest input count as one.
+    """
     taus = np.sort([r.tau for r in readings])
     span = max(float(np.max(np.abs(taus))), 1e-300)
     return 1 + int(np.sum(np.diff(taus) > 0.02 * span))
 
 
 def _steady_part(readings: Sequence[StepReading], fitted: tuple[bool, ...]) -> Array:
-    """Return (0, beta, beta_quadratic, Delta) from the steady velocities by plain least squares."""
+    """Return (0, beta, beta_quadratic, Delta), from plain least squares on the steady velocities."""
     k = np.array([r.k_ss.value for r in readings])
     table = np.column_stack([k, np.abs(k) * k, -np.ones_like(k)])[:, list(fitted[1:])]
     theta = np.zeros(4)
@@ -117,7 +122,7 @@ def _steady_part(readings: Sequence[StepReading], fitted: tuple[bool, ...]) -> A
 
 
 def _inertia(readings: Sequence[StepReading], theta: Array) -> float:
-    """Return the median inertia of the steps at these drags."""
+    """Return the median inertia of the steps for the drags in *theta*."""
     values = []
     for r in readings:
         unit = _dynamics(r, np.array([1.0, *theta[1:]]))
@@ -127,7 +132,7 @@ def _inertia(readings: Sequence[StepReading], theta: Array) -> float:
 
 
 def _dynamics(r: StepReading, theta: Array) -> float | None:
-    """Return the lag or the time to the knee that a model predicts; None when there is none to compare with."""
+    """Return the lag, or the time to the knee, that a model predicts; None if the reading has neither."""
     drags = (float(theta[1]), float(theta[2]))
     force = r.tau + float(theta[3])
     if r.has_lag:
@@ -136,14 +141,17 @@ def _dynamics(r: StepReading, theta: Array) -> float | None:
 
 
 POINTS, TOP = 240, 20.0
-"""Number of steps in which a response is integrated, and the multiple of its fastest velocity at which it diverges."""
+"""Settings of the integration of a response.
+
+POINTS: number of steps. TOP: limit of the velocity, as a multiple of the largest one in the reading.
+"""
 
 
 def _as_read(readings: Sequence[StepReading], theta: Array) -> list[tuple[float, float, float]]:
     """Return (k_ss, lag) of the model's responses, read over the same seconds as the record's.
 
-    The third value is the remaining difference of the velocity from that k_ss at the end. NaN if a reading does not
-    contain the seconds, or if its initial velocity is unknown.
+    The third value is the difference between the velocity at the end and that k_ss. All are NaN if the window of a
+    reading, or its initial velocity, is unknown.
     """
     alpha, beta, quadratic, delta = (float(value) for value in theta)
     known = [
@@ -175,7 +183,10 @@ def _as_read(readings: Sequence[StepReading], theta: Array) -> list[tuple[float,
 
 
 def _read_off(r: StepReading, nu: Array, eta: Array) -> tuple[float, float, float]:
-    """Return what :func:`_as_read` does of a response (POINTS + 1,) from zero position."""
+    """Return (k_ss, lag, difference at the end) of one simulated response, as :func:`_as_read` does.
+
+    nu, eta : (POINTS + 1,) velocity, and position from zero.
+    """
     t = np.linspace(0.0, r.window[1], POINTS + 1)
     late = t >= min(r.window[0], float(t[-3]))
     if not r.has_lag:
@@ -186,7 +197,10 @@ def _read_off(r: StepReading, nu: Array, eta: Array) -> tuple[float, float, floa
 
 
 def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> Array:
-    """Return the residuals of a reading; *read*: the same two numbers read off the model's response."""
+    """Return the residuals of a reading.
+
+    read : the same values read off the model's response.
+    """
 
     def drag(nu: float) -> float:
         return float((theta[1] + theta[2] * abs(nu)) * nu)
@@ -200,7 +214,7 @@ def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> A
 
 
 def _whitener(r: StepReading, theta: Array) -> Array:
-    """Return the matrix that makes a step's residuals uncorrelated with unit variance."""
+    """Return the matrix that makes the residuals of a step uncorrelated, with unit variance."""
     std, slope = r.k_ss.std, abs(theta[1] + 2.0 * theta[2] * abs(r.k_ss.value))
     least = 1e-9 * max(abs(r.tau), float(np.max(np.abs(theta[1:3]))) * abs(r.k_ss.value), 1e-12)
     force = (slope * std) ** 2 + 2.0 * (theta[2] * std**2) ** 2 + least**2
@@ -217,7 +231,7 @@ def _whitener(r: StepReading, theta: Array) -> Array:
 
 
 def _sensitivity(r: StepReading, theta: Array) -> float:
-    """Return how the predicted lag changes with the velocity at the step."""
+    """Return the derivative of the predicted lag, or time to the knee, by the velocity at the step."""
     h = max(abs(r.k_ss.value) * 1e-4, 1e-9)
     drags, force = (float(theta[1]), float(theta[2])), r.tau + float(theta[3])
     if r.has_lag:
@@ -228,21 +242,21 @@ def _sensitivity(r: StepReading, theta: Array) -> float:
 
 
 MOVES = 3.0
-"""Standard errors from which a velocity differs from zero."""
+"""Number of standard errors by which a velocity must differ from zero to count as motion."""
 
 CLOSE = 2.0
-"""Difference of the criterion below which two structures count as undecided."""
+"""Difference of the Bayesian criterion below which the choice between two structures counts as undecided."""
 
 
 def fit_by_steps(case: Case) -> AxisFit:
     """Identify one degree of freedom from steps of its input.
 
-    ``extra["steps"]`` lists the readings, ``extra["table_4_1"]`` each step from rest by itself.
+    ``extra["steps"]`` contains the readings. ``extra["table_4_1"]`` contains the result of each single step from rest.
 
     Raises
     ------
     NotInformative
-        No step long enough to be read.
+        No step is long enough to be read.
     """
     everything = read_steps(case.records)
     readings = [r for r in everything if r.settled]
@@ -289,7 +303,10 @@ def _candidates(readings: Sequence[StepReading], structure: Structure | None) ->
 
 
 def _choose(models: Sequence[StepModel]) -> tuple[StepModel, bool]:
-    """Return the structure of least BIC, the noise raised to what the richest one leaves, and whether it was close."""
+    """Return the structure with the lowest BIC, and whether the choice was close.
+
+    The noise is raised to the smallest misfit per spare reading of all structures.
+    """
     models = [m for m in models if _damps(m)] or models
     if len(models) == 1:
         return models[0], models[0].spare <= 0
@@ -305,14 +322,15 @@ def _choose(models: Sequence[StepModel]) -> tuple[StepModel, bool]:
 
 
 def _damps(model: StepModel) -> bool:
-    """Whether both drags have the sign of the inertia."""
+    """Return whether both drags have the same sign as the inertia."""
     return bool(np.all(model.theta[1:3] * model.theta[0] >= 0.0))
 
 
 def _from_rest_or_steady(readings: Sequence[StepReading], model: StepModel) -> list[StepReading]:
-    """Return *readings* without holds too short by the *model*, and where they start from only where that is known.
+    """Return *readings* without those of holds that are too short according to *model*.
 
-    A step continues in a straight line what was before it; where that still bends, it starts elsewhere.
+    A reading keeps its start value only if the velocity at the step is known. It is taken from a straight line through
+    the motion before. If that motion was still curved, the start value is dropped.
     """
     found: list[StepReading] = []
     bends, off, nan = False, 0.0, Reading(math.nan, math.nan)
@@ -326,7 +344,7 @@ def _from_rest_or_steady(readings: Sequence[StepReading], model: StepModel) -> l
 
 
 def _still_moving(r: StepReading, model: StepModel) -> bool:
-    """Whether a hold that the record begins in was too short, by the *model*, for what moved then to have settled."""
+    """Return whether the first hold of a record was too short, according to *model*, for earlier motion to settle."""
     if not r.steady_only or abs(r.k_ss.value) < MOVES * r.k_ss.std:
         return False
     alpha, beta, quadratic, _ = model.theta

@@ -1,4 +1,7 @@
-"""The method ``zig-zag``: inertia and drag of yaw by integrating over half periods, Miskovic2010, eq. (4.51)-(4.53)."""
+"""The method ``zig-zag``: inertia and drag of yaw from integrals over half periods.
+
+Source: Miskovic2010, eq. (4.51)-(4.53).
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,12 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, Structure
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.open_loop.answer import axis_answer
 from gcs_autotune.identify.open_loop.readings import Reading
 from gcs_autotune.identify.open_loop.zigzag_integrals import IntegralRows, half_periods, rows_of, solve_rows
-from gcs_autotune.identify.result import AxisFit, Doubt
+from gcs_autotune.identify.result import AxisFit
 
 __all__ = ["METHOD", "Nomoto", "fit_by_zigzag", "nomoto_of", "solve_zigzag"]
 
@@ -25,7 +29,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Nomoto:
-    """``K`` [1/s per unit of input] and ``T`` [s]; ``K_prime`` = K L/U and ``T_prime`` = T U/L, NaN without L and U."""
+    """Nomoto's indices.
+
+    ``K`` [1/s per unit of input], ``T`` [s], ``K_prime`` = K L/U, ``T_prime`` = T U/L. The last two are NaN without
+    length L and speed U.
+    """
 
     K: Reading
     T: Reading
@@ -34,9 +42,11 @@ class Nomoto:
 
 
 def nomoto_of(theta: Array, covariance: Array, length: float = math.nan, speed: float = math.nan) -> Nomoto:
-    """Return the indices of (alpha, beta, ...) with the standard errors of their covariance.
+    """Return Nomoto's indices for *theta* (alpha, beta, ...), with standard errors from its covariance.
 
-    length [m], speed [m/s] : for the dimensionless indices. Without constant drag K and T are not defined: NaN.
+    length, speed : [m], [m/s], for the dimensionless indices.
+
+    Without linear drag K and T are not defined and are NaN.
     """
     alpha, beta = float(theta[0]), float(theta[1])
     if beta == 0.0:
@@ -50,23 +60,26 @@ def nomoto_of(theta: Array, covariance: Array, length: float = math.nan, speed: 
 
 
 CLEAR = 3.0
-"""Standard errors from zero at which an omitted drag raises a doubt."""
+"""Smallest distance from zero, in standard errors, of an omitted drag for which a doubt is raised."""
 
 WORSE = 2.0
-"""Factor by which the weighted misfit must grow without it, for the same."""
+"""Factor by which omitting the drag must also increase the weighted misfit."""
 
 
 def fit_by_zigzag(case: Case) -> AxisFit:
     """Identify yaw from zig-zags.
 
-    The structure is ``linear`` (Nomoto's) unless another is asked for. ``Delta``, the rudder bias, is fitted when
-    there are rows enough. ``extra``: ``K``, ``T`` with standard errors, ``K_prime``, ``T_prime`` with the options
-    ``length`` [m] and ``speed`` [m/s]; ``half_periods`` the plain (4.52) and (4.53) of each.
+    The structure is ``linear`` (Nomoto's) unless another is requested. ``Delta``, the rudder bias, is fitted if there
+    are enough rows.
+
+    ``extra`` contains ``K`` and ``T`` with standard errors. With the options ``length`` [m] and ``speed`` [m/s] it
+    contains ``K_prime`` and ``T_prime`` too. ``half_periods`` lists the results of (4.52) and (4.53) for each half
+    period.
 
     Raises
     ------
     NotInformative
-        No zig-zag with a measured heading, or too few half periods for the structure.
+        There is no zig-zag with a measured heading, or there are too few half periods for the structure.
     """
     every = [rows for record in case.records if (rows := rows_of(record, case.delay or 0.0)) is not None]
     if not every:
@@ -111,12 +124,12 @@ def _named(made: Nomoto) -> dict[str, float]:
 
 
 def solve_zigzag(every: Sequence[IntegralRows], structure: Structure) -> tuple[Array, Array, float, tuple[bool, ...]]:
-    """Return theta (4,), its covariance (4, 4), the model's error per row and what was fitted.
+    """Return theta (4,), its covariance (4, 4), the model error per row, and which parameters were fitted.
 
     Raises
     ------
     NotInformative
-        Too few half periods for the structure.
+        There are too few half periods for the structure.
     """
     count = sum(len(rows.impulse) for rows in every)
     drags = FREE[structure][:3]

@@ -1,8 +1,7 @@
-"""Numbers read off a record, with the standard error the noise gives them; where an input stands still.
+"""Read values with standard errors off a record, and find the intervals in which an input is held.
 
-A reading is a local least-squares polynomial evaluated where the definition asks for it: value, slope, curvature.
-Its covariance carries the factor of correlated residuals (Newey1987, Bartlett weights), and never falls
-below what the sensor's own step allows.
+A reading is the value, slope or curvature of a local least-squares polynomial at a given time. Its covariance includes
+the factor of correlated residuals (Newey1987, Bartlett weights). It is at least that of the sensor's resolution.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.whiteness import autocorrelation
+from gcs_autotune.identify.signals.whiteness import autocorrelation
 
 __all__ = ["Hold", "LocalFit", "Reading", "find_holds", "local_fit", "mean_reading", "rate_of"]
 
@@ -24,20 +23,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One number with its standard error, both in ``unit`` (SI). NaN: not known."""
+    """One value with its standard error, both in ``unit`` (SI); NaN if unknown."""
 
     value: float
     std: float
     unit: str = "1"
 
     def scaled(self, factor: float, unit: str) -> Reading:
-        """Return the reading times an exact *factor*, in another unit."""
+        """Return the reading multiplied by an exact *factor*, in another unit."""
         return Reading(self.value * factor, self.std * abs(factor), unit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalFit:
-    """Polynomial about ``at`` [s]: coefficients (d+1,) in rising powers of (t - at) and their covariance."""
+    """Local polynomial about the time ``at`` [s].
+
+    ``coefficients`` (d+1,): for rising powers of (t - at). ``covariance``: their covariance. ``sigma``: noise of one
+    sample.
+    """
 
     at: float
     coefficients: Array
@@ -57,9 +60,10 @@ class LocalFit:
 
 
 def local_fit(t: Array, y: Array, at: float, degree: int, floor: float = 0.0) -> LocalFit:
-    """Fit a polynomial of *degree* to (t, y) and give it about *at*.
+    """Fit a polynomial of *degree* to (t, y), expressed about the time *at*.
 
-    t, y : (n,) with n > degree. floor : least standard deviation of one sample, e.g. a sensor's step over sqrt(12).
+    t, y : (n,) with n > degree.
+    floor : smallest standard deviation of one sample, e.g. the sensor's step over sqrt(12).
     """
     scale = max(float(np.ptp(t)), 1e-12)
     s = (t - at) / scale
@@ -76,12 +80,12 @@ def local_fit(t: Array, y: Array, at: float, degree: int, floor: float = 0.0) ->
 
 
 def mean_reading(t: Array, y: Array, unit: str, floor: float = 0.0) -> Reading:
-    """Return the mean of (t, y) with the standard error of correlated samples."""
+    """Return the mean of *y*, with a standard error that includes the correlation of the samples."""
     return local_fit(t, y, float(t.mean()), 0, floor).value(unit)
 
 
 def _colour(left: Array) -> float:
-    """Return by how much correlation raises the variance of an average of these residuals, at least 1."""
+    """Return the factor, at least 1, by which correlation of the residuals raises the variance of their mean."""
     n = len(left)
     lags = min(int(2.0 * math.sqrt(n)), n // 4)
     if lags < 1:
@@ -91,10 +95,10 @@ def _colour(left: Array) -> float:
 
 
 def rate_of(t: Array, angle: Array, width: float) -> Array:
-    """Return the slope of *angle* at every stamp, by lines over *width* seconds (five samples at least).
+    """Return the slope of *angle* at every stamp, from lines over *width* seconds (at least five samples).
 
-    A line's slope is that of the parabola where the window lies evenly about the stamp; where it cannot, near the ends
-    and beside holes, a parabola is fitted.
+    If the window is even about the stamp, the slope of a line equals that of a parabola. Near the ends and beside gaps
+    it is uneven, and a parabola is fitted.
     """
     n = len(t)
     a, b = np.searchsorted(t, t - 0.5 * width), np.searchsorted(t, t + 0.5 * width, side="right")
@@ -113,18 +117,21 @@ def rate_of(t: Array, angle: Array, width: float) -> Array:
 
 
 NARROW, WIDE = 0.005, 0.05
-"""Least and largest width of the band a held input stays in, as fractions of its whole range."""
+"""Limits of the band within which an input counts as held, as fractions of its whole range."""
 
 STILL = 0.6
-"""Share of the time an input must stand exactly still to count as a commanded one: then the band is narrow."""
+"""Fraction of the time for which an input must be exactly constant to count as a command. The band is then narrow."""
 
 LONGER = 3.0
-"""A hold lasts at least this many times what the fastest ramp takes through the band."""
+"""Minimum duration of a hold, as a multiple of the time that the fastest ramp needs to cross the band."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """The input stands at ``level`` from ``start`` to ``end`` [s]; ``before`` is when it left the previous hold."""
+    """Interval in which the input is held.
+
+    ``level``: value of the input. ``start``, ``end`` [s]. ``before`` [s]: end of the previous hold.
+    """
 
     start: float
     end: float
@@ -133,15 +140,17 @@ class Hold:
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration of the hold [s]."""
         return self.end - self.start
 
 
 def find_holds(t: Array, values: Array, end: float, shortest: float = 0.0) -> tuple[Hold, ...]:
-    """Return the holds of an input in order.
+    """Return the intervals in which an input is held, in order.
 
-    t, values : (n,) samples, each in force until the next. end : when the last one ends [s]. shortest : least
-    duration [s] beside the one that keeps the pieces of a rudder's ramp from passing for holds.
+    t, values : (n,) samples, each in force until the next.
+    end : end of the last sample [s].
+    shortest : minimum duration [s]. It applies in addition to the limit that prevents parts of a rudder ramp from
+        counting as holds.
     """
     span = float(np.ptp(values)) if len(values) else 0.0
     if span == 0.0:
@@ -166,7 +175,7 @@ def find_holds(t: Array, values: Array, end: float, shortest: float = 0.0) -> tu
 
 
 def _band(t: Array, values: Array, end: float, span: float) -> float:
-    """Return how far a held input may vary: little for a command, else by its noise."""
+    """Return the band in which a held input may vary: narrow for a command, else from its noise."""
     held = np.diff(np.append(t, max(end, float(t[-1]))))
     tick = float(np.percentile(held[held > 0.0], 5)) if (held > 0.0).any() else 0.0
     if float(held[held > 8.0 * tick].sum()) > STILL * float(held.sum()) or len(values) < 20:
@@ -176,7 +185,7 @@ def _band(t: Array, values: Array, end: float, span: float) -> float:
 
 
 def _reach(values: Array, band: float) -> NDArray[np.intp]:
-    """Return for every sample the last one such that all between lie within *band* of each other."""
+    """Return for every sample the last one up to which all values lie within *band* of each other."""
     low: deque[int] = deque()
     high: deque[int] = deque()
     far, j = np.empty(len(values), dtype=np.intp), 0
@@ -201,7 +210,7 @@ def _reach(values: Array, band: float) -> NDArray[np.intp]:
 
 
 def _ramp_time(t: Array, values: Array, band: float) -> float:
-    """Return how long the input takes through *band* where it moves as on a ramp; 0 when it only jumps."""
+    """Return the time [s] the input needs to cross *band* on its fastest ramps, 0 if it only jumps."""
     times = []
     for (t_0, v_0), (t_1, v_1) in itertools.pairwise(zip(t, values, strict=True)):
         if 0.02 * band < abs(v_1 - v_0) < 4.0 * band:
@@ -210,7 +219,10 @@ def _ramp_time(t: Array, values: Array, band: float) -> float:
 
 
 def _longest_first(t: Array, ends: Array, far: NDArray[np.intp], least: float) -> list[tuple[int, int]]:
-    """Return disjoint index ranges, chosen longest first, of at least *least* seconds, in order."""
+    """Return disjoint index ranges of at least *least* seconds, in order.
+
+    The longest ranges are chosen first.
+    """
     order = np.argsort(-(ends[far] - t), kind="stable")
     taken = np.zeros(len(t), dtype=bool)
     chosen: list[tuple[int, int]] = []

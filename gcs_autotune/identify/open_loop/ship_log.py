@@ -1,4 +1,4 @@
-"""A ship's log: heading, rudder and what else was recorded, cleaned, on their own stamps; and its helm orders."""
+"""Heading, rudder and other channels of a run, cleaned and with their own stamps, and the helm orders in them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify.cleaning import clean, quantum, unwrap
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.cleaning import clean, unwrap
+from gcs_autotune.sensor import quantum
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = ["Execute", "ShipLog", "find_executes", "ship_log", "steered"]
@@ -19,21 +20,21 @@ __all__ = ["Execute", "ShipLog", "find_executes", "ship_log", "steered"]
 Array = NDArray[np.float64]
 
 INPUTS = ("delta", "N")
-"""What steers, preferred first."""
+"""Channels that may be the steering input, preferred first."""
 
 LEAST = 20
-"""Fewest heading samples worth reading a manoeuvre from."""
+"""Smallest number of heading samples from which a manoeuvre is read."""
 
 STEEPEST_RUDDER = math.pi / 2.0
-"""A rudder angle without a unit beyond this cannot be in radians."""
+"""Largest rudder angle [rad] that is plausible. A larger value without a unit cannot be in radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShipLog:
-    """One run as a ship's officer sees it.
+    """Heading and steering of one run.
 
-    ``steering``: the input (rudder angle [rad] or yaw moment). ``t`` (n,) stamps of ``psi`` (n,) [rad], continuous.
-    ``others``: every other cleaned channel of the run. ``step`` [rad]: the compass's own step, 0 if none.
+    ``steering``: the input (rudder angle [rad] or yaw moment). ``t`` (n,): stamps of the continuous heading ``psi``
+    (n,) [rad]. ``others``: all other cleaned channels of the run. ``step`` [rad]: resolution of the compass, 0 if none.
     """
 
     name: str
@@ -46,12 +47,12 @@ class ShipLog:
 
     @property
     def floor(self) -> float:
-        """Least standard deviation of one heading sample [rad]."""
+        """Smallest standard deviation of one heading sample [rad], from the resolution of the compass."""
         return self.step / math.sqrt(12.0)
 
     @property
     def end(self) -> float:
-        """Last heading stamp [s]."""
+        """Stamp of the last heading sample [s]."""
         return float(self.t[-1])
 
     def heading(self, start: float, end: float) -> tuple[Array, Array]:
@@ -60,12 +61,15 @@ class ShipLog:
         return self.t[keep], self.psi[keep]
 
     def channel(self, name: str) -> Channel | None:
-        """Return another channel when it has samples."""
+        """Return another channel of the run, or None if it has no samples."""
         found = self.others.get(name)
         return found if found is not None and len(found) > 1 else None
 
     def speed(self, start: float, end: float) -> float:
-        """Return the mean speed [m/s] between two instants from U, u and v, u, or the track; NaN when unknown."""
+        """Return the mean speed [m/s] between two times, NaN if unknown.
+
+        It comes from U, from u and v, from u alone, or from the track.
+        """
         for names in (("U",), ("u", "v"), ("u",)):
             parts = [c.between(start, end).values for n in names if (c := self.channel(n)) is not None]
             if len(parts) == len(names) and all(len(p) for p in parts):
@@ -81,16 +85,16 @@ class ShipLog:
 
 
 def ship_log(trial: Trial) -> ShipLog:
-    """Return *trial* as a ship's log.
+    """Return heading and steering of *trial* as a ship's log.
 
     Raises
     ------
     MissingChannel
-        No heading, or neither rudder nor yaw moment.
+        There is no heading, or neither rudder nor yaw moment.
     BadFile
-        Stamps that run backwards; angles without a unit that cannot be radians.
+        The clock jumps back, or angles without a unit cannot be radians.
     NotInformative
-        Too few samples, or a rudder that never moves.
+        There are too few samples, or the rudder never moves.
     """
     notes: list[Doubt] = []
     steering = clean(_steering(trial), trial.name, notes)
@@ -110,15 +114,16 @@ def ship_log(trial: Trial) -> ShipLog:
 
 
 def steered(trial: Trial) -> Trial:
-    """Return *trial* with the input of its ship's log, in the unit of the log, as its only yaw input.
+    """Return *trial* with the steering input of its ship's log as its only yaw input, in the same unit.
 
-    A model identified from it has the same unit of helm as the figures read from the log: a rudder angle [rad] where
-    ``meta["full_rudder"]`` gives one, also for a rudder recorded as a normalised output.
+    A model identified from it then has the same unit of helm as the figures read from the log. If
+    ``meta["full_rudder"]`` is known, this is a rudder angle [rad], even if the rudder was recorded as a normalised
+    output.
 
     Raises
     ------
     MissingChannel
-        Neither rudder nor yaw moment.
+        There is neither a rudder angle nor a yaw moment.
     """
     steering = _steering(trial)
     others = {n: c for n, c in trial.channels.items() if n not in INPUTS}
@@ -138,7 +143,7 @@ def _steering(trial: Trial) -> Channel:
 
 
 def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:
-    """Angles without a unit are radians unless they cannot be."""
+    """Raise BadFile for a rudder angle that cannot be in radians; note a missing unit."""
     if steering.name != "delta":
         return
     if steering.unit not in ("1", "rad"):
@@ -154,15 +159,15 @@ def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:
 
 
 HALF = 0.5
-"""Fraction of the helm at which a reversal counts; where it began is traced back from there."""
+"""Fraction of the helm above which a change counts as a reversal. Its beginning is then traced back from there."""
 
 QUIET = 0.08
-"""Deviation from a held helm, as a fraction of the reversal, that is not yet its beginning."""
+"""Deviation from a held helm, as a fraction of the reversal, up to which the reversal has not begun."""
 
 
 @dataclass(frozen=True, slots=True)
 class Execute:
-    """A helm order: given at ``t`` [s], carried out by ``done``, from ``before`` to ``level`` [unit of the input]."""
+    """A helm order, given at ``t`` and completed at ``done`` [s], from ``before`` to ``level`` [unit of input]."""
 
     t: float
     done: float
@@ -171,7 +176,10 @@ class Execute:
 
 
 def find_executes(log: ShipLog) -> tuple[Execute, ...]:
-    """Return the helm orders that put the rudder over from one side to the other, the first from amidships included."""
+    """Return the helm orders that move the rudder from one side to the other.
+
+    The first order, from amidships, is included.
+    """
     t, v = log.steering.t, log.steering.values
     high, low = float(np.percentile(v, 98)), float(np.percentile(v, 2))
     high, low = (float(np.median(v[v >= low + 0.9 * (high - low)])), float(np.median(v[v <= low + 0.1 * (high - low)])))
@@ -190,7 +198,10 @@ def find_executes(log: ShipLog) -> tuple[Execute, ...]:
 
 
 def _traced(t: Array, v: Array, first: int, i: int, before: float, level: float) -> Execute:
-    """Return the order whose ramp passes sample *i*: from where the old level was left to where the new is reached."""
+    """Return the order whose ramp contains sample *i*.
+
+    It begins when the rudder leaves the old level, and ends when it reaches the new one.
+    """
     band = QUIET * abs(level - before)
     held = np.flatnonzero(np.abs(v[first:i] - before) <= band)
     begin = first + int(held[-1]) if len(held) else first
@@ -209,7 +220,7 @@ def _traced(t: Array, v: Array, first: int, i: int, before: float, level: float)
 
 
 def _levelled(t: Array, v: Array, executes: list[Execute], end: float) -> list[Execute]:
-    """Return the orders with the levels really held after each."""
+    """Return the orders, with the levels that were actually held after each."""
     mended: list[Execute] = []
     for k, e in enumerate(executes):
         until = executes[k + 1].t if k + 1 < len(executes) else end

@@ -1,13 +1,13 @@
-"""Miskovic2010, table 4.1: a model of one degree of freedom from two numbers read off a step; do all steps agree?
+"""Calculate a model from each step (Miskovic2010, table 4.1), and test whether all steps agree.
 
-``tau`` is the input after the step, ``Delta`` included; all signs as recorded. ``k_ss`` is the steady velocity ((4.28),
-(4.39)), ``eps_v`` the velocity error (4.40): what the settled position line shows at the instant of the step. The same
-closed forms are the special cases of two integrals along the response, :func:`lag` and :func:`time_to`, which hold for
-any structure and any velocity before the step.
+``tau`` is the input after the step, including ``Delta``. All signs are as recorded. ``k_ss`` is the steady velocity
+((4.28), (4.39)). ``eps_v`` is the velocity error (4.40), which is the value of the settled position line at the time of
+the step. The closed forms of the table are special cases of two integrals along the response, :func:`lag` and
+:func:`time_to`. The integrals apply to any structure and any velocity before the step.
 
 A model with constant parameters gives the same numbers for any size and sign of the input. If they differ,
-:func:`unevenness` reports how: by sign, by size, or in their scatter. Each test is at 5 %, which is a hint and not a
-proof.
+:func:`unevenness` reports whether they depend on sign or size, or scatter more for small inputs. Each test has a
+significance of 5 %, so a single result is a hint and not a proof.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.open_loop.steps import StepReading
-from gcs_autotune.identify.result import Doubt
 from gcs_autotune.slow_imports import scipy_stats
 
 __all__ = [
@@ -44,7 +44,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Drags = tuple[float, float]
-"""beta, beta_quadratic."""
+"""Linear and quadratic drag (beta, beta_quadratic)."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
@@ -62,7 +62,7 @@ def nonlinear_type_1(tau: float, k_ss: float, eps_v: float, eta_0: float = 0.0) 
 def linear_type_0(tau: float, K_ss: float, T_L: float) -> tuple[float, float]:
     """Return (alpha, beta) of a linear model from its measured velocity; (4.31), (4.32).
 
-    T_L : seconds to 63.2 % of the steady velocity, (4.33).
+    T_L : time to 63.2 % of the steady velocity [s], (4.33).
     """
     return T_L * tau / K_ss, tau / K_ss
 
@@ -70,13 +70,16 @@ def linear_type_0(tau: float, K_ss: float, T_L: float) -> tuple[float, float]:
 def nonlinear_type_0(tau: float, K_ss: float, T_N: float) -> tuple[float, float]:
     """Return (alpha, beta_quadratic) of a nonlinear model from its measured velocity; (4.36), (4.37).
 
-    T_N : seconds to tanh(1) = 76.2 % of the steady velocity, (4.38).
+    T_N : time to tanh(1) = 76.2 % of the steady velocity [s], (4.38).
     """
     return T_N * tau / K_ss, tau / (K_ss * abs(K_ss))
 
 
 def steady(drags: Drags, tau: float) -> float:
-    """Return the velocity at which drag balances *tau* (Delta included); (4.31) and (4.36) in one."""
+    """Return the velocity at which drag balances *tau* (including Delta).
+
+    It covers (4.31) and (4.36).
+    """
     beta, quadratic = drags
     if quadratic == 0.0:
         return tau / beta
@@ -86,22 +89,27 @@ def steady(drags: Drags, tau: float) -> float:
 
 
 def lag(alpha: float, drags: Drags, tau: float, nu_0: float) -> float:
-    """Return the position lost to the transient, eta_0 - eps_v = integral of (k_ss - nu) dt over the response.
+    """Return the position lost during the transient, ``eta_0 - eps_v``.
 
-    From rest: ``alpha*tau/beta^2`` for the linear model (4.44), ``sgn(tau)*alpha/beta_nn*ln 2`` for the nonlinear
-    one (4.48).
+    It is the integral of (k_ss - nu) dt over the response.
+
+    From rest: ``alpha*tau/beta^2`` for the linear model (4.44), ``sgn(tau)*alpha/beta_nn*ln 2`` for the nonlinear one
+    (4.48).
     """
     k = steady(drags, tau)
     return alpha * _along(drags, tau, nu_0, k, lambda nu: k - nu)
 
 
 def time_to(alpha: float, drags: Drags, tau: float, nu_0: float, level: float) -> float:
-    """Return the seconds from velocity *nu_0* to *level*, which lies before the steady one; (4.32), (4.37)."""
+    """Return the time [s] from velocity *nu_0* to *level*, which lies before the steady one; (4.32), (4.37)."""
     return alpha * _along(drags, tau, nu_0, level, np.ones_like)
 
 
 def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[[Array], Array]) -> float:
-    """Return the integral of weight(nu)/(tau - drag(nu)) from *nu_0* to *nu_1*, split where nu changes sign."""
+    """Return the integral of weight(nu)/(tau - drag(nu)) from *nu_0* to *nu_1*.
+
+    It is split where nu changes sign.
+    """
     borders = [nu_0, 0.0, nu_1] if nu_0 * nu_1 < 0.0 else [nu_0, nu_1]
     total = 0.0
     for a, b in itertools.pairwise(borders):
@@ -113,15 +121,15 @@ def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[
 
 
 SIGNIFICANCE = 0.05
-"""Probability of a false alarm of each test."""
+"""Probability of a false alarm in each test for parameters that differ between the steps."""
 
 FEWEST = 4
-"""Steps a side below which nothing is tested."""
+"""Smallest number of steps per sign of the input for which the tests are run."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepRow:
-    """One step through table 4.1: both drags, and the inertia of either structure (NaN where not readable)."""
+    """Result of table 4.1 for one step: both drags, and the inertia for either structure (NaN if not readable)."""
 
     tau: float
     k_ss: float
@@ -133,9 +141,9 @@ class StepRow:
 
 
 def row_from_table(tau: float, k_ss: float, lag: float) -> StepRow:
-    """Return the row of a step from rest whose velocity error is ``eps_v = eta_0 - lag``; Miskovic2010, table 4.1.
+    """Return the row of table 4.1 for a step from rest with the velocity error ``eps_v = eta_0 - lag``.
 
-    lag : of the sign of the motion, as eta_0 - eps_v comes out.
+    lag : eta_0 - eps_v, with the sign of the motion.
     """
     alpha, beta = linear_type_1(tau, k_ss, -lag)
     alpha_nonlinear, beta_quadratic = nonlinear_type_1(tau, k_ss, -lag)
@@ -143,7 +151,10 @@ def row_from_table(tau: float, k_ss: float, lag: float) -> StepRow:
 
 
 def row_of(reading: StepReading) -> StepRow | None:
-    """Return one reading through table 4.1; None when it did not start from rest or stands still."""
+    """Return the row of table 4.1 for one reading.
+
+    Return None if the step did not start from rest, or the craft did not move.
+    """
     k = reading.k_ss.value
     rest = abs(reading.nu_0.value) < max(0.02 * abs(k), 3.0 * reading.nu_0.std)
     if abs(k) < 3.0 * reading.k_ss.std or k == 0.0 or reading.tau == 0.0 or reading.steady_only or not rest:
@@ -160,11 +171,12 @@ def row_of(reading: StepReading) -> StepRow | None:
 
 @dataclass(frozen=True, slots=True)
 class Unevenness:
-    """One way in which ``parameter`` is not constant over the steps.
+    """One way in which ``parameter`` depends on the step.
 
-    ``kind``: ``sign`` (means of both signs differ), ``size+``/``size-`` (falls or rises with the input on that side),
-    ``small`` (the smallest third has another mean), ``small-scatter`` (it scatters more). ``effect`` is relative to the
-    mean: a difference, the change over the range of inputs, or the ratio of scatters less 1. ``p``: chance of it.
+    ``kind`` ``sign``: the means of both signs differ. ``size+``/``size-``: it changes with the size of the input of
+    that sign. ``small``: the smallest third of the inputs has another mean. ``small-scatter``: that third scatters
+    more. ``effect``, relative to the mean: a difference, the change over the range of inputs, or the ratio of scatters
+    less 1. ``p``: probability of a chance result.
     """
 
     parameter: str
@@ -174,7 +186,7 @@ class Unevenness:
 
 
 def unevenness(tau: Sequence[float], values: Sequence[float], parameter: str) -> tuple[Unevenness, ...]:
-    """Return every significant way in which *values* depend on the input *tau*; (n,) each."""
+    """Return every significant dependence of *values* on the input *tau*; (n,) each."""
     x, y = np.asarray(tau, dtype=float), np.asarray(values, dtype=float)
     good = np.isfinite(y) & (x != 0.0)
     x, y = x[good], y[good]
@@ -192,7 +204,10 @@ def unevenness(tau: Sequence[float], values: Sequence[float], parameter: str) ->
 
 
 def _signs(x: Array, y: Array, parameter: str, mean: float) -> Unevenness:
-    """Compare both signs: in pairs of the same size when the steps come in pairs, else by Welch's test."""
+    """Compare the means for both signs of the input.
+
+    Steps of equal size and opposite sign are compared in pairs. Without such pairs, Welch's test is used.
+    """
     order = np.argsort(np.abs(x), kind="stable")
     pairs = []
     for i, j in itertools.pairwise(order):
@@ -219,7 +234,7 @@ def _small(x: Array, y: Array, parameter: str, mean: float) -> list[Unevenness]:
 
 
 def unevenness_doubts(rows: Sequence[StepRow], structure: str) -> list[Doubt]:
-    """Return a doubt for every way in which the parameters of *structure* are not constant over the steps."""
+    """Return a doubt for each way in which the parameters of *structure* differ between the steps."""
     tau = [r.tau for r in rows]
     drag = [r.beta if structure == "linear" else r.beta_quadratic for r in rows]
     inertia = [r.alpha_linear if structure == "linear" else r.alpha_nonlinear for r in rows]

@@ -1,7 +1,7 @@
-"""Steps of the input and what each response shows: steady velocity, velocity error, time constant (Miskovic2010, 4.3).
+"""Read steady velocity, velocity error and time constant off every step response (Miskovic2010, 4.3).
 
-Every number comes from a line or a local polynomial fitted to the samples where its definition holds, so each has a
-standard error: the settled part for ``k_ss`` and ``eps_v``, the stretch before the step for where it started from.
+Every value comes from a line or a local polynomial, and therefore has a standard error. ``k_ss`` and ``eps_v`` are
+fitted to the settled part of the response. The start values are fitted to the samples before the step.
 """
 
 from __future__ import annotations
@@ -15,33 +15,37 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.axis.signals import first_names
 from gcs_autotune.identify.open_loop.readings import Hold, LocalFit, Reading, find_holds, local_fit
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 
 __all__ = ["SETTLED", "StepReading", "read_steps"]
 
 Array = NDArray[np.float64]
 
 SETTLED = 8.0
-"""Time constants after which the settled part begins when the hold is long enough: 0.03 % of the transient is left."""
+"""Number of time constants after which the settled part begins, if the hold is long enough. Then 0.03 % of the
+transient is left."""
 
 ENOUGH = 3.0
-"""Time constants of transient that must have passed before the settled part for it to be believed: 5 %."""
+"""Number of time constants that must pass before the settled part for it to be used. Then 5 % of the transient is left.
+"""
 
 LEAST = 6
-"""Fewest samples of a fit."""
+"""Smallest number of samples to which a line or a polynomial is fitted."""
 
 KNEE = 1.0 - math.exp(-1.0)
-"""Fraction of the change at which a measured velocity's time is read, (4.33)."""
+"""Fraction of the change of velocity at which its time is read, (4.33). The change is 63.2 % complete after one time
+constant."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepReading:
-    """One step: at ``t`` [s] the input went from ``before`` to ``tau``.
+    """Readings of one step, at which the input changed from ``before`` to ``tau`` at ``t`` [s].
 
-    ``k_ss`` steady velocity [rad/s or m/s]; ``lag`` = eta_0 - eps_v [rad or m] for a measured position; ``knee``
-    [s] the time to velocity ``level`` for a measured velocity (the one not measured has NaN); ``nu_0`` velocity at the
-    step; ``shared`` the covariance of k_ss and lag. ``steady_only``: where it started from is not in the record.
-    ``window``: seconds after the step between which ``k_ss`` and ``lag`` were read.
+    ``k_ss``: steady velocity [rad/s or m/s]. ``nu_0``: velocity at the step. ``lag``: eta_0 - eps_v [rad or m], for a
+    measured position. ``knee`` [s]: time to the velocity ``level``, for a measured velocity. Of the last two, the one
+    not measured is NaN. ``shared``: covariance of k_ss and lag. ``settled``: whether the transient was over.
+    ``steady_only``: whether only ``k_ss`` is known, because the record does not contain the start of the step.
+    ``window``: interval [s] after the step over which ``k_ss`` and ``lag`` were read.
     """
 
     run: str
@@ -60,17 +64,17 @@ class StepReading:
 
     @property
     def has_lag(self) -> bool:
-        """Whether the velocity error is known."""
+        """Whether the lag was read, which requires a measured position."""
         return math.isfinite(self.lag.value)
 
     @property
     def has_knee(self) -> bool:
-        """Whether the time constant is known."""
+        """Whether the time to the knee was read, which requires a measured velocity."""
         return math.isfinite(self.knee.value)
 
 
 def read_steps(records: Sequence[Segment]) -> tuple[StepReading, ...]:
-    """Return every hold of the input, long enough to be read, with what its response shows."""
+    """Return the readings of every interval of constant input that is long enough."""
     name = first_names(records)[0]
     return tuple(s for record in records for s in _of_record(record, name))
 
@@ -92,7 +96,10 @@ def _of_record(record: Segment, name: str) -> list[StepReading]:
 
 
 class _Reader:
-    """Reads one hold; ``tail`` is afterwards the fit of its last stretch, for the next step to start from."""
+    """Reader of one hold.
+
+    After :meth:`read`, ``tail`` is the fit of the last samples, from which the next step starts.
+    """
 
     def __init__(
         self,
@@ -138,7 +145,10 @@ class _Reader:
         )  # fmt: skip
 
     def _origin(self) -> tuple[Reading, Reading, bool]:
-        """Return velocity and position at the step from the stretch before it, and whether they are known."""
+        """Return velocity and position at the step, and whether they are known.
+
+        They are extrapolated from the stretch before the step.
+        """
         fit = self.previous[1] if self.previous is not None else None
         if fit is None:
             return Reading(0.0, math.nan, self.velocity_unit), Reading(float(self.y[0]), math.nan), False
@@ -154,7 +164,7 @@ class _Reader:
         return Reading(slope, slope_std, self.velocity_unit), Reading(value, std, self.position_unit), True
 
     def _settled_from(self, nu_0: float, eta_0: float, known: bool) -> tuple[float, bool, float]:
-        """Return where the settled part begins, whether the transient was over by then, and its time constant [s]."""
+        """Return the start of the settled part, whether the transient was over by then, and its time constant [s]."""
         end = float(self.t[-1])
         latest = end - 0.3 * (end - self.step)
         start = end - 0.4 * (end - self.step)
@@ -166,7 +176,7 @@ class _Reader:
         return start, start >= self.step + ENOUGH * constant, constant
 
     def _with_transient(self, fit: LocalFit, start: float, nu_0: float, constant: float) -> LocalFit:
-        """Return *fit* with what the rest of the transient may have done to it added to its covariance."""
+        """Return *fit*, with the possible effect of the remaining transient added to its covariance."""
         if not constant > 0.0:
             return fit
         t = self.t[self._first(start) :] - self.step
@@ -182,7 +192,10 @@ class _Reader:
         return replace(fit, covariance=fit.covariance + np.outer(change, change))
 
     def _time_constant(self, start: float, nu_0: float, eta_0: float, known: bool) -> float:
-        """Return how long the velocity takes for its change, as the area above the response over its height."""
+        """Return the time constant [s] of the velocity.
+
+        It is the area between the response and its steady value, divided by the change.
+        """
         fit = self._fit_from(start)
         k = float(fit.coefficients[1] if self.is_position else fit.coefficients[0])
         if not known:
@@ -195,7 +208,7 @@ class _Reader:
         return abs(area / (k - nu_0))
 
     def _first(self, start: float) -> int:
-        """Return the index of the first sample of the part that begins at *start* [s]."""
+        """Return the index of the first sample at or after *start* [s]."""
         return min(int(np.searchsorted(self.t, start)), len(self.t) - LEAST)
 
     def _fit_from(self, start: float) -> LocalFit:
@@ -204,12 +217,15 @@ class _Reader:
         return local_fit(self.t[first:], self.y[first:], self.step, degree, self.floor)
 
     def _bent_tail(self) -> LocalFit:
-        """Return the end of a response that has not settled: a polynomial of one degree more."""
+        """Return a fit of the end of an unsettled response, with a polynomial one degree higher."""
         first = max(len(self.t) - max(LEAST + 2, len(self.t) // 4), 0)
         return local_fit(self.t[first:], self.y[first:], self.hold.end, 2 if self.is_position else 1, self.floor)
 
     def _is_straight(self, start: float) -> bool:
-        """Whether the settled part is free of a bend larger than a settled transient leaves."""
+        """Return whether the settled part is straight.
+
+        A curvature that a settled transient would leave is allowed.
+        """
         first = self._first(start)
         t, y = self.t[first:], self.y[first:]
         degree = 2 if self.is_position else 1
@@ -220,7 +236,7 @@ class _Reader:
         return abs(change) < 3.0 * std or abs(change) < math.exp(-ENOUGH) * scale
 
     def _crossing(self, level: float, settled_from: float) -> Reading:
-        """Return the seconds from the step to velocity *level*, from a local line across it."""
+        """Return the time [s] from the step to the velocity *level*, from a local fit around the crossing."""
         rising = float(np.sign(self.y[-LEAST:].mean() - level)) or 1.0
         beyond = np.flatnonzero(rising * (self.y - level) > 0.0)
         if len(beyond) == 0 or beyond[0] == 0:

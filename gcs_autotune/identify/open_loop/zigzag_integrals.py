@@ -1,15 +1,17 @@
-"""K and T of a zig-zag by integration between its instants, Miskovic2010, eq. (4.51)-(4.53).
+"""Calculate K and T of a zig-zag by integration between its instants, Miskovic2010, eq. (4.51)-(4.53).
 
-The instants are extreme headings, crossings of one heading, and the start; at each, heading and yaw rate come from a
-local polynomial with their covariance. Between any two the model of yaw integrates to
-``alpha*(r_2 - r_1) + beta*(psi_2 - psi_1) + beta_nn*integral(|r|*r) = integral(N) + Delta*(t_2 - t_1)``; without the
-last terms that is (4.51). Between two extreme headings the yaw rates vanish and (4.52) gives the drag; between two
-crossings of one heading the headings cancel and (4.53) gives the inertia. Each of those is the sum of neighbouring
-rows here, which go from extreme to crossing to extreme: solved together they give also ``Delta`` (rudder bias, wind)
-and the nonlinear drag, which Miskovic2010 (4.4) names as what the plain procedure cannot do.
+The instants are extreme headings, crossings of one heading, and the start. Heading and yaw rate at each come from a
+local polynomial, with their covariance. Between any two instants the yaw model integrates to ``alpha*(r_2 - r_1) +
+beta*(psi_2 - psi_1) + beta_nn*integral(|r|*r) = integral(N) + Delta*(t_2 - t_1)``. Without ``beta_nn`` and ``Delta``
+this is (4.51).
 
-The rows are weighted by the noise of what is read at their ends (neighbours share an end). What they disagree by
-beyond that is put into every row as an error of the model (Paule1982).
+Between two extreme headings the yaw rates vanish, and (4.52) yields the drag. Between two crossings of one heading the
+headings cancel, and (4.53) yields the inertia. Here the rows go from extreme to crossing to extreme, so (4.52) and
+(4.53) are sums of neighbouring rows. Solving all rows together also yields ``Delta`` (rudder bias, wind) and the
+nonlinear drag. According to Miskovic2010 (4.4) the plain procedure cannot do this.
+
+The rows are weighted by the noise of the readings at their ends. Neighbouring rows share an end. Any further
+disagreement is added to every row as a model error (Paule1982).
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.open_loop.readings import local_fit, rate_of
 from gcs_autotune.identify.open_loop.ship_log import Execute, ShipLog, find_executes
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.trial import Channel
 
 __all__ = ["HalfPeriodValues", "Instant", "IntegralRows", "find_instants", "half_periods", "rows_of", "solve_rows"]
@@ -32,18 +34,22 @@ __all__ = ["HalfPeriodValues", "Instant", "IntegralRows", "find_instants", "half
 Array = NDArray[np.float64]
 
 WINDOW = 0.4
-"""Width of the local fits as a fraction of the half period."""
+"""Width of the windows for local polynomials, as a fraction of the half period."""
 
 DEGREE = 3
-"""Of the local polynomials. A parabola takes the bend of the heading for a lower rate: K 4 % off at seven samples."""
+"""Degree of the local polynomials. A parabola would mistake curvature of the heading for a lower rate. With seven
+samples K would be 4 % off."""
 
 LEAST = 8
-"""Fewest samples of a local fit."""
+"""Smallest number of samples to which a local polynomial is fitted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
-    """State at one instant: heading and yaw rate with their covariance (2, 2); ``kind`` start, extreme, crossing."""
+    """State at one instant: heading and yaw rate, with their covariance (2, 2).
+
+    ``kind``: start, extreme or crossing.
+    """
 
     t: float
     psi: float
@@ -53,7 +59,7 @@ class Instant:
 
 
 def find_instants(record: Segment, log: ShipLog, executes: Sequence[Execute]) -> tuple[Instant, ...]:
-    """Return start, extremes and crossings in order of time."""
+    """Return the start, the extremes and the crossings in order of time."""
     found: list[Instant] = []
     first = executes[0]
     if first.before == 0.0:
@@ -93,13 +99,13 @@ def find_instants(record: Segment, log: ShipLog, executes: Sequence[Execute]) ->
 
 
 def _middle(log: ShipLog, extremes: Sequence[float]) -> float:
-    """Return the heading midway between the extremes of both sides."""
+    """Return the heading midway between the mean extremes of both sides."""
     peaks = np.interp(extremes, log.t, log.psi)
     return 0.5 * float(np.mean(peaks[0::2]) + np.mean(peaks[1::2])) if len(peaks) > 1 else 0.0
 
 
 def _crossing(t: Array, psi: Array, level: float) -> float | None:
-    """Return when a heading passes *level*, on the straight line between two samples; None if it does not."""
+    """Return the time at which a heading passes *level*, by linear interpolation; None if it does not."""
     passed = np.flatnonzero((psi[:-1] - level) * (psi[1:] - level) <= 0.0)
     if len(passed) == 0:
         return None
@@ -109,7 +115,7 @@ def _crossing(t: Array, psi: Array, level: float) -> float | None:
 
 
 def _peak(record: Segment, at: float, within: tuple[float, float], width: float) -> float:
-    """Return when the yaw rate vanishes near *at*, from the local polynomial about it."""
+    """Return the time near *at* at which the yaw rate is zero, from a local polynomial."""
     assert record.position is not None
     t, psi = record.position.t, record.position.values
     keep = (t >= max(within[0], at - 0.5 * width)) & (t <= min(within[1], at + 0.5 * width))
@@ -122,13 +128,13 @@ def _peak(record: Segment, at: float, within: tuple[float, float], width: float)
 
 
 def _turning(log: ShipLog, before: float, t: float) -> float:
-    """Return +1 when the heading was growing just before *t*, else -1."""
+    """Return +1 if the heading increased just before *t*, else -1."""
     then = np.interp([t - 0.2 * (t - before), t], log.t, log.psi)
     return math.copysign(1.0, float(then[1] - then[0]))
 
 
 def _start(record: Segment, log: ShipLog, first: Execute) -> Instant | None:
-    """Return the state when the first order was given, from a line through the approach."""
+    """Return the state at the first order, from a line through the approach."""
     assert record.position is not None
     t, psi = log.heading(-np.inf, first.t)
     if len(t) < LEAST:
@@ -140,7 +146,10 @@ def _start(record: Segment, log: ShipLog, first: Execute) -> Instant | None:
 
 
 def _instant(record: Segment, at: float, within: tuple[float, float], width: float, kind: str) -> Instant | None:
-    """Return heading and rate about *at* from a local cubic, the rate from its own sensor when that is surer."""
+    """Return heading and rate at the time *at*, from a local cubic.
+
+    The rate comes from its own sensor if that is more accurate.
+    """
     assert record.position is not None
     low, high = max(within[0], at - 0.5 * width), min(within[1], at + 0.5 * width)
     s = record.position
@@ -163,16 +172,16 @@ def _instant(record: Segment, at: float, within: tuple[float, float], width: flo
 
 
 RATE_WINDOW = 0.3
-"""Width of the slopes under the integral of |r| r, as a fraction of the time from extreme to crossing. Wider ones
-flatten the corners of r: with 0.6 the nonlinear drag comes out a sixth too small."""
+"""Width of the windows for the slopes in the integral of |r| r, as a fraction of the time from extreme to crossing.
+Wider windows flatten the corners of r. With 0.6 the nonlinear drag is a sixth too small."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntegralRows:
-    """The integrated equations of one run.
+    """Integrated equations of one run.
 
-    ``table`` (m, 4) holds the differences of r and psi, the integral of |r| r, and minus the time; ``impulse`` (m,)
-    the integral of the input; ``ends`` (m + 1, 2, 2) the covariance of (r, psi) at the instants; ``instants`` those.
+    ``table`` (m, 4): differences of r and of psi, integral of |r| r, and minus the time. ``impulse`` (m,): integral of
+    the input. ``ends`` (m + 1, 2, 2): covariance of (r, psi) at the ``instants``.
     """
 
     table: Array
@@ -183,7 +192,10 @@ class IntegralRows:
 
 @dataclass(frozen=True, slots=True)
 class HalfPeriodValues:
-    """Drag by (4.52) from one pair of extremes and inertia by (4.53) from one pair of crossings; NaN if neither."""
+    """Result of one half period: drag by (4.52) from two extremes, or inertia by (4.53) from two crossings.
+
+    The other value is NaN. ``t`` [s]: middle of the half period.
+    """
 
     t: float
     alpha: float
@@ -225,7 +237,7 @@ def rows_of(record: Segment, delay: float = 0.0) -> IntegralRows | None:
 
 
 def _impulse(t_in: Array, tau: Array, when: Array) -> Array:
-    """Return the integral of the held input from its first stamp to each instant."""
+    """Return the integral of the held input from its first stamp to each time in *when*."""
     total = np.concatenate([[0.0], np.cumsum(np.diff(t_in) * tau[:-1])])
     i = np.maximum(np.searchsorted(t_in, when, side="right") - 1, 0)
     result: Array = total[i] + (when - t_in[i]) * tau[i]
@@ -233,7 +245,10 @@ def _impulse(t_in: Array, tau: Array, when: Array) -> Array:
 
 
 def _rate_power(record: Segment, when: Array) -> Array:
-    """Return the integral of |r| r to each instant, r from its sensor or from the heading's local slope."""
+    """Return the integral of |r| r up to each time in *when*.
+
+    r comes from its sensor, or from the local slope of the heading.
+    """
     if record.velocity is not None:
         t, r = record.velocity.t, record.velocity.values
     else:
@@ -247,7 +262,10 @@ def _rate_power(record: Segment, when: Array) -> Array:
 
 
 def half_periods(rows: IntegralRows) -> tuple[HalfPeriodValues, ...]:
-    """Return (4.52) and (4.53) as printed: linear, no bias, one value each per half period."""
+    """Return the results of (4.52) and (4.53) as printed, one per half period.
+
+    They assume linear drag and no bias.
+    """
     found = []
     whole = np.concatenate([[0.0], np.cumsum(rows.impulse)])
     for kind in ("extreme", "crossing"):
@@ -265,7 +283,7 @@ def solve_rows(every: Sequence[IntegralRows], free: Sequence[bool]) -> tuple[Arr
 
     Returns
     -------
-    theta (4,), covariance (4, 4), the model's error per row [impulse] that the rows ask for, and the sum of squared
+    theta (4,), covariance (4, 4), the model error per row [impulse] that explains the residuals, and the sum of squared
     weighted residuals without it.
     """
     columns = np.flatnonzero(free)
@@ -286,7 +304,10 @@ def solve_rows(every: Sequence[IntegralRows], free: Sequence[bool]) -> tuple[Arr
 
 
 def _noise(every: Sequence[IntegralRows], theta: Array) -> Array:
-    """Return the covariance of the rows' errors (block per run): noise of the readings at shared ends."""
+    """Return the covariance of the errors of the rows, one block per run.
+
+    It follows from the noise of the readings, which neighbouring rows share.
+    """
     sizes = [len(rows.impulse) for rows in every]
     noise = np.zeros((sum(sizes), sum(sizes)))
     first = 0
@@ -310,7 +331,10 @@ def _solved(A: Array, b: Array, noise: Array, extra: float) -> tuple[Array, Arra
 
 
 def _model_error(A: Array, b: Array, noise: Array, parameters: int) -> float:
-    """Return the variance that makes the weighted misfit what chance would make it, 0 when it is already less."""
+    """Return the variance of the model error at which the weighted misfit has its expected value.
+
+    It is 0 if the misfit is smaller already.
+    """
     spare = len(b) - parameters
     if spare <= 0 or _solved(A, b, noise, 0.0)[2] <= spare:
         return 0.0

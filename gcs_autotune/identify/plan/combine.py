@@ -1,16 +1,17 @@
 """Combine and compare the steps' estimates of shared parameters, then fit all steps at once.
 
 Erunsal2017 (3.4) takes the plain mean of a shared parameter's estimates. Here each estimate is weighted by its
-information: with covariances ``P_i`` the combination is ``(sum P_i^-1)^-1 sum P_i^-1 theta_i``. This weighting has the
-smallest error, and it uses the correlations between estimates. An uncertain estimate no longer spoils the mean.
+information. With covariances ``P_i`` the combination is ``(sum P_i^-1)^-1 sum P_i^-1 theta_i``. This weighting has the
+smallest error, and it uses the correlations between estimates. An uncertain estimate therefore has little influence.
 
 In the joint fit every step keeps its own equations and runs, but all share one vector of parameters. Parameters that a
-step held are free, so their uncertainty reaches the other parameters. The covariance is that of all runs together. The
-fit starts at the steps' estimates, with the noise of each signal from its step.
+step held fixed are free in the joint fit. Their uncertainty therefore adds to that of the other parameters. The
+covariance is that of all runs together. The fit starts at the steps' estimates, with the noise of each signal from its
+step.
 
 If residuals are coloured (gusts, a noisy input, a missing effect), a sample contains less information than with white
-noise. Each signal of each step then has its low-frequency noise: its standard deviation times the root of
-``1 + 2 sum rho_k``. The covariance is that of the weighted fit with equally coloured residuals.
+noise. The joint fit then uses the low-frequency noise of each signal in each step. This is the standard deviation times
+the root of ``1 + 2 sum rho_k``. The covariance is that of the weighted fit with equally coloured residuals.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.least_squares import Local, descend, inverse_of
-from gcs_autotune.identify.likelihood import Limits, Objective
-from gcs_autotune.identify.noise import NoiseModel, gaussian_noise
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.whiteness import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.noise import NoiseModel, gaussian_noise
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import SIGNIFICANCE, autocorrelation, scores_covariance, whiteness
 from gcs_autotune.models import Form
 
 __all__ = ["Agreement", "Joint", "Part", "StepEstimate", "agreements", "combined", "fit_jointly"]
@@ -39,7 +40,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepEstimate:
-    """Estimate of one step: values (k,) of ``names`` and their covariance (k, k), positive definite."""
+    """Estimate of one step: ``values`` (k,) of the parameters ``names``, with a positive definite covariance (k, k)."""
 
     step: str
     names: tuple[str, ...]
@@ -49,10 +50,11 @@ class StepEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Agreement of the steps on one shared parameter.
+    """Comparison of the steps' estimates of one shared parameter.
 
-    ``values`` and ``stds``: by step. ``combined``: their information-weighted mean. ``mean``: the plain mean of
-    Erunsal2017. ``probability``: that estimates this far apart come from one value (chi-square).
+    ``values``, ``stds``: by step. ``combined``, ``std``: their information-weighted mean and its standard error.
+    ``mean``: the plain mean of Erunsal2017. ``probability``: that one true value leads to estimates this far apart
+    (chi-square).
     """
 
     name: str
@@ -66,7 +68,7 @@ class Agreement:
 
 
 def combined(estimates: Sequence[StepEstimate]) -> tuple[tuple[str, ...], Array, Array]:
-    """Return all names, the combined values and their covariance."""
+    """Return the names of all parameters, their combined values, and the covariance."""
     names = tuple(dict.fromkeys(n for e in estimates for n in e.names))
     information, weighted = np.zeros((len(names),) * 2), np.zeros(len(names))
     for e in estimates:
@@ -79,7 +81,7 @@ def combined(estimates: Sequence[StepEstimate]) -> tuple[tuple[str, ...], Array,
 
 
 def agreements(estimates: Sequence[StepEstimate]) -> tuple[Agreement, ...]:
-    """Return one row per parameter that several steps estimated."""
+    """Return one comparison for each parameter that several steps estimated."""
     rows = []
     for name in dict.fromkeys(n for e in estimates for n in e.names):
         own = [e for e in estimates if name in e.names]
@@ -107,9 +109,9 @@ def agreements(estimates: Sequence[StepEstimate]) -> tuple[Agreement, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """One step in the joint fit: its form with all identified parameters free, and their names.
+    """One step in the joint fit, with all identified parameters of its form free.
 
-    ``names`` (f,): the joint names of ``form.free``. ``noise``: standard deviation per signal.
+    ``names`` (f,): names in the joint fit of the parameters ``form.free``. ``noise``: standard deviation per signal.
     """
 
     form: Form
@@ -120,7 +122,11 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """Values (k,) of ``names``, covariance (k, k), misfit per sample (1 if the noise is that of the steps)."""
+    """Result of the joint fit.
+
+    ``values`` (k,), ``covariance`` (k, k): of the parameters ``names``. ``misfit``: per sample, 1 if the noise equals
+    that of the steps.
+    """
 
     names: tuple[str, ...]
     values: Array
@@ -137,7 +143,10 @@ class _Place:
 
 
 def fit_jointly(parts: Sequence[Part], start: Mapping[str, float]) -> Joint | None:
-    """Minimise the sum of all parts' misfits from *start* (joint name -> value); return None if that start diverges."""
+    """Return the joint fit of all parts, or None if the start diverges.
+
+    start : name in the joint fit -> start value.
+    """
     names = tuple(dict.fromkeys(n for part in parts for n in part.names))
     places, x = _placed(parts, names, start)
     k = len(names)
@@ -169,7 +178,7 @@ def _local(places: Sequence[_Place], vector: Array) -> Local | None:
 
 
 def _slow_laws(place: _Place, x: Array) -> dict[str, NoiseModel]:
-    """Return the noise laws of one part with the noise at low frequency in place of the standard deviation."""
+    """Return the noise models of one part, with the level of the low-frequency noise."""
     residuals = place.objective.residuals(x[place.columns]) or ()
     levels = {}
     for name, law in place.laws.items():
@@ -182,7 +191,7 @@ def _slow_laws(place: _Place, x: Array) -> dict[str, NoiseModel]:
 
 
 def _correlated_length(error: Array) -> float:
-    """Return how many samples of *error* are equivalent to one of white noise, 1 if it is white."""
+    """Return the number of samples of *error* that equal one sample of white noise, 1 if it is white."""
     if whiteness(error) > SIGNIFICANCE:
         return 1.0
     reach = min(2 * int(np.sqrt(len(error))), len(error) - 1)
@@ -191,7 +200,7 @@ def _correlated_length(error: Array) -> float:
 
 
 def _covariance(places: Sequence[_Place], x: Array, k: int) -> Array:
-    """Return the covariance (k, k) of the parameters: of the weights, raised where residuals are coloured."""
+    """Return the covariance (k, k) of the parameters, raised where residuals are coloured."""
     here = _local(places, x)
     assert here is not None
     whole = inverse_of(here.curvature)
@@ -208,7 +217,7 @@ def _covariance(places: Sequence[_Place], x: Array, k: int) -> Array:
 
 
 def _placed(parts: Sequence[Part], names: Sequence[str], start: Mapping[str, float]) -> tuple[list[_Place], Array]:
-    """Return every part's objective with its columns of the joint vector, and that vector at the start."""
+    """Return the objective of every part with its columns in the joint vector, and the start of that vector."""
     places, used, states = [], len(names), []
     for part in parts:
         form = part.form

@@ -1,24 +1,26 @@
-"""A plan: which manoeuvre identifies which parameters, in which order (Erunsal2017, section 3 and figure 3).
+"""Read plans, which define the manoeuvres that identify parameters and their order.
+
+The approach is that of Erunsal2017, section 3 and figure 3.
 
 A plan is a TOML file::
 
     name = "usv_6dof"
     title = "..."
-    [known]                       # of the craft: measured ashore or from its lines, SI units
+    [known]                       # constants of the craft, measured ashore or from the lines plan, SI units
     m = 11.0
     [[step]]
     name = "roll decay"
-    manoeuvre = "roll_decay"      # runs whose side file says so, or one of a list; or runs = ["roll_*"], by name
+    manoeuvre = "roll_decay"      # runs with this manoeuvre in their side file, or a list; or runs = ["roll_*"]
     dofs = ["sway", "roll", "yaw"]
-    isolated = ["K_p", "K_pp"]    # act in this motion only: final after this step
-    shared = ["I_x", "I_xz"]      # act in others too: passed on, and combined at the end
-    held = ["I_z", "N_r"]         # act here, but an earlier step knows them (or [known], [start])
-    local = ["K_0"]               # this step's own nuisance, passed to nobody
+    isolated = ["K_p", "K_pp"]    # parameters that act in this step only: final after it
+    shared = ["I_x", "I_xz"]      # parameters that act in other steps too: combined at the end
+    held = ["I_z", "N_r"]         # parameters fixed at the value of an earlier step, [known] or [start]
+    local = ["K_0"]               # nuisance parameters of this step, not used by others
     signals = ["phi", "p", "r"]
-    validate = 1                  # the last so many runs are kept from the fit for local validation
+    validate = 1                  # number of last runs kept out of the fit for local validation
     [step.inputs.N]
     N = 1
-    [final]                       # all parameters together, on runs nothing was fitted to
+    [final]                       # all parameters together, validated on runs that were not fitted
     manoeuvre = "free_motion"
     dofs = [...]
 """
@@ -47,7 +49,7 @@ __all__ = ["PLANS", "Final", "Plan", "PlanStep", "load_plan", "plan_from"]
 
 
 class _Motion(Struct, forbid_unknown_fields=True, frozen=True):
-    """Common part of a step and the final model."""
+    """Fields common to a step and the final model in a plan file."""
 
     dofs: list[Dof]
     manoeuvre: str | list[Name] = ""
@@ -58,7 +60,7 @@ class _Motion(Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class _StepData(_Motion, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A ``[[step]]``."""
+    """Table ``[[step]]`` of a plan file."""
 
     name: Name
     title: str = ""
@@ -74,7 +76,7 @@ class _StepData(_Motion, forbid_unknown_fields=True, frozen=True, kw_only=True):
 
 
 class _PlanData(Struct, forbid_unknown_fields=True, frozen=True):
-    """A plan file."""
+    """Contents of a plan file."""
 
     name: Name
     step: list[_StepData]
@@ -86,10 +88,10 @@ class _PlanData(Struct, forbid_unknown_fields=True, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Selection of runs: those of a manoeuvre (``meta["manoeuvre"]``), or those whose names match a pattern.
+    """Selection of runs by manoeuvre (``meta["manoeuvre"]``) or by patterns of their names.
 
-    Manoeuvres have the names of ``fly``, or any other. Capitals, hyphens and underscores do not count. A run whose
-    ``meta["dof"]`` is none of ``dofs`` is not selected.
+    Manoeuvres have the names used by ``fly``, or any other. Case, hyphens and underscores are ignored. A run whose
+    ``meta["dof"]`` is not in ``dofs`` is not selected.
     """
 
     manoeuvres: tuple[str, ...] = ()
@@ -97,7 +99,7 @@ class Chosen:
     dofs: tuple[str, ...] = ()
 
     def of(self, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-        """Return the selected trials in the order given."""
+        """Return the selected trials in their original order."""
         return tuple(t for t in trials if self._means(t))
 
     def _means(self, trial: Trial) -> bool:
@@ -115,9 +117,11 @@ class Chosen:
 
 @dataclass(frozen=True, slots=True)
 class PlanStep:
-    """One kind of experiment and what it identifies; ``form.free`` = isolated, shared and local ones, in this order.
+    """One kind of experiment and the parameters it identifies.
 
-    ``held``: parameters of earlier steps that act here; ``validate``: runs kept for local validation; ``delay`` [s].
+    ``isolated``, ``shared``, ``local``: the free parameters of ``form``, in this order. ``held``: parameters that an
+    earlier step identified and this step keeps fixed. ``validate``: number of runs kept for local validation.
+    ``delay``: [s].
     """
 
     name: str
@@ -133,13 +137,16 @@ class PlanStep:
     delay: float = 0.0
 
     def global_name(self, name: str) -> str:
-        """Return the name a parameter goes by among all steps: local ones carry the step's."""
+        """Return the name of a parameter among all steps.
+
+        Names of local parameters are prefixed with the name of the step.
+        """
         return f"{self.name}: {name}" if name in self.local else name
 
 
 @dataclass(frozen=True, slots=True)
 class Final:
-    """The whole model and the runs it is validated on."""
+    """The final model with all parameters, and the runs for its validation."""
 
     chosen: Chosen
     form: Form
@@ -148,7 +155,10 @@ class Final:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Steps in their order. ``known``: constants of the craft; ``start``: a-priori values, by name, SI units."""
+    """A plan with its steps in order.
+
+    ``known``: constants of the craft. ``start``: a-priori values. Both are by name, in SI units.
+    """
 
     name: str
     title: str
@@ -160,23 +170,23 @@ class Plan:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """What the plan identifies, local nuisances left out, in the order of first appearance."""
+        """Parameters that the plan identifies, without local ones, in the order of first appearance."""
         return tuple(dict.fromkeys(n for s in self.steps for n in (*s.isolated, *s.shared)))
 
     def knowing(self, values: Mapping[str, float]) -> Plan:
-        """Return the plan for a craft with other constants (``m``, ``K_phi`` ...)."""
+        """Return the plan with other constants of the craft (``m``, ``K_phi`` ...)."""
         return plan_from({**self.data, "known": {**self.known, **values}}, f"plan '{self.name}'")
 
 
 def load_plan(path: Path | str) -> Plan:
-    """Return a shipped plan by its name, or read one from a TOML file.
+    """Return a plan: a shipped one by its name, or one from a TOML file.
 
     Raises
     ------
     BadFile
-        Not readable, not TOML, or not a plan; the message says which step and why.
+        The file cannot be read, is not TOML, or is not a plan. The message states the step and the reason.
     UnknownName
-        No shipped plan of that name.
+        There is no shipped plan of this name.
     """
     place = Path(path)
     if place.suffix != ".toml":
@@ -185,7 +195,10 @@ def load_plan(path: Path | str) -> Plan:
 
 
 def plan_from(data: Mapping[str, Any], origin: str) -> Plan:
-    """Build a plan from plain data; errors as those of :func:`load_plan`."""
+    """Return the plan defined by *data*, the contents of a plan file.
+
+    Errors are those of :func:`load_plan`.
+    """
     told = conformed(data, _PlanData, origin)
     steps = tuple(_step(step, told, origin) for step in told.step)
     final = None if told.final is None else _final(told.final, steps, told.known, origin)
@@ -254,7 +267,7 @@ def _final(told: _Motion, steps: Sequence[PlanStep], known: Mapping[str, float],
 
 
 def _check_order(plan: Plan, origin: str) -> None:
-    """Every held parameter must be known by then; an isolated one may be identified nowhere else."""
+    """Raise BadFile for a held parameter that is not yet known, or an isolated one that another step identifies."""
     names = [s.name for s in plan.steps]
     if not names or len(set(names)) < len(names):
         raise BadFile(f"{origin}: a plan needs steps, each with a name of its own")
@@ -283,4 +296,4 @@ def _shipped() -> dict[str, Plan]:
 
 
 PLANS: Mapping[str, Plan] = _shipped()
-"""Name -> plan shipped with this package; adding one is one file in ``plans/``."""
+"""Name -> plan shipped with this package. To add one, add a file to ``plans/``."""

@@ -1,4 +1,7 @@
-"""Run a plan: step after step, passing on shared parameters, then validation, joint fit and doubts."""
+"""Run a plan: fit its steps in order, validate them, fit all runs together, and collect doubts.
+
+Each step passes the shared parameters on to the later ones.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,12 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.api import fit
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import Validation, validate
 from gcs_autotune.identify.plan.combine import Agreement, Joint, Part, StepEstimate, agreements, combined, fit_jointly
 from gcs_autotune.identify.plan.plan import Final, Plan, PlanStep
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.result import Doubt, Fit, Model, Parameter
+from gcs_autotune.identify.result import Fit, Model, Parameter
+from gcs_autotune.identify.signals.preparation import prepare_form
 from gcs_autotune.models import CoupledModel, Form, unit_of
 from gcs_autotune.rounding import format_value
 from gcs_autotune.trial import Trial
@@ -26,7 +30,10 @@ __all__ = ["PlanResult", "StepResult", "plan_doubts", "run_plan"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepResult:
-    """One step done. ``unseen``: the validation ran on runs kept from the fit, not on one of its own."""
+    """Result of one step.
+
+    ``unseen``: whether the validation used runs that were kept out of the fit.
+    """
 
     step: PlanStep
     fit: Fit[Model]
@@ -34,7 +41,7 @@ class StepResult:
     unseen: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the result as data for JSON."""
         return {
             "name": self.step.name,
             "isolated": list(self.step.isolated),
@@ -50,9 +57,10 @@ class StepResult:
 class PlanResult:
     """Result of a plan.
 
-    ``parameters``: after the joint fit of all runs; ``covariance`` (k, k) in their order. ``combined``: before it, from
-    the steps' estimates weighted by information. ``agreements``: per shared parameter. ``model``: the final form with
-    the values; ``final``: its free run on runs that were not fitted. ``skipped``: steps without runs.
+    ``parameters``: after the joint fit of all runs. ``covariance`` (k, k): in their order. ``combined``: values before
+    the joint fit, from the steps' estimates weighted by information. ``agreements``: comparison of the steps per shared
+    parameter. ``model``: final form with the values. ``final``: its free run on runs that were not fitted. ``skipped``:
+    steps without runs.
     """
 
     plan: Plan
@@ -67,7 +75,7 @@ class PlanResult:
     doubts: tuple[Doubt, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return the result as data for JSON."""
         return {
             "schema": 1,
             "plan": self.plan.name,
@@ -102,10 +110,10 @@ SURE = 1e-3
 """Probability of a false alarm, over all shared parameters, below which steps are reported to disagree."""
 
 TOGETHER = 0.98
-"""Correlation from which two parameters are reported as correlated."""
+"""Correlation above which two parameters are reported as correlated."""
 
 MISFIT = 1.3
-"""Misfit of the joint fit per sample above which the steps' equations do not fit together."""
+"""Misfit per sample of the joint fit above which the steps' equations are reported as contradictory."""
 
 
 def plan_doubts(
@@ -119,7 +127,10 @@ def plan_doubts(
     final: Validation | None,
     unused: Sequence[str] = (),
 ) -> tuple[Doubt, ...]:
-    """Return the doubts about the whole plan; those about a step are in its fit. *unused*: runs of no step."""
+    """Return the doubts about the whole plan. Doubts about a step are in its fit.
+
+    unused : names of runs that belong to no step.
+    """
     found: list[Doubt] = []
     if unused:
         chosen = [*(s.chosen for s in plan.steps), *([] if plan.final is None else [plan.final.chosen])]
@@ -208,15 +219,16 @@ def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Do
 def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     """Identify all parameters of the plan from *trials*.
 
-    Each step starts from the earlier steps' estimates, combined by information. Held parameters have these values. Then
-    all steps' runs are fitted at once, and the whole model is simulated on the final runs.
+    Each step starts at the earlier steps' estimates, combined by information. Held parameters are fixed at these
+    values. Then all steps' runs are fitted at once, and the whole model is simulated on the final runs.
 
     Raises
     ------
     NotInformative
-        No run for any step, or a held parameter whose step had no runs and which has no a-priori value.
+        There is no run for any step, or a held parameter has no value. It has none if its step had no runs and the plan
+        contains no a-priori value.
     MissingChannel, BadFile
-        A step's run lacks what its form needs.
+        A run of a step lacks a channel that its form needs.
     """
     done: list[StepResult] = []
     used: list[tuple[PlanStep, tuple[Trial, ...]]] = []
@@ -268,7 +280,7 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
 
 
 def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple[StepResult, tuple[Trial, ...]]:
-    """Fit and validate one step; return the runs fitted too."""
+    """Return the fit and validation of one step, and the runs it fitted."""
     lost = [n for n in step.held if n not in values and n not in step.form.start]
     if lost:
         raise NotInformative(
@@ -290,14 +302,17 @@ def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> t
 
 
 def _only_signals(trial: Trial, form: Form, signals: Sequence[str]) -> Trial:
-    """Return the run with the form's inputs and the chosen signals only."""
+    """Return the run with only the form's inputs and the chosen signals."""
     if not signals:
         return trial
     return replace(trial, channels={n: c for n, c in trial.channels.items() if n in form.inputs or n in signals})
 
 
 def _estimate(step: PlanStep, found: Fit[Model]) -> StepEstimate | None:
-    """Return a fit's estimate of the parameters that other steps may use, without those at a bound or unobservable."""
+    """Return the estimates of a fit that other steps may use.
+
+    Parameters at a bound and unobservable ones are left out.
+    """
     order = list(found.parameters)
     names = tuple(
         n
@@ -314,7 +329,10 @@ def _estimate(step: PlanStep, found: Fit[Model]) -> StepEstimate | None:
 def _part(
     step: PlanStep, runs: Sequence[Trial], found: Fit[Model], values: Mapping[str, float], seen: Collection[str]
 ) -> Part:
-    """Return a step for the joint fit: what it held is free if a step that was done identifies it (*seen*)."""
+    """Return a step for the joint fit.
+
+    Parameters that it held are free if a completed step identified them (*seen*).
+    """
     known = {n: values.get(n, step.form.start.get(n, math.nan)) for n in step.held if n not in seen}
     form = step.form.fixing(known)
     form = form if step.delay == 0.0 else form.fixing({"delay": step.delay})
@@ -329,7 +347,10 @@ def _parameters(
     joint: Joint | None,
     estimates: Sequence[StepEstimate],
 ) -> tuple[dict[str, Parameter], Array]:
-    """Return the identified parameters: of the joint fit, or combined from the steps when that failed."""
+    """Return the identified parameters and their covariance, from the joint fit.
+
+    If that failed, they are combined from the steps.
+    """
     if joint is not None:
         order, best, full = joint.names, joint.values, joint.covariance
     else:
@@ -347,7 +368,7 @@ def _parameters(
 def _finally(
     final: Final | None, parameters: Mapping[str, Parameter], trials: Sequence[Trial]
 ) -> tuple[CoupledModel | None, Validation | None]:
-    """Return the whole model, and its free run on the final runs."""
+    """Return the final model, and its free run on the final runs."""
     if final is None:
         return None, None
     missing = [n for n in final.form.free if n not in parameters]

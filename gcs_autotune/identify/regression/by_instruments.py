@@ -1,9 +1,9 @@
 """The method ``instrumental-variables``: least squares without its noise bias.
 
-Least squares is biased because its regressors contain the noise of the equations' errors. Instruments are noise-free
-regressors: those of the motion simulated with the last estimate (refined instrumental variables, Young2011). They are
-updated until nothing changes. Smoothing and sampling affect the simulated equations in the same way, so their
-contribution is subtracted from the errors.
+Least squares is biased because its regressors contain the noise of the equations' errors. Instruments are regressors
+without this noise. They come from the motion simulated with the last estimate (refined instrumental variables,
+Young2011). They are updated until the estimate settles. Smoothing and sampling cause the same errors in the simulated
+equations, and these are subtracted.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
@@ -30,10 +31,10 @@ from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import Recipe, recipe_of
 from gcs_autotune.identify.regression.solver import Estimate, information
 from gcs_autotune.identify.regression.spread import NoiseDraw, excess_doubt, raised
-from gcs_autotune.identify.result import Doubt, Fit
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
-from gcs_autotune.identify.whiteness import scores_covariance
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import scores_covariance
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["METHOD", "OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
@@ -41,21 +42,24 @@ __all__ = ["METHOD", "OPTIONS", "fit_axis_by_instruments", "fit_by_instruments"]
 Array = NDArray[np.float64]
 
 OPTIONS = RECIPE_OPTIONS
-"""Options of ``fit`` read by this method."""
+"""Options of ``fit`` that this method reads, with a line of help each."""
 
 ROUNDS = 25
-"""Most simulations of all runs; five to eight suffice."""
+"""Maximum number of rounds, each of which simulates all runs. Five to eight suffice."""
 
 SETTLED = 0.01
-"""Step, in standard errors, at which the estimate is settled."""
+"""Largest step, in standard errors, at which the estimate counts as settled."""
 
 HALVINGS = 8
-"""How often a step is halved when the model it leads to cannot be simulated."""
+"""Maximum number of attempts with half the step, if a model cannot be simulated."""
 
 
 @on_settled_stamps
 def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by refined instrumental variables, from least squares; errors as there."""
+    """Fit *case* by refined instrumental variables, starting from least squares.
+
+    Errors are those of :func:`.fit_by_least_squares`.
+    """
     recipe, motions, first, draws = recipe_of(case, robust=case.robust)
     doubts: list[Doubt] = []
     try:
@@ -97,14 +101,17 @@ def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Instruments:
-    """Errors (n, k) and Jacobian (n, k, f) of the equations on the simulated motion."""
+    """Errors (n, k) and Jacobian (n, k, f) of the equations for the simulated motion."""
 
     errors: Array
     jacobian: Array
 
 
 def _simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> _Instruments:
-    """Return the instruments of *theta*; NotInformative when a run cannot be simulated."""
+    """Return the instruments for the parameters *theta*.
+
+    Raise NotInformative if a run cannot be simulated.
+    """
     found = recipe.equations(as_simulated(recipe, records, theta)).errors(theta)
     if found is None:
         raise NotInformative(f"the inertia of '{recipe.form.name}' became singular")
@@ -144,7 +151,10 @@ def _refined(
 
 
 def _moved(recipe: Recipe, records: Sequence[Segment], theta: Array, step: Array) -> tuple[Array, _Instruments]:
-    """Take the longest of *step*, half of it ... whose model can be simulated."""
+    """Return *theta* moved by *step*, and the instruments there.
+
+    The step is halved until the model can be simulated.
+    """
     for halving in range(HALVINGS):
         there = theta.copy()
         there[: len(step)] += step * 0.5**halving
@@ -157,14 +167,14 @@ def _moved(recipe: Recipe, records: Sequence[Segment], theta: Array, step: Array
 
 
 def _inverse(A: Array) -> Array:
-    """Return the inverse of a square matrix, scaled against bad units."""
+    """Return the inverse of a square matrix, scaled against badly chosen units."""
     scale = np.sqrt(np.maximum(np.abs(np.diag(A)), math.sqrt(1e-300)))
     inverse: Array = np.linalg.pinv(A / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
     return inverse
 
 
 fit_axis_by_instruments = for_axis(lambda case: refusing_runaways(fit_by_instruments(case)))
-"""Instrumental variables for one degree of freedom."""
+"""Fit one degree of freedom by instrumental variables."""
 
 
 METHOD = Method(

@@ -1,10 +1,13 @@
 """The method ``least-squares``: linear regression of the equations of motion, for any form.
 
-Asked to be physical, M and D(nu) stay positive definite by a logarithmic barrier. Both are linear in the parameters, so
-the sets where they are positive definite are convex and ``-log det`` is their self-concordant barrier (Nesterov1994).
-With its weight lowered step by step the minimum goes to that of the constrained problem; see docs/decisions/0005. By
-itself ``-log det`` rewards unlimited growth where the runs contain no information. With the trace against the step
-before it is the divergence ``tr(A_0^-1 A) - log det A`` (James1961), convex too and smallest at ``A = A_0``.
+With the option ``physical``, a logarithmic barrier keeps M and D(nu) positive definite. Both are linear in the
+parameters, so the sets where they are positive definite are convex. ``-log det`` is their self-concordant barrier
+(Nesterov1994). As its weight decreases step by step, the minimum approaches that of the constrained problem; see
+docs/decisions/0005.
+
+By itself ``-log det`` rewards unlimited growth of parameters on which the runs contain no information. Adding the trace
+relative to the step before turns it into the divergence ``tr(A_0^-1 A) - log det A`` (James1961). It is convex too and
+smallest at ``A = A_0``.
 """
 
 from __future__ import annotations
@@ -17,10 +20,11 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.free_run import RUNS_AWAY
-from gcs_autotune.identify.least_squares import Local
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.problems.least_squares import Local
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts, inflation_factors
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
 from gcs_autotune.identify.regression.outcome import regression_fit
@@ -29,7 +33,7 @@ from gcs_autotune.identify.regression.recipe import OPTIONS as RECIPE_OPTIONS
 from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.identify.regression.solver import Barrier, Equations, Estimate, solve
 from gcs_autotune.identify.regression.spread import excess_doubt
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.models import CoupledModel, Form, inertia_matrix, program_of
 
@@ -45,19 +49,21 @@ __all__ = [
 ]
 
 OPTIONS = (*RECIPE_OPTIONS, ("physical", "True: M and D(nu) held positive definite (constrained least squares)"))
-"""Options of ``fit`` read by this method."""
+"""Options of ``fit`` that this method reads, with a line of help each."""
 
 
 @on_settled_stamps
 def fit_by_least_squares(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by least squares; Miskovic2010, eq. (4.10)-(4.22), Miskovic2007 (5)-(11), ZhaoUSV (19)-(26).
+    """Fit *case* by least squares.
+
+    Sources: Miskovic2010, eq. (4.10)-(4.22), Miskovic2007 (5)-(11), ZhaoUSV (19)-(26).
 
     Raises
     ------
     UsageError
-        The form has a free delay, lag or current, or an option cannot have its value.
+        The form has a free delay, lag or current, or an option has an invalid value.
     MissingChannel, NotInformative
-        Not all velocities of the form can be had from the runs, or too little of them.
+        The runs do not contain all velocities of the form, or too few samples of them.
     """
     recipe, motions, estimate, draws = recipe_of(case, robust=case.robust)
     visited = velocities_visited(motions)
@@ -87,7 +93,9 @@ def fit_by_least_squares(case: Case) -> Fit[CoupledModel]:
 
 
 def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
-    """Return *fit*; if structures are compared, a model that cannot be simulated is excluded.
+    """Return *fit*, or raise NotInformative if its model cannot be simulated.
+
+    A comparison of structures then excludes this model.
 
     Raises
     ------
@@ -101,22 +109,25 @@ def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
 
 
 fit_axis_by_least_squares = for_axis(lambda case: refusing_runaways(fit_by_least_squares(case)))
-"""Least squares for one degree of freedom, drag ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine``."""
+"""Fit one degree of freedom by least squares, with ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine`` drag."""
 
 
 Array = NDArray[np.float64]
 
 WEIGHTS = (1.0, 1e-2, 1e-4, 1e-6)
-"""Weights of the barrier against twice the log-likelihood: the last costs a millionth of a standard error squared."""
+"""Successive weights of the barrier, relative to twice the log-likelihood. At the last one the barrier adds only about
+a millionth to the cost, in units of a squared standard error."""
 
 
 def solve_physical(equations: Equations, theta: Array, visited: Array, *, robust: bool = False) -> Estimate:
-    """Return the least-squares estimate with M and D(nu) positive definite over *visited* (m, 6).
+    """Return the least-squares estimate for which M and D(nu) are positive definite.
+
+    visited : (m, 6) velocities at which D must be positive definite.
 
     Raises
     ------
     UsageError
-        What the form holds as known makes that impossible.
+        The known values of the form make this impossible.
     """
     start = feasible_start(equations.form, theta, visited)
     for weight in WEIGHTS:
@@ -127,9 +138,11 @@ def solve_physical(equations: Equations, theta: Array, visited: Array, *, robust
 
 
 def barrier_of(form: Form, visited: Array, weight: float, near: Array) -> Barrier:
-    """Return the divergences of M and, in the mean, D(nu) from those at *near*, as a cost of all parameters (p,).
+    """Return the divergences of M and D(nu) from their values at *near*, as a cost of all parameters (p,).
 
-    near : (p,), a point where both are positive definite.
+    The divergence of D is the mean over the velocities.
+
+    near : (p,) parameters for which both are positive definite.
     """
     stacks = [s for s in _stacks(form, visited) if s.shape[-1]]
     pulls = [np.linalg.inv(np.tensordot(np.append(near, 1.0), s, axes=1)) for s in stacks]
@@ -154,13 +167,13 @@ def barrier_of(form: Form, visited: Array, weight: float, near: Array) -> Barrie
 
 
 def _stacks(form: Form, visited: Array) -> tuple[Array, Array]:
-    """Return the symmetric parts of M's and D's derivatives (p + 1, m, d, d) by every parameter."""
+    """Return the symmetric parts of the derivatives (p + 1, m, d, d) of M and D by every parameter."""
     inertia, damping = _inertia_slopes(form), damping_slopes(form, visited)[1]
     return 0.5 * (inertia + inertia.swapaxes(-1, -2)), 0.5 * (damping + damping.swapaxes(-1, -2))
 
 
 def _is_positive(A: Array) -> bool:
-    """Return whether all of A (m, d, d) are positive definite, whatever their units."""
+    """Return whether all matrices in A (m, d, d) are positive definite, in any units."""
     size = np.sqrt(np.maximum(np.abs(np.diagonal(A, axis1=1, axis2=2)), 1e-150))
     return bool(np.linalg.eigvalsh(A / size[:, :, None] / size[:, None, :]).min() > 1e-12)
 
@@ -171,7 +184,7 @@ def _feasible(form: Form, theta: Array, visited: Array) -> bool:
 
 
 def _inertia_slopes(form: Form) -> Array:
-    """Return M's derivative (p + 1, 1, k, k) by every parameter; the last is what belongs to none."""
+    """Return the derivative (p + 1, 1, k, k) of M by every parameter; the last entry is the constant part."""
     active, p = program_of(form).active, len(form.parameters)
     base = inertia_matrix(form, np.zeros(p))
     slopes = [inertia_matrix(form, one) - base for one in np.eye(p)] + [base]
@@ -179,12 +192,14 @@ def _inertia_slopes(form: Form) -> Array:
 
 
 def feasible_start(form: Form, theta: Array, visited: Array) -> Array:
-    """Return *theta*, or, when it breaks a constraint, a point near it that breaks none: couplings gone, signs mended.
+    """Return *theta*, or a point near it that satisfies the constraints.
+
+    At that point couplings are zero and wrong signs are corrected.
 
     Raises
     ------
     UsageError
-        Known values alone break the constraint.
+        Known values alone violate a constraint.
     """
     if _feasible(form, theta, visited):
         return theta

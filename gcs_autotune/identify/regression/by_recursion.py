@@ -1,8 +1,9 @@
-"""The method ``recursive-least-squares``: the estimate as it develops along the run, with forgetting on request.
+"""The method ``recursive-least-squares``: the estimate as it develops along the run, with optional forgetting.
 
-Each row of the equations moves the estimate by ``P J' (R + J P J')^-1`` times its acceleration error (Ljung1999,
-ch. 11, for rows whose Jacobian follows the estimate). With ``equation=integral`` a row is complete half a window after
-its time; with ``derivative`` the smoothed acceleration has seen the whole run, so only the estimate is recursive.
+Each row of the equations changes the estimate by ``P J' (R + J P J')^-1`` times its acceleration error. This is
+Ljung1999, ch. 11, with Jacobians calculated at the current estimate. With ``equation=integral`` a row is complete half
+a window after its time. With ``derivative`` the smoothed acceleration uses the whole run, so only the estimate is
+recursive.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.one_axis import for_axis
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
-from gcs_autotune.identify.least_squares import inverse_of
 from gcs_autotune.identify.method import Method
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.regression.by_least_squares import refusing_runaways
 from gcs_autotune.identify.regression.collinearity import collinearity_doubts
 from gcs_autotune.identify.regression.noise_bias import noise_bias, noise_bias_doubt, with_bias
@@ -31,7 +33,7 @@ from gcs_autotune.identify.regression.recipe import recipe_of
 from gcs_autotune.identify.regression.rows import Rows
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
 from gcs_autotune.identify.regression.spread import excess_doubt
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.identify.settled_stamps import on_settled_stamps
 from gcs_autotune.models import CoupledModel
 
@@ -40,21 +42,25 @@ __all__ = ["METHOD", "OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recu
 Array = NDArray[np.float64]
 
 OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of forgetting [s] (default: no forgetting)"))
-"""Options of ``fit`` read by this method."""
+"""Options of ``fit`` that this method reads, with a line of help each."""
 
 LEARNT = 4
-"""Rows per parameter (of every degree of freedom together) from which the first estimate is made."""
+"""Number of rows per parameter from which the first estimate is made. Rows of all degrees of freedom count."""
 
 KEPT = 500
-"""Most points of the history kept in ``extra``."""
+"""Maximum number of points of the history stored in ``extra``."""
 
 DRIFT = 3.0
-"""Standard errors by which the last third of the history must differ from the second to call a parameter drifting."""
+"""Standard errors by which the last third of the history must differ from the second for a parameter to count as
+drifting."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """Times t (s,) [s, run time summed over the runs], values and standard errors (s, f) after each row."""
+    """Values and standard errors (s, f) of the parameters after each row, at the times ``t`` (s,).
+
+    ``t`` [s] is the running time, summed over the runs.
+    """
 
     t: Array
     values: Array
@@ -63,9 +69,10 @@ class History:
 
 @on_settled_stamps
 def fit_by_recursion(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by recursive least squares; errors as :func:`fit_by_least_squares`.
+    """Fit *case* by recursive least squares.
 
-    ``extra["history"]`` holds ``t`` [s], and per parameter its ``values`` and ``stds`` along the runs.
+    Errors are those of :func:`fit_by_least_squares`. ``extra["history"]`` contains ``t`` [s], and the ``values`` and
+    ``stds`` of each parameter along the runs.
     """
     forgetting = case.options.get("forgetting")
     if forgetting is not None and not float(forgetting) > 0.0:
@@ -101,11 +108,12 @@ def fit_by_recursion(case: Case) -> Fit[CoupledModel]:
 
 
 def recursive(batch: Estimate, rows: Sequence[Rows], forgetting: float) -> tuple[Estimate, History]:
-    """Run the recursion over all rows, one run after the other.
+    """Return the final estimate and its history, after recursion over the rows of all runs.
 
     Parameters
     ----------
-    batch : gives the noise of a row and by how much colour raises it; its parameters are not used.
+    batch : estimate that supplies the noise of a row, and the factor for coloured residuals. Its parameters are not
+        used.
     forgetting : time constant [s], infinite for none.
     """
     equations, f = batch.equations, len(batch.equations.free)
@@ -145,7 +153,7 @@ def _running_time(rows: Sequence[Rows]) -> Array:
 
 
 def _first(equations: Equations, count: int, batch: Estimate) -> tuple[Array, Array]:
-    """Return the estimate of the first *count* rows and its covariance (f, f)."""
+    """Return the estimate from the first *count* rows, and its covariance (f, f)."""
     part = replace(equations, E=equations.E[:count], ends=(count,))
     found = solve(part, row_starts(part))
     weights = np.broadcast_to(batch.weights.mean(axis=0), found.errors.shape)
@@ -153,7 +161,7 @@ def _first(equations: Equations, count: int, batch: Estimate) -> tuple[Array, Ar
 
 
 def _colour(batch: Estimate) -> float:
-    """Return by how much the colour of the residuals raises variances."""
+    """Return the factor by which coloured residuals raise the variances."""
     white = np.diag(inverse_of(batch.information))
     return float(np.clip(np.median(np.diag(batch.covariance) / np.maximum(white, 1e-300)), 1.0, 100.0))
 
@@ -178,7 +186,7 @@ def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
 
 
 fit_axis_by_recursion = for_axis(lambda case: refusing_runaways(fit_by_recursion(case)))
-"""Recursive least squares for one degree of freedom."""
+"""Fit one degree of freedom by recursive least squares."""
 
 
 METHOD = Method(

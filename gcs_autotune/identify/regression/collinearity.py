@@ -1,34 +1,35 @@
-"""Find terms that are correlated in these runs, so that their parameters cannot be distinguished (variance
-inflation)."""
+"""Find correlated terms, whose parameters these runs cannot distinguish (variance inflation)."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.regression.solver import Estimate
-from gcs_autotune.identify.result import Doubt
 
 __all__ = ["collinearity_doubts", "inflation_factors"]
 
 Array = NDArray[np.float64]
 
 TOO_MUCH = 100.0
-"""Variance inflation above which two terms are reported as correlated: 99 % of one is in the others."""
+"""Variance inflation above which two terms are reported as correlated. 99 % of one term is then a combination of the
+others."""
 
 SHARE = 0.3
-"""Smallest fraction in the worst direction for a parameter to be listed."""
+"""Smallest component of a parameter in the least observable direction for which the parameter is listed in the doubt.
+"""
 
 
 def inflation_factors(information: Array) -> Array:
-    """Return the variance inflation factor (f,) of each parameter: 1 for an uncorrelated term."""
+    """Return the variance inflation factor (f,) of each parameter, 1 for an uncorrelated term."""
     factors: Array = np.diag(information) * np.diag(inverse_of(information))
     return factors
 
 
 def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
-    """Return doubts about parameters that cannot be distinguished or were not excited."""
+    """Return doubts about parameters that cannot be distinguished or that the runs do not excite."""
     information, names = estimate.information, estimate.equations.form.free
     doubts: list[Doubt] = []
     dead = np.diag(information) <= 0.0

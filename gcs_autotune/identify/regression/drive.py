@@ -1,7 +1,7 @@
-"""The inputs of a form as the regression needs them: products of inputs, averaged over every grid interval.
+"""Calculate the inputs of a form as the regression needs them: products of inputs, averaged over every grid interval.
 
-An input jumps between two grid points; its value at the points would put the jump at the wrong time by up to half a
-step. The average over the interval about each point, exact for a held input, keeps its impulse.
+An input jumps between two grid points. Its value at the points would shift the jump by up to half a step. The average
+over the interval about each point, which is exact for a held input, keeps its impulse.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, program_of
 from gcs_autotune.models.coupled import kernel
 
@@ -21,7 +21,10 @@ Array = NDArray[np.float64]
 
 
 def drives_of(record: Segment, form: Form, t: Array, step: float) -> Array:
-    """Return the product of the input factors of every term of *form* (n, T) about each of *t*; 1 for none."""
+    """Return the product of the input factors of every term of *form* (n, T), averaged about each of *t*.
+
+    It is 1 for a term without inputs.
+    """
     program = program_of(form)
     stamps = record.t_in + form.known.get("delay", 0.0)
     inputs = record.inputs
@@ -44,7 +47,10 @@ def drives_of(record: Segment, form: Form, t: Array, step: float) -> Array:
 
 
 def _averages(stamps: Array, values: Array, edges: Array) -> Array:
-    """Return the mean of a held signal over each interval between *edges*; the first value holds before its stamp."""
+    """Return the mean of a held signal over each interval between *edges*.
+
+    The first value also counts before its stamp.
+    """
     row = np.maximum(np.searchsorted(stamps, edges, side="right") - 1, 0)
     gathered = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(stamps))])
     integral = gathered[row] + values[row] * (edges - stamps[row])
@@ -53,7 +59,10 @@ def _averages(stamps: Array, values: Array, edges: Array) -> Array:
 
 
 def _lagged(stamps: Array, inputs: Array, edges: Array, lag: float) -> tuple[Array, Array]:
-    """Return the inputs behind a first-order lag [s], as steps that hold their mean between all stamps and *edges*."""
+    """Return the inputs after a first-order lag [s].
+
+    They are steps that hold their mean between all stamps and *edges*.
+    """
     times = np.unique(np.concatenate([stamps, edges]))
     held = inputs[np.maximum(np.searchsorted(stamps, times, side="right") - 1, 0)]
     state, means = held[0].copy(), np.empty_like(held)

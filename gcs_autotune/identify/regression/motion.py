@@ -1,4 +1,4 @@
-"""A record's velocities and accelerations on one even grid of times, from whatever was measured of it."""
+"""Derive the velocities and accelerations of a record on one even grid of times, from the measured signals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS, Smooth
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, program_of
 from gcs_autotune.models.coupled import kernel
 from gcs_autotune.registry import lookup
@@ -24,18 +24,19 @@ NU = ("u", "v", "w", "p", "q", "r")
 ETA = ("x", "y", "z", "phi", "theta", "psi")
 
 LEAST_POINTS = 12
-"""Fewest grid points of a stretch worth a regression."""
+"""Smallest number of grid points that a stretch of a record needs for a regression."""
 
 MOST_POINTS = 20_000
-"""Most grid points of a stretch: a longer one is looked at more coarsely."""
+"""Maximum number of grid points of a stretch. A longer stretch gets a coarser grid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GriddedMotion:
     """A stretch of motion on an even grid.
 
-    t (n,) with ``step`` [s]; nu, nu_dot, eta (n, 6): velocity through the water, its rate, position and angles, 0
-    where a degree of freedom is absent. ``noise`` of every signal, its smoother's ``settings`` and ``reach`` [s].
+    ``t`` (n,): times, with interval ``step`` [s]. ``nu``, ``nu_dot`` (n, 6): velocity through the water and its rate.
+    ``eta`` (n, 6): position and angles. All three are 0 for an absent degree of freedom. ``noise``, ``settings``: noise
+    and setting of the smoother, per signal. ``reach`` [s]: largest half-width of a smoother.
     """
 
     run: str
@@ -59,12 +60,13 @@ def motion_of(
 
     Parameters
     ----------
-    derivative : name in ``SMOOTHERS``. settings : per signal, to smooth as another record was; chosen when absent.
+    derivative : name in ``SMOOTHERS``.
+    settings : per signal, to smooth it as another record; None chooses them.
 
     Raises
     ------
     MissingChannel
-        A velocity of the form can be had neither directly nor from positions.
+        A velocity of the form was not measured and cannot be derived from positions.
     NotInformative
         The signals do not overlap in time.
     """
@@ -110,7 +112,7 @@ def _grid(record: Segment) -> tuple[Array, float]:
 
 
 def _angles_needed(record: Segment, form: Form) -> None:
-    """Refuse forms that need a position or an angle nobody measured."""
+    """Raise MissingChannel if the form needs a position or an angle that was not measured."""
     program = program_of(form)
     codes = {int(c) for c in program.factors.ravel()}
     needed = [ETA[c - kernel.ETA] for c in codes if kernel.ETA <= c < kernel.ETA + 6]
@@ -133,7 +135,7 @@ def _turning(
     nu: Array,
     nu_dot: Array,
 ) -> None:
-    """Fill p, q, r: as measured, else from the angles (Fossen2011, (2.26), inverted)."""
+    """Fill p, q, r with the measured rates, or else from the angles (Fossen2011, (2.26), inverted)."""
     rates = np.zeros((len(t), 3))
     for j, name in enumerate(ETA[3:]):
         if name in smooth:
@@ -170,7 +172,10 @@ def _moving(
     nu: Array,
     nu_dot: Array,
 ) -> None:
-    """Fill u, v, w: as measured, else from the positions turned into the body; less the known current."""
+    """Fill u, v, w with the measured velocities, or else from positions rotated to body axes.
+
+    The known current is subtracted.
+    """
     wanted = [DOFS[d] for d in form.dofs if not DOFS[d].angular]
     if not wanted:
         return
@@ -200,12 +205,7 @@ def _moving(
 
 
 def _positions_needed(form: Form, dof: str) -> tuple[str, ...]:
-    """Estimate how far noise and smoothing have shifted a least-squares estimate.
-
-    The regressors contain noise, and smoothing rounds off the kinks at input jumps, so least squares is biased. The
-    estimated model is the truth of simulated runs with the measured noise level. The error of least squares on these
-    runs is about equal to its real error (parametric bootstrap, Efron1993).
-    """
+    """Return the names of the positions from which the velocity of *dof* can be derived."""
     if {"roll", "pitch"} & set(form.dofs):
         return ("x", "y", "z")
     if dof == "heave" or not ({"sway", "yaw"} & set(form.dofs) and {"surge", "sway"} & set(form.dofs)):
@@ -214,7 +214,7 @@ def _positions_needed(form: Form, dof: str) -> tuple[str, ...]:
 
 
 def _rotation(eta: Array) -> Array:
-    """Return R (n, 3, 3) from body to NED; Fossen2011, (2.18)."""
+    """Return the rotation matrices R (n, 3, 3) from body axes to NED; Fossen2011, (2.18)."""
     c, s = np.cos(eta[:, 3:]), np.sin(eta[:, 3:])
     (cp, ct, cy), (sp, st, sy) = c.T, s.T
     rows = [

@@ -1,8 +1,8 @@
-"""How far noise and smoothing have shifted a least-squares estimate.
+"""Estimate the bias of a least-squares estimate caused by noise and smoothing.
 
-The regressors hold noise, and smoothing rounds off the kinks that input jumps leave, so least squares is biased. The
-model found is made the truth of simulated runs with noise as large as that measured; what least squares makes of them
-differs from that truth by about what it differs from the real one (parametric bootstrap, Efron1993).
+The regressors contain noise, and smoothing rounds off the corners at jumps of the input. Least squares is therefore
+biased. To estimate the bias, the fitted model is simulated with the measured noise level. The error of least squares on
+these runs is about equal to its real error (parametric bootstrap, Efron1993).
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import AutotuneError, NotInformative
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.fit_builder import model_of
 from gcs_autotune.identify.free_run import run_freely
 from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.regression.recipe import Recipe
 from gcs_autotune.identify.regression.solver import Estimate, solve
 from gcs_autotune.identify.regression.spread import with_noise
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 
 __all__ = ["as_simulated", "noise_bias", "noise_bias_doubt", "with_bias"]
 
 Array = NDArray[np.float64]
 
 DRAWS = 4
-"""Number of noise records drawn. The shift is a mean, so a few are enough."""
+"""Number of simulated records with noise. The bias is a mean over them, so a few are enough."""
 
 WORTH_SAYING = 0.1
-"""Shift, in standard errors, below which no doubt is raised."""
+"""Bias, in standard errors, below which no doubt is raised."""
 
 NAMED = 3
-"""Maximum number of parameters listed in the doubt."""
+"""Maximum number of parameters listed in the doubt about noise bias."""
 
 
 def as_simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> list[Segment]:
-    """Return *records* with the signals of a free run of the model instead of the measured ones.
+    """Return *records* with their measured signals replaced by a free run of the model.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def noise_bias(
     *,
     robust: bool = False,
 ) -> Array:
-    """Return the estimated bias (f,) of the free parameters; NaN when the model cannot be simulated."""
+    """Return the estimated bias (f,) of the free parameters, NaN if the model cannot be simulated."""
     rng = np.random.default_rng(0)
     unknown = np.full(len(estimate.free), np.nan)
     try:
@@ -80,16 +80,16 @@ def noise_bias(
 
 
 def with_bias(estimate: Estimate, bias: Array) -> Estimate:
-    """Return *estimate* with its covariance about the truth, that is, with the squared bias added.
+    """Return *estimate* with the squared bias added to its covariance.
 
-    An interval has to cover the truth, not the mean result of the method.
+    A confidence interval has to cover the true value, not the mean result of the method.
     """
     known = np.nan_to_num(bias)
     return replace(estimate, covariance=estimate.covariance + np.outer(known, known))
 
 
 def noise_bias_doubt(estimate: Estimate, bias: Array) -> Doubt | None:
-    """Return a doubt about the bias; None if it is small against the standard errors."""
+    """Return a doubt about the bias, or None if it is small compared with the standard errors."""
     std = np.sqrt(np.maximum(np.diag(estimate.covariance), 0.0))
     share = np.nan_to_num(np.abs(bias) / np.maximum(std, 1e-9 * np.abs(estimate.free) + 1e-300))
     worst = [int(i) for i in np.argsort(-share)[:NAMED] if share[i] > WORTH_SAYING]

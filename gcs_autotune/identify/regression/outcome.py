@@ -1,4 +1,4 @@
-"""Convert the result of a regression to a :class:`Fit`."""
+"""Build a :class:`Fit` from the result of a regression."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.doubts import POOR
 from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, model_of
 from gcs_autotune.identify.regression.motion import GriddedMotion
 from gcs_autotune.identify.regression.solver import Estimate
-from gcs_autotune.identify.result import Doubt, Fit
+from gcs_autotune.identify.result import Fit
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["regression_fit"]
 
 BEYOND_NOISE = 2.0
-"""Rms residual of the free run, in noise levels, that noise does not explain."""
+"""Rms residual of the free run, in noise levels, above which noise alone does not explain it."""
 
 
 def regression_fit(
@@ -30,7 +31,10 @@ def regression_fit(
     doubts: Sequence[Doubt],
     extra: Mapping[str, Any],
 ) -> Fit[CoupledModel]:
-    """Return the :class:`Fit`; its traces are free runs, not the regression's own residuals."""
+    """Return the :class:`Fit` of a regression.
+
+    Its traces are free runs, not the residuals of the regression.
+    """
     form = estimate.equations.form
     model = model_of(form, estimate.theta)
     table = form_table(form, estimate.theta, case.input_units, form.free, estimate.covariance)
@@ -48,7 +52,7 @@ def regression_fit(
 
 
 def _poor(motion: Motion) -> list[Doubt]:
-    """Say so when the free run explains little and noise is no excuse."""
+    """Return a doubt if the free run explains little of the motion and noise is not the reason."""
     beyond, traces, percent = [], motion.traces, motion.fit_percent
     for name in dict.fromkeys(t.signal for t in traces):
         residual = np.concatenate([t.measured - t.fitted for t in traces if t.signal == name])

@@ -1,7 +1,6 @@
-"""Check that a model is physical: M symmetric and positive definite, C without power, D positive over the velocities
-visited.
+"""Check that a model is physical, Miskovic2007 (9)-(11).
 
-Miskovic2007 (9)-(11).
+M must be symmetric and positive definite. C must do no work. D must be positive over the velocities of the runs.
 """
 
 from __future__ import annotations
@@ -12,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.regression.motion import GriddedMotion
-from gcs_autotune.identify.result import Doubt
 from gcs_autotune.models import CoupledModel, Form, program_of
 from gcs_autotune.models.coupled import kernel
 
@@ -22,19 +21,24 @@ __all__ = ["Check", "check_physics", "damping_slopes", "physics_doubts", "veloci
 Array = NDArray[np.float64]
 
 DIRECTIONS = 64
-"""Number of directions in which the largest velocity is searched; D is linear in the magnitudes, so the rest lie
-between."""
+"""Number of directions in which the largest velocity is searched. D is linear in the magnitudes, so the other
+velocities lie between."""
 
 ROUNDING = 1e-9
-"""Relative size below which an asymmetry or a negative eigenvalue is rounding."""
+"""Relative size of an asymmetry or a negative eigenvalue below which it is a rounding error."""
 
 POWERLESS = 0.1
-"""Fraction of the coupling terms' power that may remain before C counts as not skew."""
+"""Largest fraction of the coupling forces' power that may remain in the sum. Above it, C counts as not skew-symmetric.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of one check: its subject, whether it holds, the margin (0 is the limit), and a description."""
+    """Result of one check.
+
+    ``what``: its subject. ``holds``: whether it is passed. ``margin``: distance from the limit, which is 0. ``told``:
+    description.
+    """
 
     what: str
     holds: bool
@@ -43,7 +47,7 @@ class Check:
 
 
 def velocities_visited(motions: Sequence[GriddedMotion]) -> Array:
-    """Return velocities (m, 6) that bound those of the runs in magnitude."""
+    """Return velocities (m, 6) that bound the magnitudes of those in the runs."""
     nu = np.concatenate([m.nu for m in motions])
     scale = np.maximum(np.abs(nu).max(axis=0), 1e-12)
     directions = np.random.default_rng(0).standard_normal((DIRECTIONS, 6))
@@ -53,9 +57,9 @@ def velocities_visited(motions: Sequence[GriddedMotion]) -> Array:
 
 
 def check_physics(model: CoupledModel, visited: Array) -> tuple[Check, ...]:
-    """Return the verdicts on *model* over the velocities *visited* (m, 6).
+    """Return the checks of *model* over the velocities *visited* (m, 6).
 
-    ``M symmetric``, ``M positive``, ``C skew`` and ``D positive``; margins are relative to the diagonals.
+    They are ``M symmetric``, ``M positive``, ``C skew`` and ``D positive``. Margins are relative to the diagonals.
     """
     M = model.inertia
     return (
@@ -85,7 +89,7 @@ def _positive(what: str, name: str, least: float) -> Check:
 
 
 def _least(A: Array) -> float:
-    """Return the smallest eigenvalue of symmetric A (..., k, k), scaled by the magnitude of its diagonal."""
+    """Return the smallest eigenvalue of symmetric A (..., k, k), relative to the magnitude of its diagonal."""
     diagonal = np.abs(np.diagonal(A, axis1=-2, axis2=-1))
     if A.ndim > 2:
         diagonal = diagonal.max(axis=0)
@@ -94,7 +98,11 @@ def _least(A: Array) -> float:
 
 
 def _skew(model: CoupledModel, visited: Array) -> Check:
-    """C from M is skew by construction; products that the form names may do work together."""
+    """Check that C does no work.
+
+    The part of C from M is skew-symmetric by construction. Products that the form lists separately may do work
+    together.
+    """
     powers = []
     for row, par, coefficient, factors in _terms(model.form):
         moving = [c for c in factors if c >= 0]
@@ -123,10 +131,10 @@ def _damping(model: CoupledModel, visited: Array) -> Check:
 
 
 def damping_slopes(form: Form, visited: Array) -> tuple[tuple[int, ...], Array]:
-    """Return the places of the damped degrees of freedom and D's derivative (p + 1, m, d, d) by every parameter.
+    """Return the damped degrees of freedom, and the derivative (p + 1, m, d, d) of D by every parameter.
 
-    The last entry belongs to no parameter. D holds the linear derivatives and those with one modulus; products of
-    two velocities belong to C.
+    The last entry is the constant part. D contains the linear derivatives and those with one modulus. Products of two
+    velocities belong to C.
     """
     active = [int(a) for a in program_of(form).active]
     entries = []
@@ -154,7 +162,7 @@ def _terms(form: Form) -> list[tuple[int, int, float, tuple[int, ...]]]:
 
 
 def physics_doubts(checks: Sequence[Check]) -> list[Doubt]:
-    """Return one doubt for every check that fails."""
+    """Return a doubt that lists all failed checks, if any."""
     wrong = [c.told for c in checks if not c.holds]
     if not wrong:
         return []

@@ -1,7 +1,7 @@
-"""Convert records to equations, always in the same way: settings chosen once apply to every similar record.
+"""Convert records to equations in the same way for measured and simulated records.
 
-Instruments come from simulated records, and the noise bias from records with added noise. Both are processed exactly
-like the measured ones.
+Settings are chosen once and apply to every similar record. Instruments come from simulated records, and the noise bias
+from records with added noise. Both are processed exactly like the measured ones.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.least_squares import inverse_of
+from gcs_autotune.identify.problems.least_squares import inverse_of
 from gcs_autotune.identify.regression.motion import GriddedMotion, motion_of
 from gcs_autotune.identify.regression.rows import EQUATIONS, Rows, rows_of
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS
 from gcs_autotune.identify.regression.solver import Equations, Estimate, row_starts, solve
 from gcs_autotune.identify.regression.spread import NoiseDraw, draw_noise, raised
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
 from gcs_autotune.sname import DOFS
@@ -35,20 +35,20 @@ OPTIONS = (
     ("window", "length of the windows of equation=integral [s] (default: automatic)"),
     ("bias", "True: a constant force in every equation"),
 )
-"""Options of ``fit`` read here."""
+"""Options of ``fit`` that set the equations, with a line of help each."""
 
 WINDOWS = (8, 16, 32, 64)
-"""Window lengths tried, in samples; the one with the smallest standard errors is kept."""
+"""Window lengths tried, in samples. The one with the smallest standard errors is kept."""
 
 LONGEST = 0.125
-"""Longest window relative to the shortest stretch."""
+"""Longest window, as a fraction of the shortest stretch."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """How records become equations.
+    """Settings that convert records to equations.
 
-    ``equation``, ``derivative`` as in the options; ``window`` [s]; ``settings`` of the smoothers, one mapping per
+    ``equation``, ``derivative``: as in the options. ``window``: [s]. ``settings``: of the smoothers, one mapping per
     record, empty until chosen.
     """
 
@@ -59,34 +59,39 @@ class Recipe:
     settings: tuple[Mapping[str, float], ...] = ()
 
     def motions(self, records: Sequence[Segment]) -> tuple[GriddedMotion, ...]:
-        """Return the smoothed motion of every record."""
+        """Return the smoothed motion of each record."""
         given = self.settings or (None,) * len(records)
         return tuple(motion_of(r, self.form, self.derivative, s) for r, s in zip(records, given, strict=True))
 
     def rows(self, records: Sequence[Segment], motions: Sequence[GriddedMotion] | None = None) -> list[Rows]:
-        """Return the rows of every record."""
+        """Return the rows of equations of each record."""
         found = motions or self.motions(records)
         return [rows_of(r, self.form, m, self.equation, self.window) for r, m in zip(records, found, strict=True)]
 
     def errors(self, draws: Sequence[NoiseDraw], theta: Array) -> list[Array]:
-        """Return the acceleration errors (n, k) of every draw at *theta* (p,); those with a singular M are left out."""
+        """Return the acceleration errors (n, k) of every noise draw for the parameters *theta* (p,).
+
+        Draws with a singular M are left out.
+        """
         found = (self.equations(d.records, d.motions).errors(theta) for d in draws)
         return [f[0] for f in found if f is not None]
 
     def with_spread(self, estimate: Estimate, draws: Sequence[NoiseDraw]) -> Estimate:
-        """Return the least-squares *estimate* with its standard errors raised to include the noise of the signals."""
+        """Return *estimate* with standard errors raised to include the noise of the signals."""
         J = estimate.jacobian * estimate.weights[:, :, None]
         bread = inverse_of(estimate.information)
         return raised(estimate, J, bread, self.errors(draws, estimate.theta), estimate.errors)
 
     def equations(self, records: Sequence[Segment], motions: Sequence[GriddedMotion] | None = None) -> Equations:
-        """Return the equations of all records."""
+        """Return the equations of all records together."""
         return Equations.of(self.form, self.rows(records, motions))
 
 
 def form_of(case: Case) -> Form:
-    """Return the form to regress: with the requested delay fixed, and a constant in every equation if ``bias`` is
-    set."""
+    """Return the form to regress.
+
+    A requested delay is fixed in it. With the option ``bias`` every equation has a constant force.
+    """
     form = case.the_form
     if case.delay is not None and (case.delay > 0.0 or "delay" in form.parameters):
         form = form.fixing({"delay": case.delay})
@@ -99,14 +104,14 @@ def form_of(case: Case) -> Form:
 def recipe_of(
     case: Case, *, robust: bool = False
 ) -> tuple[Recipe, tuple[GriddedMotion, ...], Estimate, tuple[NoiseDraw, ...]]:
-    """Return the recipe for *case*, its motions, the first least-squares estimate and the draws behind its spread.
+    """Return the recipe for *case*, its motions, the first least-squares estimate, and the noise draws.
 
     Raises
     ------
     UsageError
-        An option has a value it cannot have.
+        An option has an invalid value.
     MissingChannel, NotInformative
-        The records do not hold what the regression needs.
+        The records do not contain the signals that the regression needs.
     """
     equation = str(case.options.get("equation", EQUATIONS[0]))
     derivative = str(case.options.get("derivative", "smoothing"))

@@ -1,9 +1,11 @@
-"""The equations of motion as rows linear in the parameters (:mod:`gcs_autotune.models.coupled.regressors`), two ways:
+"""Write the equations of motion as rows linear in the parameters (:mod:`gcs_autotune.models.coupled.regressors`).
 
-* ``derivative``: as they stand, with the smoothed accelerations;
-* ``integral``: multiplied by a bump function and integrated over short windows. By parts the derivative moves from the
-  measured velocity to the known bump (Shinbrot1957; modulating functions), so noise is averaged, not amplified, and
-  the kinks that input jumps leave in the velocity do no harm.
+There are two kinds:
+
+* ``derivative``: the equations as they are, with smoothed accelerations;
+* ``integral``: the equations multiplied by a bump function and integrated over short windows. Integration by parts
+  moves the derivative from the measured velocity to the known bump (Shinbrot1957; modulating functions). Noise is
+  therefore averaged, not amplified. Corners of the velocity at jumps of the input do no harm.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.identify.regression.drive import drives_of
 from gcs_autotune.identify.regression.motion import GriddedMotion
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form, force_columns, inertia_columns
 
 __all__ = ["EQUATIONS", "Rows", "rows_of"]
@@ -23,18 +25,22 @@ __all__ = ["EQUATIONS", "Rows", "rows_of"]
 Array = NDArray[np.float64]
 
 EQUATIONS = ("integral", "derivative")
-"""Values of the option ``equation``."""
+"""Values that the option ``equation`` accepts; the first is the default."""
 
 OVERLAP = 6
-"""Windows that cover each instant; more windows add no information."""
+"""Number of integration windows that cover each instant. More windows add no information."""
 
 EDGE = 2
-"""Grid points left out at either end, where a smoothed derivative is worst."""
+"""Number of grid points left out at each end, where a smoothed derivative is least accurate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The equations of one stretch: ``E`` (n, k, p + 1), the last column without a parameter, at times ``t`` (n,)."""
+    """Equations of one stretch.
+
+    ``E`` (n, k, p + 1): coefficients of the parameters; the last column is the constant part. ``t`` (n,): times of the
+    rows.
+    """
 
     run: str
     t: Array
@@ -42,7 +48,7 @@ class Rows:
 
 
 def rows_of(record: Segment, form: Form, motion: GriddedMotion, equation: str, window: float) -> Rows:
-    """Return the rows of one stretch.
+    """Return the equations of one stretch.
 
     window : length [s] of the bump of ``integral``.
     """
@@ -62,6 +68,6 @@ def rows_of(record: Segment, form: Form, motion: GriddedMotion, equation: str, w
 
 
 def _windowed(values: Array, weights: Array, every: int) -> Array:
-    """Return the weighted sums of *values* (n, ...) over windows, one every *every* points."""
+    """Return the weighted sums of *values* (n, ...) over windows that start at every *every*-th point."""
     views = np.lib.stride_tricks.sliding_window_view(values, len(weights), axis=0)[::every]
     return np.asarray(views @ weights, dtype=np.float64)

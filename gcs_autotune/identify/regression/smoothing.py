@@ -1,11 +1,12 @@
-"""Value, rate and acceleration of one noisy, unevenly sampled signal, at any times.
+"""Smooth a noisy, unevenly sampled signal, and return its value, rate and acceleration at any times.
 
-There are two methods; the data set the degree of smoothing of both:
+There are two methods. The data set the degree of smoothing of both:
 
-* ``savitzky-golay``: a polynomial through the nearest samples (the filter of Miskovic2007, II-C, for uneven stamps);
-* ``smoothing``: a regularised spline (B-splines with a difference penalty, Eilers1996), the penalty chosen
-  by generalised cross-validation (Craven1979), or by the rounding error of a coarse sensor where that is
-  larger than the scatter cross-validation believes in.
+* ``savitzky-golay``: a polynomial through the nearest samples, which is the filter of Miskovic2007, II-C, for uneven
+  stamps;
+* ``smoothing``: a regularised spline (B-splines with a difference penalty, Eilers1996). Generalised cross-validation
+  sets the penalty (Craven1979). For a coarse sensor the rounding error sets it, if that exceeds the scatter from
+  cross-validation.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.optimize import minimize_scalar
 
-from gcs_autotune.identify.segment import Signal
+from gcs_autotune.identify.signals.segment import Signal
 from gcs_autotune.smoothing import best_width, local_polynomials
 
 __all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spline"]
@@ -29,28 +30,30 @@ __all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spl
 Array = NDArray[np.float64]
 
 WIDTHS = (5, 7, 9, 13, 19, 27, 39)
-"""Numbers of samples a local polynomial may span."""
+"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal."""
 
 CUBIC = 3
-"""Degree of the local polynomials: the lowest whose second derivative has a slope."""
+"""Degree of the local polynomials. It is the lowest for which the second derivative can have a slope."""
 
 MOST_SPLINES = 1500
-"""Most B-splines per signal: cost is linear in them, and no craft needs a finer curve."""
+"""Maximum number of B-splines per signal. The effort grows linearly with it, and no craft needs a finer curve."""
 
 EXACT = 120
-"""Number of splines up to which the degrees of freedom of the smoother are counted exactly."""
+"""Number of splines up to which the degrees of freedom of the smoother are calculated exactly."""
 
 PROBES = 32
-"""Random probes that count them beyond (Hutchinson1990); the relative error is about ``1/sqrt(PROBES * splines)``."""
+"""Number of random probes that estimate the degrees of freedom for more splines (Hutchinson1990). The relative error is
+about ``1/sqrt(PROBES * splines)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smooth:
-    """A signal made smooth: ``at(t, order)`` gives its derivative of that order at times *t*.
+    """A smoothed signal.
 
-    ``noise`` standard deviation of what was taken away, per sample; ``setting`` the samples or the penalty chosen, to
-    smooth another signal in exactly the same way; ``reach`` [s] half-width of the neighbourhood that forms a value.
-    ``noise`` and ``reach`` may be NaN when the setting was given.
+    ``at(t, order)``: its derivative of that order at the times *t*. ``noise``: standard deviation of what was removed,
+    per sample. ``setting``: number of samples or penalty chosen, to smooth another signal in the same way. ``reach``
+    [s]: half-width of the neighbourhood that affects a value. ``noise`` and ``reach`` may be NaN if the setting was
+    supplied.
     """
 
     at: Callable[[Array, int], Array]
@@ -60,11 +63,14 @@ class Smooth:
 
 
 Smoother = Callable[[Signal, int, "float | None"], Smooth]
-"""(signal, highest derivative wanted, setting or None) -> Smooth."""
+"""Function of (signal, highest derivative needed, setting or None) that returns a :class:`Smooth`."""
 
 
 def local_polynomial(signal: Signal, order: int, setting: float | None = None) -> Smooth:
-    """Smooth by cubic polynomials through the nearest *setting* samples (chosen when None)."""
+    """Smooth by cubic polynomials through the nearest *setting* samples.
+
+    None chooses their number.
+    """
     n = len(signal.t)
     widths = [int(setting)] if setting is not None else [w for w in WIDTHS if w < n] or [min(n, WIDTHS[0])]
     width, noise = best_width(signal.t, signal.values, widths, CUBIC)
@@ -77,9 +83,10 @@ def local_polynomial(signal: Signal, order: int, setting: float | None = None) -
 
 
 def penalised_spline(signal: Signal, order: int, setting: float | None = None) -> Smooth:
-    """Smooth by a spline whose (order + 1)-th derivative is penalised, so that the *order*-th is smooth.
+    """Smooth by a spline with a penalty on the (order + 1)-th derivative, so that the *order*-th is smooth.
 
-    order : 1 for velocities (a cubic), 2 for positions (quintic). setting : the penalty relative to the data's weight.
+    order : 1 for velocities (a cubic spline), 2 for positions (quintic).
+    setting : penalty relative to the weight of the data; None chooses it.
     """
     penalty_order = order + 1
     fit = _PSpline(signal, 2 * order + 1, penalty_order)
@@ -105,7 +112,7 @@ def penalised_spline(signal: Signal, order: int, setting: float | None = None) -
 
 
 def _where_noise_is(fit: _PSpline, floor: float, low: float, high: float) -> float:
-    """Return the exponent of the penalty at which the scatter about the curve is *floor* (bisection)."""
+    """Return the exponent of the penalty at which the scatter about the curve is *floor*, by bisection."""
     if fit.noise(10.0**high) < floor:
         return high
     for _ in range(30):
@@ -115,7 +122,10 @@ def _where_noise_is(fit: _PSpline, floor: float, low: float, high: float) -> flo
 
 
 class _PSpline:
-    """Least squares of B-splines on even knots with a penalty on differences of their coefficients, banded."""
+    """Least-squares fit of B-splines on even knots, with a penalty on differences of their coefficients.
+
+    All matrices are banded.
+    """
 
     def __init__(self, signal: Signal, degree: int, penalty_order: int) -> None:
         t, self.degree = signal.t, degree
@@ -138,7 +148,7 @@ class _PSpline:
 
     @cached_property
     def _probes(self) -> tuple[Array, Array, float]:
-        """Return probes, the Gram matrix times them, and what one probe counts for."""
+        """Return the probes, the Gram matrix times the probes, and the weight of one probe."""
         if self.count <= EXACT:
             return np.eye(self.count), _banded_times(self.gram, np.eye(self.count)), 1.0
         probes = np.random.default_rng(0).choice([-1.0, 1.0], (self.count, PROBES))
@@ -153,7 +163,7 @@ class _PSpline:
         return self._solve(penalty, self.right)
 
     def freedom(self, penalty: float) -> float:
-        """Return the effective number of parameters, the trace of the smoother."""
+        """Return the effective number of parameters, which is the trace of the smoother."""
         probes, through, share = self._probes
         return share * float(np.sum(probes * self._solve(penalty, through)))
 
@@ -164,7 +174,7 @@ class _PSpline:
         return float(residual @ residual)
 
     def cross_validation(self, penalty: float) -> float:
-        """Return the generalised cross-validation score."""
+        """Return the logarithm of the generalised cross-validation score."""
         rest = max(self.n - self.freedom(penalty), 1e-3 * self.n)
         return math.log(max(self._left(penalty), 1e-300)) - 2.0 * math.log(rest)
 
@@ -173,7 +183,7 @@ class _PSpline:
 
 
 def _local_values(knots: Array, t: Array, degree: int, first: NDArray[np.intp]) -> Array:
-    """Return the degree + 1 B-splines (n, degree + 1) alive at each of *t* (de Boor's recursion)."""
+    """Return the values of the degree + 1 nonzero B-splines (n, degree + 1) at each of *t* (de Boor's recursion)."""
     place = first + degree
     B = np.zeros((len(t), degree + 1))
     B[:, degree] = 1.0
@@ -187,7 +197,7 @@ def _local_values(knots: Array, t: Array, degree: int, first: NDArray[np.intp]) 
 
 
 def _difference_penalty(count: int, order: int, rows: int) -> Array:
-    """Return the lower band (rows, count) of D'D for differences of *order*."""
+    """Return the lower band (rows, count) of D'D, where D takes differences of *order*."""
     weights = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
     band = np.zeros((rows, count))
     for i in range(order + 1):
@@ -197,7 +207,7 @@ def _difference_penalty(count: int, order: int, rows: int) -> Array:
 
 
 def _banded_times(band: Array, X: Array) -> Array:
-    """Return the symmetric matrix with lower *band* times *X* (count, m)."""
+    """Return the product of a symmetric matrix, stored as its lower *band*, and *X* (count, m)."""
     out: Array = band[0][:, None] * X
     for k in range(1, len(band)):
         off = band[k, : len(X) - k][:, None]
@@ -207,4 +217,4 @@ def _banded_times(band: Array, X: Array) -> Array:
 
 
 SMOOTHERS: Mapping[str, Smoother] = {"smoothing": penalised_spline, "savitzky-golay": local_polynomial}
-"""Name (the option ``derivative``) -> smoother."""
+"""Smoothers by name, as used in the option ``derivative``."""

@@ -1,9 +1,9 @@
-"""Least squares of the accelerations: the estimator of every method in this package.
+"""Least squares of the accelerations, the estimator of every method in this package.
 
 The papers solve for the acceleration, ``nu_dot = Phi theta`` (Miskovic2007 (5)-(8), Miskovic2010 (4.17)-(4.22)). Its
-noise, by far the largest, is then the error of the equation and causes no bias. For a form this becomes: minimise
-``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows that equals (4.15) by a change of variables; with a full M it is
-the generalisation. Gauss-Newton solves it, and degrees of freedom are weighted by their residual variance.
+noise, by far the largest, is then the error of the equation and causes no bias. For a form, the cost to minimise is
+``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows this equals (4.15) after a change of variables. For a full M it
+is the generalisation. Gauss-Newton minimises it. Each degree of freedom is weighted by its residual variance.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify.least_squares import Local, descend, inverse_of
+from gcs_autotune.identify.problems.least_squares import Local, descend, inverse_of
 from gcs_autotune.identify.regression.rows import Rows
-from gcs_autotune.identify.whiteness import scores_covariance
+from gcs_autotune.identify.signals.whiteness import scores_covariance
 from gcs_autotune.models import SPECIAL, Form, inertia_matrix, inertia_of, program_of
 
 __all__ = ["Barrier", "Equations", "Estimate", "solve"]
@@ -25,23 +25,25 @@ __all__ = ["Barrier", "Equations", "Estimate", "solve"]
 Array = NDArray[np.float64]
 
 ROUNDS = 8
-"""Rounds of weighing at most; two to four suffice."""
+"""Maximum number of rounds in which the equations are weighted by their residuals. Two to four suffice."""
 
 SETTLED = 1e-3
-"""Relative change of every weight below which they have settled."""
+"""Relative change of the weights below which the rounds end."""
 
 LEVERAGE = 1e-9
-"""Ridge relative to each parameter's own information; it affects only parameters that are not excited."""
+"""Ridge added to the information on each parameter, as a fraction of it. It affects only parameters that are not
+excited."""
 
 Barrier = Callable[[Array], "Local | None"]
-"""Cost added to the sum of squares, of all parameters (p,); None where it is infinite."""
+"""Cost added to the sum of squares, as a function of all parameters (p,); None where it is infinite."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equations:
-    """The rows of all stretches for one form: ``E`` (n, k, p + 1), where each stretch ends, what is free.
+    """Rows of all stretches for one form.
 
-    ``by_inertia`` (f, k, k) derivative of M by each free parameter.
+    ``E`` (n, k, p + 1): coefficients of the parameters and the constant part. ``ends``: end of each stretch. ``free``:
+    indices of the free parameters. ``by_inertia`` (f, k, k): derivative of M by each free parameter.
     """
 
     form: Form
@@ -52,12 +54,12 @@ class Equations:
 
     @classmethod
     def of(cls, form: Form, rows: Sequence[Rows]) -> Equations:
-        """Stack the rows of all stretches.
+        """Return the rows of all stretches as one set of equations.
 
         Raises
         ------
         UsageError
-            Delay, lag or current are free: the equations are not linear in them.
+            Delay, lag or current are free, and the equations are not linear in them.
         """
         odd = [n for n in form.free if n in SPECIAL]
         if odd:
@@ -78,13 +80,13 @@ class Equations:
         return cls(form, stack, ends, tuple(range(len(form.free))), np.array(by))
 
     def inertia(self, theta: Array) -> Array:
-        """Return M (k, k)."""
+        """Return the inertia matrix M (k, k) for the parameters *theta*."""
         active = program_of(self.form).active
         M: Array = inertia_matrix(self.form, theta)[np.ix_(active, active)]
         return M
 
     def errors(self, theta: Array) -> tuple[Array, Array] | None:
-        """Return acceleration errors (n, k) and their Jacobian (n, k, f); None when M is singular."""
+        """Return the acceleration errors (n, k) and their Jacobian (n, k, f), or None if M is singular."""
         M = self.inertia(theta)
         size = np.sqrt(np.maximum(np.abs(np.diag(M)), 1e-300))
         if not np.linalg.cond(M / np.outer(size, size)) < 1e10:
@@ -97,7 +99,7 @@ class Equations:
 
 
 def _check_scale(form: Form, E: Array) -> None:
-    """Refuse equations of which nothing is known: all their parameters could be twice as large."""
+    """Raise UsageError for equations without a known term, which determine only ratios of their parameters."""
     f = len(form.free)
     theta = np.array([form.known.get(n, 0.0) for n in form.parameters] + [1.0])
     scaled = np.any((E @ theta) != 0.0, axis=0)
@@ -120,10 +122,10 @@ def _check_scale(form: Form, E: Array) -> None:
 class Estimate:
     """Result of least squares.
 
-    theta (p,): all parameters. errors (n, k) and jacobian (n, k, f): of the accelerations there. weights (n, k):
-    inverse variance, less for outliers. covariance (f, f): of the free parameters, robust to coloured residuals.
-    converged: whether the iteration converged. ``excess`` (k,): rms of the errors relative to that from the signals'
-    noise, if known.
+    ``theta`` (p,): all parameters. ``errors`` (n, k), ``jacobian`` (n, k, f): of the accelerations. ``weights`` (n, k):
+    inverse variance, lower for outliers. ``covariance`` (f, f): of the free parameters, robust to coloured residuals.
+    ``converged``: whether the iteration converged. ``excess`` (k,): rms of the errors relative to that caused by the
+    noise of the signals, if known.
     """
 
     equations: Equations
@@ -142,12 +144,12 @@ class Estimate:
 
     @property
     def information(self) -> Array:
-        """``J' W J`` (f, f)."""
+        """Information matrix ``J' W J`` (f, f)."""
         return information(self.jacobian, self.weights)
 
 
 def information(J: Array, weights: Array) -> Array:
-    """Return ``J' W J`` for J (n, k, f) and weights (n, k)."""
+    """Return the information matrix ``J' W J`` for J (n, k, f) and weights (n, k)."""
     flat = (J * np.sqrt(weights)[:, :, None]).reshape(-1, J.shape[2])
     gram: Array = flat.T @ flat
     return gram
@@ -158,12 +160,12 @@ def solve(
 ) -> Estimate:
     """Return the best least-squares estimate from any of *starts* (each (p,), all parameters).
 
-    robust : weights of the soft-L1 loss against outliers.
+    robust : whether to use the weights of the soft-L1 loss against outliers.
 
     Raises
     ------
     NotInformative
-        No start has a regular inertia matrix, or fewer rows than parameters.
+        No start has a regular inertia matrix, or there are fewer rows than parameters.
     """
     n, k = equations.E.shape[:2]
     f = len(equations.free)
@@ -235,7 +237,10 @@ def _weights(e: Array, robust: bool) -> Array:
 
 
 def _covariance(estimate: Estimate) -> Array:
-    """Sandwich of the information and the covariance of the scores, each stretch a series of its own."""
+    """Return the covariance of the free parameters, robust to coloured residuals.
+
+    It is a sandwich of the information and the covariance of the scores. Each stretch is a separate series.
+    """
     bread = inverse_of(estimate.information)
     scores = np.einsum("nif,ni->nf", estimate.jacobian, estimate.weights * estimate.errors, optimize=True)
     parts = np.split(scores, list(estimate.equations.ends[:-1]))
@@ -244,10 +249,11 @@ def _covariance(estimate: Estimate) -> Array:
 
 
 def row_starts(equations: Equations) -> list[Array]:
-    """Return starts (p,): the equations of motion as they stand, and with the inertia taken from the inputs' gain.
+    """Return start values (p,) by two methods, after those of the form, if any.
 
-    The first, least squares of the forces, finds too little inertia when accelerations are noisy; the second regresses
-    each row's acceleration on everything else, as Miskovic2007 (8), which noise on the acceleration cannot bias.
+    The first is least squares of the forces. It underestimates inertia if accelerations are noisy. The second regresses
+    each row's acceleration on all other terms, as in Miskovic2007 (8). Noise of the acceleration does not bias it,
+    because the inertia comes from the gain of the inputs.
     """
     form, f = equations.form, len(equations.free)
     theta = np.array([{**form.start, **form.known}.get(n, 0.0) for n in form.parameters])

@@ -1,10 +1,10 @@
-"""Standard errors of an estimate, from the noise of the measured signals.
+"""Calculate standard errors of an estimate from the noise of the measured signals.
 
-The residuals of a regression underestimate the error: few windows contain most of the information, and there the fit
-follows the noise. Therefore noise of the size that smoothing found is added to the signals again. Its effect on
-smoothing, rows and estimate is followed to first order. The standard error from the residuals, with their colour
-(:mod:`.covariance`), is used if it is larger, because it includes errors other than sensor noise. Correlations are
-those of the information matrix.
+The residuals of a regression underestimate the error. A few windows contain most of the information, and there the fit
+follows the noise. Therefore noise with the measured standard deviation is added to the signals again. Its effect on
+smoothing, rows and estimate is calculated to first order. The standard error from coloured residuals
+(:mod:`.covariance`) is used if it is larger, because it includes errors other than sensor noise. Correlations are those
+of the information matrix.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.regression.motion import GriddedMotion, motion_of
 from gcs_autotune.identify.regression.solver import Estimate
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["NoiseDraw", "draw_noise", "excess_doubt", "raised", "with_noise"]
@@ -26,18 +26,18 @@ __all__ = ["NoiseDraw", "draw_noise", "excess_doubt", "raised", "with_noise"]
 Array = NDArray[np.float64]
 
 DRAWS = 32
-"""Number of noise draws. Their standard error is itself known to ``1/sqrt(2*DRAWS)``, 12 %."""
+"""Number of noise draws. The standard error estimated from them is accurate to ``1/sqrt(2*DRAWS)``, which is 12 %."""
 
 FAR = 3.0
-"""Ratio of an equation's rms error to that from noise, from which another cause must exist."""
+"""Ratio of an equation's rms error to that caused by noise. Above it, noise is not the only cause."""
 
 SMALL = 0.003
-"""Error of an equation, relative to its terms, that is negligible for any noise: smoothing leaves it in clean data."""
+"""Error of an equation, relative to its terms, that is ignored. Smoothing causes such errors even in clean data."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseDraw:
-    """All records with their noise doubled, and their motions, smoothed as the measured ones were."""
+    """Records with noise added again, and their motions, smoothed with the settings of the measured ones."""
 
     records: tuple[Segment, ...]
     motions: tuple[GriddedMotion, ...]
@@ -46,7 +46,7 @@ class NoiseDraw:
 def draw_noise(
     form: Form, derivative: str, records: Sequence[Segment], motions: Sequence[GriddedMotion]
 ) -> tuple[NoiseDraw, ...]:
-    """Return ``DRAWS`` draws; the same ones for the same records."""
+    """Return :data:`DRAWS` noise draws, always the same for the same records."""
     rng = np.random.default_rng(1)
     draws = []
     for _ in range(DRAWS):
@@ -57,7 +57,7 @@ def draw_noise(
 
 
 def with_noise(record: Segment, motion: GriddedMotion, rng: np.random.Generator) -> Segment:
-    """Return *record* with noise added to every signal, as large as its smoothing found."""
+    """Return *record* with noise added to every signal, as large as the noise that smoothing removed."""
     signals = {
         name: replace(s, values=s.values + rng.normal(0.0, motion.noise[name], len(s.values)))
         for name, s in record.signals.items()
@@ -66,13 +66,14 @@ def with_noise(record: Segment, motion: GriddedMotion, rng: np.random.Generator)
 
 
 def raised(estimate: Estimate, instruments: Array, bread: Array, errors: Sequence[Array], base: Array) -> Estimate:
-    """Return *estimate* with its standard errors raised to those of the noise draws, see above.
+    """Return *estimate* with its standard errors raised to those of the noise draws.
 
     Parameters
     ----------
-    instruments : (n, k, f), weighted; the Jacobian for least squares. bread : (f, f), inverse of their gain.
-    errors : (n, k) accelerations' errors of every draw; base : (n, k) those of the measured records, all at the
-        estimate's own parameters.
+    instruments : (n, k, f), weighted; for least squares, the Jacobian.
+    bread : (f, f), inverse of the gain of the instruments.
+    errors : (n, k) acceleration errors of every draw, with the parameters of *estimate*.
+    base : (n, k) acceleration errors of the measured records, with the same parameters.
     """
     made = np.sqrt(np.mean([np.mean((e - base) ** 2, axis=0) for e in errors], axis=0))
     excess = np.sqrt(np.mean(estimate.errors**2, axis=0)) / np.maximum(made, 1e-300)
@@ -87,7 +88,7 @@ def raised(estimate: Estimate, instruments: Array, bread: Array, errors: Sequenc
 
 
 def excess_doubt(estimate: Estimate) -> Doubt | None:
-    """Return a doubt if the equations miss by far more than noise explains, else None."""
+    """Return a doubt if the errors of the equations are far larger than noise explains, else None."""
     equations, k = estimate.equations, len(estimate.equations.form.dofs)
     theta = np.append(estimate.theta, 1.0)
     missed = np.sqrt(np.mean((equations.E @ theta) ** 2, axis=0))

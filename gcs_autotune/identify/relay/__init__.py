@@ -1,6 +1,19 @@
-"""Self-oscillation: limit cycles of a relay and their first harmonic (IS-O, Miskovic2010, ch. 5-7).
+"""Identify from the limit cycles of a relay and their first harmonic (IS-O, Miskovic2010, ch. 5-7).
 
 ``limit_cycle`` reads cycles from a record and decides when to stop an experiment. ``iso`` identifies one degree of
-freedom from a cycle, and decides its drag from two. ``linear_process`` identifies any linear process, and the closed
-heading loop, from several.
+freedom from one cycle, and decides its drag from two. ``linear_process`` identifies any linear process, and the closed
+heading loop, from several cycles.
 """
+
+from __future__ import annotations
+
+from gcs_autotune.identify.relay.limit_cycle import SCATTER, LimitCycleMonitor
+from gcs_autotune.identify.relay.linear_process import loop_cycles, loop_process, loop_trial
+
+__all__ = [
+    "SCATTER",
+    "LimitCycleMonitor",
+    "loop_cycles",
+    "loop_process",
+    "loop_trial",
+]

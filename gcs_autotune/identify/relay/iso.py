@@ -1,14 +1,14 @@
-"""IS-O: identification by use of self-oscillations, from one limit cycle (Miskovic2010, Table 6.3).
+"""IS-O: identification by self-oscillation, from one limit cycle (Miskovic2010, Table 6.3).
 
-The relay's describing function: ``x = x_0 + X_m sin(omega t)`` into a relay of output ``C`` that switches at
-``+/- x_a`` gives, to the first harmonic, ``Y_0 + (P_N + j Q_N) (x - x_0)``, (5.10)-(5.14); integrators and delays turn
-it.
+The relay is described by its describing function. Its input is ``x = x_0 + X_m sin(omega t)``, its output is ``C`` or
+``-C``, and it switches at ``+/- x_a``. To the first harmonic the output is ``Y_0 + (P_N + j Q_N) (x - x_0)``,
+(5.10)-(5.14). Integrators and delays rotate its phase.
 
-Both drag structures come from the same reading. All corrections are applied: bias (5.13), known delay (6.31), real
-switching value (6.5). The result is approximate, because only the first harmonic is balanced. Output error
-(:mod:`gcs_autotune.identify.solution`) starts from it. Two limit cycles decide between the structures, (7.1)-(7.2). The
-structure whose coefficient scatters less describes the craft better. The scatter of ``alpha``, equal in both, measures
-the confidence.
+Both drag structures come from the same reading. Three corrections are applied: bias (5.13), known delay (6.31), and
+actual switching value (6.5). The result is approximate, because only the first harmonic is balanced. Output error
+(:mod:`gcs_autotune.identify.problems.solution`) starts from it. Two limit cycles decide between the structures,
+(7.1)-(7.2). The structure whose drag coefficient differs less between them describes the craft better. The difference
+of ``alpha`` is the same for both structures and serves as a margin.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ __all__ = [
 
 
 def is_valid(X_m: float, x_a: float, x_0: float = 0.0) -> bool:
-    """Return whether an oscillation lies inside the describing function's domain, Miskovic2010, eq. (7.12)."""
+    """Return whether an oscillation satisfies the condition for the describing function, Miskovic2010, eq. (7.12)."""
     return X_m > 0.0 and x_a + abs(x_0) < X_m
 
 
 def relay(C: float, X_m: float, x_a: float, x_0: float = 0.0) -> tuple[float, float]:
     """Return ``(P_N, Q_N)`` of a relay with hysteresis, Miskovic2010, eq. (5.13), (5.14) = (6.45), (6.46).
 
-    ``C`` in input units; ``X_m``, ``x_a``, ``x_0`` in one unit of the output. Outside (7.12) a square root
-    has no value; it is taken as 0 there, and :func:`is_valid` says so.
+    ``C`` is in units of the input. ``X_m``, ``x_a`` and ``x_0`` are in the same unit of the output. If condition (7.12)
+    is violated, a square root would be imaginary and is replaced by 0. :func:`is_valid` checks this condition.
     """
     upper = math.sqrt(max(0.0, 1.0 - ((x_a - x_0) / X_m) ** 2))
     lower = math.sqrt(max(0.0, 1.0 - ((x_a + x_0) / X_m) ** 2))
@@ -53,19 +53,22 @@ def relay(C: float, X_m: float, x_a: float, x_0: float = 0.0) -> tuple[float, fl
 
 
 def relay_bias(C: float, X_m: float, x_a: float, x_0: float = 0.0) -> float:
-    """Return the relay's mean output ``Y_0`` for a biased input, Miskovic2010, eq. (5.11); |x_a| + |x_0| <= X_m."""
+    """Return the relay's mean output ``Y_0`` for a biased input, Miskovic2010, eq. (5.11).
+
+    It requires |x_a| + |x_0| <= X_m.
+    """
     return C / math.pi * (math.asin((x_a + x_0) / X_m) - math.asin((x_a - x_0) / X_m))
 
 
 def from_integrators(P: float, Q: float, omega: float, k: int) -> tuple[float, float]:
-    """Return ``(P, Q)`` with *k* integrators of the process joined to the relay, Miskovic2010, eq. (6.25)."""
+    """Return ``(P, Q)`` after moving *k* integrators from the process to the relay, Miskovic2010, eq. (6.25)."""
     for _ in range(k):
         P, Q = Q / omega, -P / omega
     return P, Q
 
 
 def from_delay(P: float, Q: float, omega: float, delay: float) -> tuple[float, float]:
-    """Return ``(P, Q)`` with a known *delay* [s] of the process joined to the relay, Miskovic2010, eq. (6.31)."""
+    """Return ``(P, Q)`` after moving a known *delay* [s] from the process to the relay, Miskovic2010, eq. (6.31)."""
     cosine, sine = math.cos(omega * delay), math.sin(omega * delay)
     return P * cosine + Q * sine, Q * cosine - P * sine
 
@@ -73,9 +76,9 @@ def from_delay(P: float, Q: float, omega: float, delay: float) -> tuple[float, f
 def quadratic_drag(nu_0: float, amplitude: float) -> tuple[float, float]:
     """Return mean and gain of ``|nu| nu`` for ``nu = nu_0 + amplitude sin(omega t)``, amplitude > 0.
 
-    Miskovic2010 gives the gain for ``nu_0 = 0``, ``8/(3 pi) amplitude`` in (6.41)-(6.43); here its Fourier integrals
-    are taken for any *nu_0*, because surge may oscillate around a speed (6.48). Beyond ``|nu_0| = amplitude`` the
-    velocity never changes sign and the gain is ``2 |nu_0|``.
+    Miskovic2010 (6.41)-(6.43) contains the gain for ``nu_0 = 0``, which is ``8/(3 pi) amplitude``. Here the Fourier
+    integrals are solved for any *nu_0*, because surge may oscillate around a speed (6.48). If ``|nu_0|`` exceeds the
+    amplitude, the velocity never changes sign and the gain is ``2 |nu_0|``.
     """
     if abs(nu_0) >= amplitude:
         return math.copysign(nu_0**2 + 0.5 * amplitude**2, nu_0), 2.0 * abs(nu_0)
@@ -88,9 +91,10 @@ def quadratic_drag(nu_0: float, amplitude: float) -> tuple[float, float]:
 def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
     """Return inertia, both drags and the constant force of *cycle*.
 
-    Miskovic2010, Table 6.3, with two mends: printed (6.43) lacks a power of omega (the velocity's amplitude is
-    ``omega * X_m``), and ``delta`` here stands on the side of the input, so it is *minus* the input's mean
-    (6.47). A negative ``C`` (an input that turns the other way) gives negative parameters.
+    The equations are those of Miskovic2010, Table 6.3, with two corrections. The printed (6.43) lacks a power of omega,
+    because the velocity's amplitude is ``omega * X_m``. Here ``delta`` is on the same side of the equation as the
+    input, so it is *minus* the input's mean (6.47). A negative ``C`` (an input that acts in the opposite direction)
+    leads to negative parameters.
 
     Parameters
     ----------
@@ -110,9 +114,9 @@ def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
 
 
 def constant_force(cycle: LimitCycle, beta: float, beta_quadratic: float) -> float:
-    """Return what balances drag and input in the mean over *cycle*, on the side of the input; Miskovic2010, eq. (6.47).
+    """Return the constant force, on the side of the input, that balances drag and input on average over *cycle*.
 
-    With no mean velocity it is minus the input's mean, whatever the drag.
+    Source: Miskovic2010, eq. (6.47). If the mean velocity is zero, it is minus the input's mean, whatever the drag.
     """
     lost, _ = quadratic_drag(cycle.nu_0, cycle.omega * cycle.X_m)
     given = cycle.offset + cycle.C * (cycle.T_H - cycle.T_L) / (cycle.T_H + cycle.T_L)
@@ -125,16 +129,19 @@ MARGINS: Mapping[str, Callable[[float], float]] = {
     "sigma+5": lambda sigma_alpha: sigma_alpha + 5.0,
     "sigma+10": lambda sigma_alpha: sigma_alpha + 10.0,
 }
-"""Name -> margin lambda [%] as a function of sigma_alpha [%]; Miskovic2010, 7.1, criteria 1 to 4."""
+"""Name of a criterion -> function that returns the margin lambda [%] for sigma_alpha [%].
+
+These are criteria 1 to 4 of Miskovic2010, 7.1.
+"""
 
 
 def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decision:
-    """Decide between linear (``linear``) and quadratic damping (``nonlinear``).
+    """Return the decision between linear damping (``linear``) and quadratic damping (``nonlinear``).
 
     Raises
     ------
     UnknownName
-        When *margin* is not in :data:`MARGINS`.
+        *margin* is not in :data:`MARGINS`.
     """
     sigma_alpha = _spread(one.alpha, other.alpha)
     sigma_beta = _spread(one.beta, other.beta)
@@ -150,7 +157,7 @@ def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decis
 
 
 def two_experiment_decision(estimates: Sequence[IsoEstimate]) -> Decision | None:
-    """Return the decision from the two most different limit cycles, None when there are no two."""
+    """Return the decision from the two most different limit cycles, or None without two."""
     pair = _most_different_pair(tuple(estimates))
     return None if pair is None else decide(*pair)
 
@@ -158,9 +165,9 @@ def two_experiment_decision(estimates: Sequence[IsoEstimate]) -> Decision | None
 def _most_different_pair(estimates: tuple[IsoEstimate, ...]) -> tuple[IsoEstimate, IsoEstimate] | None:
     """Return the two valid estimates whose velocity amplitudes differ most, or None.
 
-    The experiments should be as different as possible (Miskovic2010, 7.3); below 10 % of difference in velocity
-    amplitude the two structures predict the same drag and nothing can be decided (chosen: that is where
-    the spread they disagree about falls under 5 %, the repeatability seen in Miskovic2010, Table 7.9).
+    The experiments should be as different as possible (Miskovic2010, 7.3). If the amplitudes differ by less than 10 %,
+    both structures predict nearly the same drag and the result is undecided. The spread between the structures is then
+    below 5 %. That is the repeatability in Miskovic2010, Table 7.9.
     """
     usable = [e for e in estimates if e.cycle.valid]
     pairs = sorted(combinations(usable, 2), key=lambda pair: _spread(_speed(pair[0]), _speed(pair[1])))
@@ -174,6 +181,6 @@ def _speed(estimate: IsoEstimate) -> float:
 
 
 def _spread(one: float, other: float) -> float:
-    """Miskovic2010, eq. (7.1): relative deviation of two values from their mean [%]."""
+    """Return the relative deviation [%] of two values from their mean, Miskovic2010, eq. (7.1)."""
     total = one + other
     return 100.0 * abs((one - other) / total) if total else 100.0

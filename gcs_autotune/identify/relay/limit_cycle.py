@@ -1,7 +1,7 @@
 """Read limit cycles from a relay experiment, and monitor when to stop one (Miskovic2010, 6.5-6.7).
 
-The readings are extremes and durations of every half period, the real switching value (6.5), and condition (7.12) for
-every period. The stop rule needs five consecutive periods whose maxima and minima scatter within 10 %.
+The readings are the extremes and durations of every half period, the actual switching value (6.5), and condition (7.12)
+for every period. The stop rule needs five consecutive periods whose maxima and minima scatter within 10 %.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.along_axis import distance_in
-from gcs_autotune.identify.preparation import prepare
 from gcs_autotune.identify.relay.iso import is_valid
 from gcs_autotune.identify.result import LimitCycle
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.along_axis import distance_in
+from gcs_autotune.identify.signals.preparation import prepare
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Trial
 
@@ -44,7 +44,11 @@ SCATTER = 0.10
 
 @dataclass(frozen=True, slots=True)
 class HalfPeriod:
-    """From one switching to the next: times [s], the position when it began, its extremes, the input's level."""
+    """Readings of one half period, from one switching to the next.
+
+    ``start``, ``end``: times [s]. ``at_switch``: position at the start. ``low``, ``high``: its extremes. ``level``:
+    level of the input.
+    """
 
     start: float
     end: float
@@ -55,15 +59,15 @@ class HalfPeriod:
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration of the half period [s]."""
         return self.end - self.start
 
 
 def cycle_from(halves: Sequence[HalfPeriod], x_a: float | None = None) -> LimitCycle:
     """Return the mean limit cycle of an even number (two or more) of consecutive half periods.
 
-    Switching values are measured from their own middle, so the reference need not be known; ``valid`` holds
-    only when every single period satisfies (7.12).
+    Switching values are measured from their own middle, so the reference need not be known. ``valid`` is true only if
+    every single period satisfies (7.12).
     """
     one, other = halves[0::2], halves[1::2]
     rising, falling = (one, other) if _mean(one, "at_switch") < _mean(other, "at_switch") else (other, one)
@@ -99,7 +103,10 @@ def _mean(halves: Sequence[HalfPeriod], name: str) -> float:
 
 
 def _is_proper(pair: Sequence[HalfPeriod], middle: float) -> bool:
-    """Miskovic2010, eq. (7.12) for one period."""
+    """Return whether one period satisfies Miskovic2010, eq. (7.12).
+
+    middle : midway between the switching positions.
+    """
     low, high = min(h.low for h in pair), max(h.high for h in pair)
     x_a = 0.5 * abs(pair[0].at_switch - pair[1].at_switch)
     return is_valid(0.5 * (high - low), x_a, 0.5 * (high + low) - middle)
@@ -109,9 +116,9 @@ def _is_proper(pair: Sequence[HalfPeriod], middle: float) -> bool:
 class MonitorState:
     """State of the monitor.
 
-    ``switchings``: total count. ``periods``: consecutive proper periods at present, 0 after one that violates (7.12),
-    which clears the registers. ``settled``: the stop rule. ``proper``: whether the last full period satisfied (7.12),
-    True before the first. ``cycle``: the mean over the latest periods, None before the first.
+    ``switchings``: total number. ``periods``: number of consecutive periods that satisfy (7.12); a period that violates
+    it sets the count to 0. ``settled``: whether the stop rule is satisfied. ``proper``: whether the last full period
+    satisfied (7.12), True before the first. ``cycle``: mean of the latest periods, None before the first.
     """
 
     switchings: int
@@ -122,13 +129,13 @@ class MonitorState:
 
 
 class LimitCycleMonitor:
-    """Follows a relay sample by sample.
+    """Monitor that follows a relay sample by sample and applies the stop rule.
 
     Parameters
     ----------
     C : relay output [input units], half the distance between its two positions.
     x_a : set switching value [rad or m].
-    periods, scatter : the stop rule.
+    periods, scatter : limits of the stop rule, as :data:`PERIODS` and :data:`SCATTER`.
     """
 
     def __init__(self, C: float, x_a: float, *, periods: int = PERIODS, scatter: float = SCATTER) -> None:
@@ -141,15 +148,17 @@ class LimitCycleMonitor:
 
     @property
     def state(self) -> MonitorState:
-        """The state after the last update."""
+        """State of the monitor after the last update."""
         return self._state
 
     def update(self, t: float, x: float, relay_high: bool) -> MonitorState:
-        """Take one sample: time [s], the relay's input *x* of either sign, and the relay's position now.
+        """Process one sample, and return the state.
 
-        *x* must be continuous (an angle unwrapped or relative to the reference). Call it after the relay has
-        decided, so that the sample at which it switched is the first of the new half period. Samples that
-        are not finite are ignored.
+        t, x, relay_high : time [s], input of the relay with either sign, and whether its output is now high.
+
+        *x* must be continuous (an angle unwrapped or relative to the reference). Call the method after the relay has
+        decided. The sample at which it switched is then the first of the new half period. Samples that are not finite
+        are ignored.
         """
         if not (math.isfinite(t) and math.isfinite(x)):
             return self._state
@@ -162,7 +171,7 @@ class LimitCycleMonitor:
         return self._state
 
     def _switch(self, t: float, x: float, relay_high: bool) -> None:
-        """Close the running half period and begin the next."""
+        """Complete the current half period and begin the next."""
         if not math.isnan(self._start):
             level = self._C if self._relay else -self._C
             self._halves.append(HalfPeriod(self._start, t, self._at_switch, self._low, self._high, level))
@@ -184,7 +193,7 @@ class LimitCycleMonitor:
         return MonitorState(switchings, whole, settled, True, cycle)
 
     def _seen_from_relay(self, cycle: LimitCycle) -> LimitCycle:
-        """Mirror a cycle whose *x* falls when the position rises, so that ``C`` keeps the sign it was given."""
+        """Return *cycle* mirrored if *x* falls while the position rises, so that ``C`` keeps its sign."""
         if cycle.C * self._C >= 0.0:
             return cycle
         return replace(cycle, C=-cycle.C, x_0=-cycle.x_0, T_H=cycle.T_L, T_L=cycle.T_H)
@@ -193,34 +202,33 @@ class LimitCycleMonitor:
 Array = NDArray[np.float64]
 
 LEVEL_TOLERANCE = 0.05
-"""Spread of a relay's level between half periods that still counts as the same experiment."""
+"""Relative difference of the relay's level between half periods, up to which they belong to the same experiment."""
 
 
 NEUTRAL = 0.25
-"""Deviation of an input from the relay's level, relative to its amplitude, at which it counts as neutral (half of
-it)."""
+"""Deviation of an input from the relay's level, relative to its amplitude, above which it counts as neutral."""
 
 RELAY_SPREAD = 0.2
-"""Largest scatter of a relay's switching positions, as a fraction of the distance between the two."""
+"""Largest scatter of the relay's switching positions, as a fraction of the distance between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A limit cycle with the times [s] at which its periods begin and the last one ends, ``(periods + 1,)``."""
+    """A limit cycle, and the times ``edges`` (periods + 1,) [s] of the starts of its periods and of the last end."""
 
     cycle: LimitCycle
     edges: Array
 
 
 def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
-    """Return the limit cycles of a run, one per relay setting in it; empty when the input is no relay.
+    """Return the limit cycles of a run, one per relay setting, or none if the input is not a relay.
 
-    Each is averaged over its last periods, leaving out leading ones that still belong to the transient.
+    Each is averaged over its last periods. The first periods are left out if they still belong to the transient.
 
     Raises
     ------
     MissingChannel, NotInformative, BadFile
-        As :func:`gcs_autotune.identify.preparation.prepare`.
+        As for :func:`gcs_autotune.identify.signals.preparation.prepare`.
     """
     return tuple(found.cycle for record in prepare(trial, dof) for found in settled_cycles(trial, record))
 
@@ -236,12 +244,12 @@ def settled_cycles(trial: Trial, record: Segment) -> list[Settled]:
 def cycles_of(
     record: Segment, x_a: float | None = None, marked: Sequence[float] = (), *, declared: bool = False
 ) -> list[Settled]:
-    """Return the limit cycles in one stretch.
+    """Return the limit cycles in one stretch, with the times of their periods.
 
     Parameters
     ----------
-    marked : switching times [s] that serve when the input itself shows none.
-    declared : the run is known to be a relay experiment; else only what behaves like a relay is taken.
+    marked : switching times [s], used if the input itself does not show them.
+    declared : whether the run is known to be a relay experiment. If not, only a stretch that behaves like one is used.
     """
     switchings = _switchings(record, marked)
     t, x, nu_0 = _position(record, switchings)
@@ -257,7 +265,7 @@ def cycles_of(
 
 
 def _is_relay(halves: Sequence[HalfPeriod]) -> bool:
-    """Whether two-level input switches where a relay would: again and again at the same two positions."""
+    """Return whether a two-level input switches like a relay, repeatedly at the same two positions."""
     if len(halves) < 4:
         return False
     one, other = (np.array([h.at_switch for h in halves[i::2]]) for i in (0, 1))
@@ -266,11 +274,12 @@ def _is_relay(halves: Sequence[HalfPeriod]) -> bool:
 
 
 def _position(record: Segment, switchings: Array) -> tuple[Array, Array, float]:
-    """Return stamps, position, and the mean velocity taken out of it.
+    """Return stamps, position, and the mean velocity that was subtracted.
 
-    Without a position, and in surge and sway whose ``x`` and ``y`` need not be ahead and starboard, it is the
-    velocity integrated about its mean, Miskovic2010, eq. (6.48). The mean is taken over whole periods, later ones only:
-    over anything else the integral would drift. A distance to a wall ahead is what a relay on it switched by (6.6.2).
+    Without a position, it is the integral of the velocity minus its mean, Miskovic2010, eq. (6.48). The same holds for
+    surge and sway if a velocity was measured, because ``x`` and ``y`` may not be ahead and starboard. The mean is taken
+    over whole, later periods, because otherwise the integral would drift. If the relay acted on the distance to a wall
+    ahead (6.6.2), that distance is used.
     """
     wall = distance_in(record)
     if wall is not None:
@@ -290,9 +299,10 @@ def _position(record: Segment, switchings: Array) -> tuple[Array, Array, float]:
 
 
 def _switchings(record: Segment, marked: Sequence[float] = ()) -> Array:
-    """Return when the input crosses the middle of its two positions, the return to neutral at the end left out.
+    """Return the times at which the input crosses the middle between its two positions.
 
-    A relay that stops at a switching goes on to neutral at once: only its mark tells that crossing from a mere return.
+    The final return to neutral is left out. A relay that stops at a switching returns to neutral at once. Only a mark
+    in the record distinguishes this crossing from a mere return.
     """
     low, high = np.quantile(record.tau, [0.1, 0.9]) if len(record.tau) > 4 else (record.tau.min(), record.tau.max())
     middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
@@ -304,7 +314,10 @@ def _switchings(record: Segment, marked: Sequence[float] = ()) -> Array:
 
 
 def _ends_at_neutral(record: Segment, switched: Array) -> bool:
-    """Whether the last crossing is no switching: what the input is held at from there on is not the relay's level."""
+    """Return whether the last crossing is a return to neutral instead of a switching.
+
+    It is if the input is then held at a value that is not the relay's level.
+    """
     if len(switched) < 3:
         return False
     end = max(float(record.t_in[-1]), float(record.main.t[-1]))
@@ -314,13 +327,13 @@ def _ends_at_neutral(record: Segment, switched: Array) -> bool:
 
 
 def _held_longest(record: Segment, start: float, end: float) -> float:
-    """Return the value the input is held at for longest between two times."""
+    """Return the value at which the input is held for the longest time between *start* and *end*."""
     edges, values = _holds(record, start, end)
     return float(values[int(np.argmax(np.diff(edges)))])
 
 
 def _holds(record: Segment, start: float, end: float) -> tuple[Array, Array]:
-    """Return the input's values (n,) between two times and the times (n + 1,) that bound them."""
+    """Return the times (n + 1,) that bound constant values of the input, and these values (n,)."""
     edges = np.concatenate([[start], record.t_in[(record.t_in > start) & (record.t_in < end)], [end]])
     return edges, record.tau[np.searchsorted(record.t_in, edges[:-1], side="right") - 1]
 
@@ -341,7 +354,7 @@ def _half_periods(t: Array, x: Array, record: Segment, switchings: Array) -> lis
 
 
 def _level(record: Segment, start: float, end: float) -> float | None:
-    """Return the input's level in a half period, None when it is not held for four fifths of it."""
+    """Return the input's level in a half period, or None if it is not held for four fifths of it."""
     edges, values = _holds(record, start, end)
     held = np.diff(edges)
     level = float(values[int(np.argmax(held))])
@@ -350,7 +363,7 @@ def _level(record: Segment, start: float, end: float) -> float | None:
 
 
 def _peak(t: Array, x: Array) -> float:
-    """Return the maximum, from a parabola through the samples within an eighth of the stretch of it."""
+    """Return the maximum of *x*, from a parabola through the samples within an eighth of the stretch."""
     top = int(np.argmax(x))
     near = np.abs(t - t[top]) <= max((t[-1] - t[0]) / 8.0, 1.01 * float(np.median(np.diff(t))))
     if not 0 < top < len(x) - 1 or int(near.sum()) < 3:
@@ -363,7 +376,7 @@ def _peak(t: Array, x: Array) -> float:
 
 
 def _groups(halves: Sequence[HalfPeriod]) -> list[list[HalfPeriod]]:
-    """Split into stretches in which the relay alternates between the same two levels."""
+    """Return the stretches in which the relay alternates between the same two levels."""
     groups: list[list[HalfPeriod]] = [[]]
     for half in halves:
         group = groups[-1]
@@ -378,9 +391,10 @@ def _groups(halves: Sequence[HalfPeriod]) -> list[list[HalfPeriod]]:
 
 
 def _settled(halves: Sequence[HalfPeriod], x_a: float | None) -> Settled | None:
-    """Return the mean of the last periods, as many (five or more) as make it most certain.
+    """Return the mean of the last periods, five or more if possible.
 
-    Scatter over the square root of their number: more periods help until the first ones bring in the transient.
+    The number of periods minimises the scatter divided by the square root of this number. More periods help until they
+    include the transient.
     """
     count = len(halves) // 2
     cycles = [cycle_from(halves[-2 * periods :], x_a) for periods in range(min(PERIODS, count), count + 1)]

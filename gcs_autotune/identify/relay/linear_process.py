@@ -1,14 +1,14 @@
-"""IS-O for any linear process with n poles and m zeros, from several limit cycles: Miskovic2010, eq. (6.16)-(6.19).
+"""Identify any linear process with n poles and m zeros from several limit cycles, Miskovic2010, eq. (6.16)-(6.19).
 
-``G(s) = sum b_i s^i / sum a_i s^i * exp(-s T_d) / s^k`` with ``a_0 = 1``. Each experiment balances one complex
-equation, ``sum a_i (j omega)^i + (P* + j Q*) sum b_i (j omega)^i = 0``; its real and imaginary parts are two rows. What
-stands for ``P + j Q`` is the relay's describing function, good to the first harmonic (:func:`identify_process`), or
-``-1/G`` measured at any frequency (:func:`process_from_response`).
+The process is ``G(s) = sum b_i s^i / sum a_i s^i * exp(-s T_d) / s^k`` with ``a_0 = 1``. Each experiment supplies one
+complex equation, ``sum a_i (j omega)^i + (P* + j Q*) sum b_i (j omega)^i = 0``. Its real and imaginary parts are two
+rows. ``P + j Q`` is either the relay's describing function, which is accurate to the first harmonic
+(:func:`identify_process`), or ``-1/G`` measured at any frequency (:func:`process_from_response`).
 
-The closed heading loop is such a process (Miskovic2010, 6.6.4): the relay is outside the autopilot and commands the
-heading, ``psi_ref = psi_ref* +/- C``. What is identified is
-``psi/psi_ref = (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1)``, (6.49): every autopilot of its Table 8.1 but the
-classical PID is of that form on a steering equation of first order. :func:`simplify` is its Algorithm 8.7.
+The closed heading loop is such a process (Miskovic2010, 6.6.4). The relay is outside the autopilot and commands the
+heading, ``psi_ref = psi_ref* +/- C``. The result is ``psi/psi_ref = (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1)``,
+(6.49). On a first-order steering equation, every autopilot of Table 8.1 except the classical PID leads to this form.
+:func:`simplify` is Algorithm 8.7.
 """
 
 from __future__ import annotations
@@ -43,11 +43,14 @@ __all__ = [
 Array = NDArray[np.float64]
 
 ROUNDS = 12
-"""Number of solutions of the weighted equations; the weights settle in five to eight."""
+"""Maximum number of solutions of the weighted equations. The weights settle after five to eight."""
 
 
 def experiments_needed(n: int, m: int, *, gain_known: bool = False) -> int:
-    """Return how many limit cycles determine *n* poles and *m* zeros, Miskovic2010 (6.11); one less with b_0."""
+    """Return the number of limit cycles needed for *n* poles and *m* zeros, Miskovic2010 (6.11).
+
+    gain_known : whether b_0 is known, which is one unknown less.
+    """
     return math.ceil((n + m + (0 if gain_known else 1)) / 2)
 
 
@@ -60,20 +63,20 @@ def identify_process(
     *,
     gain: float | None = None,
 ) -> TransferFunction:
-    """Identify a linear process from limit cycles, to the first harmonic.
+    """Identify a linear process from limit cycles, accurate to the first harmonic.
 
-    Bias ``x_0`` and real switching value ``x_a*`` of each cycle are used; *integrators* as (6.25), *delay* [s] as
-    (6.31).
+    The bias ``x_0`` and the actual switching value ``x_a*`` of each cycle are used. *integrators* are treated by
+    (6.25), and *delay* [s] by (6.31).
 
     Parameters
     ----------
-    n, m : poles (integrators not counted) and zeros, n > m unless there are integrators.
-    gain : b_0 where it is known, such as 1 for a closed loop with integral action, Miskovic2010, eq. (6.51).
+    n, m : numbers of poles (without integrators) and zeros, n > m unless there are integrators.
+    gain : b_0 if known, such as 1 for a closed loop with integral action, Miskovic2010, eq. (6.51).
 
     Raises
     ------
     NotInformative
-        Too few cycles, or cycles too alike for the order asked for.
+        There are too few cycles, or they are too similar for the requested order.
     """
     balance = [complex(*relay(c.C, c.X_m, c.x_a_star, c.x_0)) for c in cycles]
     return _solve([c.omega for c in cycles], balance, n, m, integrators, delay, gain, np.ones(len(cycles)))
@@ -90,19 +93,21 @@ def process_from_response(
     gain: float | None = None,
     std: ArrayLike | None = None,
 ) -> TransferFunction:
-    """Identify a linear process from its measured frequency response by the same matrices.
+    """Identify a linear process from its measured frequency response.
 
-    Three harmonics of one limit cycle are three points: what the describing function leaves out is put to use.
+    The equations are those of :func:`identify_process`. Three harmonics of one limit cycle are three points. The
+    harmonics that the describing function neglects are therefore used here.
 
     Parameters
     ----------
-    omega : (k,) [rad/s]. response : (k,) complex, of the whole process with its integrators and delay.
+    omega : (k,) [rad/s].
+    response : (k,) complex, of the whole process including integrators and delay.
     std : (k,) standard deviation of *response*; the rows are weighted by it, relative to the response.
 
     Raises
     ------
     NotInformative
-        As :func:`identify_process`.
+        As for :func:`identify_process`.
     """
     value = np.asarray(response, dtype=np.complex128)
     weight = np.ones(len(value)) if std is None else np.abs(value) / np.asarray(std, dtype=np.float64)
@@ -119,10 +124,10 @@ def _solve(
     gain: float | None,
     weight: Array,
 ) -> TransferFunction:
-    """Solve (6.16) by least squares (6.19).
+    """Return the process that solves (6.16) by least squares (6.19).
 
-    With more equations than the least the rows are weighed so that *relative* errors of the response count: each is
-    divided by the denominator found before it (Sanathanan1963).
+    If there are more equations than unknowns, the rows are weighted so that *relative* errors of the response count.
+    Each row is divided by the denominator of the previous solution (Sanathanan1963).
     """
     unknown = n + m + (1 if gain is None else 0)
     needed = experiments_needed(n, m, gain_known=gain is not None)
@@ -151,7 +156,10 @@ def _solve(
 
 
 def _least_squares(rows: NDArray[np.complex128], known: NDArray[np.complex128]) -> tuple[list[float], int]:
-    """Return the real solution and the rank; columns scaled, because powers of omega differ by orders of magnitude."""
+    """Return the real least-squares solution and the rank.
+
+    Columns are scaled, because powers of omega differ by orders of magnitude.
+    """
     table, wanted = np.concatenate([rows.real, rows.imag]), np.concatenate([known.real, known.imag])
     scale = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
     solution, _, rank, _ = np.linalg.lstsq(table / scale, wanted, rcond=1e-10)
@@ -159,7 +167,7 @@ def _least_squares(rows: NDArray[np.complex128], known: NDArray[np.complex128]) 
 
 
 def _row(omega: float, balance: complex, n: int, m: int, integrators: int, delay: float) -> NDArray[np.complex128]:
-    """Return the row of ``a_1..a_n, b_0..b_m``, Miskovic2010, eq. (6.17)-(6.18) in complex form."""
+    """Return the complex row for ``a_1..a_n, b_0..b_m``, Miskovic2010, eq. (6.17)-(6.18)."""
     P, Q = from_integrators(balance.real, balance.imag, omega, integrators)
     P, Q = from_delay(P, Q, omega, delay)
     s = 1j * omega
@@ -167,14 +175,17 @@ def _row(omega: float, balance: complex, n: int, m: int, integrators: int, delay
 
 
 LOOPS: Mapping[str, tuple[str, str]] = {"psi_ref": ("psi", "yaw"), "z_ref": ("z", "heave"), "u_ref": ("u", "surge")}
-"""Commanded channel -> responding channel, and the degree of freedom whose position and input represent them.
+"""Commanded channel -> responding channel, and the degree of freedom that represents the loop.
 
-A speed ahead takes the place of a position, because the loop holds it.
+The command becomes the input of that degree of freedom, and the response its position. For ``u_ref`` the speed takes
+the place of the position, because the loop controls it.
 """
 
 
 def heading_loop(cycle_1: LimitCycle, cycle_2: LimitCycle, *further: LimitCycle) -> TransferFunction:
-    """Return the closed heading loop from two or more limit cycles, Miskovic2010, eq. (6.52); its static gain is 1.
+    """Return the closed heading loop from two or more limit cycles, Miskovic2010, eq. (6.52).
+
+    Its static gain is 1.
 
     Raises
     ------
@@ -185,13 +196,15 @@ def heading_loop(cycle_1: LimitCycle, cycle_2: LimitCycle, *further: LimitCycle)
 
 
 def loop_trial(trial: Trial) -> Trial:
-    """Return *trial* with what is commanded (heading, depth or speed) as the input of its degree of freedom, and what
-    answers as the position, for everything that takes a run of one degree of freedom.
+    """Return *trial* with a closed loop written as one degree of freedom.
+
+    The commanded value (heading, depth or speed) becomes the input, and the response becomes the position. Functions
+    for one degree of freedom can then be used.
 
     Raises
     ------
     MissingChannel
-        Without ``psi_ref`` and ``psi``, or those of depth or speed.
+        The run contains neither ``psi_ref`` and ``psi`` nor those channels of depth or speed.
     """
     found = next((r for r, (signal, _) in LOOPS.items() if r in trial and signal in trial), None)
     if found is None:
@@ -210,12 +223,14 @@ def loop_trial(trial: Trial) -> Trial:
 
 
 def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
-    """Return the limit cycles of relays that command a set-point; ``C`` in its unit, rad of heading.
+    """Return the limit cycles of relays that command a set-point.
+
+    ``C`` is in the unit of the set-point, for headings in rad.
 
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`loop_trial` and :func:`gcs_autotune.identify.find_cycles`.
+        As for :func:`loop_trial` and :func:`gcs_autotune.identify.find_cycles`.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [loop_trial(run) for run in runs]
@@ -225,13 +240,14 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
 def simplify(loop: TransferFunction) -> TransferFunction:
     """Return the loop with two poles and one zero, Miskovic2010, Algorithm 8.7 and (8.51).
 
-    The real pole *p* is taken out and its lag ``-1/p`` taken off the zero's lead. Of three real poles, where the
-    Algorithm's cube roots turn complex, the fastest goes: that changes the response least.
+    The real pole *p* is removed, and its lag ``-1/p`` is subtracted from the lead of the zero. If there are three real
+    poles, the cube roots of the algorithm are complex. The fastest pole is then removed, because that changes the
+    response least.
 
     Raises
     ------
     NotInformative
-        When the pole to go is unstable, so that what is left would not stand for the loop.
+        The pole to remove is unstable, so the rest would not represent the loop.
     """
     a_3, b_1 = loop.denominator[3], loop.numerator[1]
     poles = loop.poles()
@@ -249,15 +265,15 @@ def simplify(loop: TransferFunction) -> TransferFunction:
 
 
 def loop_process(response: FrequencyResponse, n: int, m: int, *, gain: float | None = None) -> TransferFunction:
-    """Return the process from input to *position* with *n* poles and *m* zeros, from harmonics of its velocity.
+    """Return the process from input to *position* with *n* poles and *m* zeros.
 
-    The exact counterpart of ``identify_process`` where records and not only readings are at hand; for the closed
-    heading loop n = 3, m = 1, gain = 1.
+    *response* is that to velocity, from harmonics. This is the exact counterpart of :func:`identify_process` if records
+    are available and not only readings. For the closed heading loop n = 3, m = 1, gain = 1.
 
     Raises
     ------
     NotInformative
-        Too few frequencies.
+        There are too few frequencies.
     """
     s = 1j * response.omega
     return process_from_response(response.omega, response.value / s, n, m, gain=gain, std=response.std / response.omega)

@@ -1,11 +1,11 @@
-"""Several degrees of freedom, coupled: ``M nu_dot + C(nu) nu = F(nu, eta, inputs)`` in SNAME derivatives.
+"""Coupled degrees of freedom: ``M nu_dot + C(nu) nu = F(nu, eta, inputs)`` in SNAME derivatives.
 
 ============  ===========================================================================
-derivatives   derivative names read as terms
-form          which terms a model has (TOML files in ``forms/``); the table :data:`FORMS`
+derivatives   derivative names parsed as terms
+form          the terms of a model (TOML files in ``forms/``); the table :data:`FORMS`
 model         a form with numbers: matrices, simulation, sensitivities
-program       a form made into the arrays the kernel runs
-kernel        the compiled sweep
+program       a form converted to the arrays that the kernel uses
+kernel        the compiled simulation
 regressors    the same equations as rows linear in the parameters
 ============  ===========================================================================
 """

@@ -4,31 +4,35 @@
 name          meaning                                                     term
 ============  ==========================================================  ==========================
 ``X_udot``    added mass: force per acceleration (negative)               ``-X_udot`` in M
-``Y_rdot``    the same off the diagonal; its mirror ``N_vdot`` is equal   ``-Y_rdot`` in M, twice
-              unless it is named too
+``Y_rdot``    off-diagonal added mass; the mirror entry ``N_vdot`` is     ``-Y_rdot`` in M, twice
+              equal unless it is given as well
 ``X_u``       linear derivative (negative when it damps)                  ``X_u * u``
 ``X_uu``      two equal letters: with modulus                             ``X_uu * |u| u``
 ``N_rrr``     three equal letters: the cube                               ``N_rrr * r^3``
 ``N_uv``      different letters: plain product                            ``N_uv * u v``
-``Y_|v|r``    modulus where it stands                                     ``Y_|v|r * |v| r``
+``Y_|v|r``    bars: the modulus of that letter                            ``Y_|v|r * |v| r``
 ``X_0``       constant force                                              ``X_0``
 ``K_phi``     restoring, linear in an angle or in ``z``                   ``K_phi * phi``
 ``K_sinphi``  restoring of a weight below buoyancy                        ``K_sinphi * sin(phi)``
-``N_sinpsi``  goes with the heading, likewise ``N_cospsi``                ``N_sinpsi * sin(psi)``
+``N_sinpsi``  depends on the heading, likewise ``N_cospsi``               ``N_sinpsi * sin(psi)``
 ``Z_nearw``   grows towards the bottom: ``exp((z - bottom) / reach)``     ``Z_nearw * near * w``
 ``Y_delta``   input derivative; ``N_uudelta``: with ``|u| u``             ``Y_delta * delta``
 ============  ==========================================================  ==========================
 
-Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen2011, (3.44)). Not a force:
-``delay`` [s] and ``lag`` [s] (first-order) of all inputs, ``V_x``, ``V_y`` the current [m/s] towards north and east,
-``drift_x``, ``drift_y`` a current that measured velocities do not show because they are through the water, ``A_psi``,
-``B_psi``, ``C_psi`` [rad] the deviation of the compass (:mod:`.compass`), ``x_P``, ``y_P`` [m] the place of the sensor
-of position and velocity (:mod:`.lever_arm`), ``bottom`` [m] a depth and ``reach`` [m] how far above it the bottom is
-felt, ``wall_X`` ... ``wall_N`` by which share drag in that equation is larger down there.
+Rigid body: ``m``, ``I_x``, ``I_y``, ``I_z``, ``I_xz``, ``x_G``, ``y_G``, ``z_G`` (Fossen2011, (3.44)).
 
-Some inputs drive nothing: ``payload`` multiplies the inertia as time goes on, ``depth`` [m] stands for the ``z`` of a
-craft whose heave is not simulated, ``surge``, ``sway`` and ``yaw`` for ``u``, ``v`` and ``r`` where these were only
-measured.
+These parameters are not forces:
+
+- ``delay`` [s] and ``lag`` [s] (first-order): of all inputs.
+- ``V_x``, ``V_y``: the current [m/s] towards north and east.
+- ``drift_x``, ``drift_y``: a current that measured velocities do not include, because they are through the water.
+- ``A_psi``, ``B_psi``, ``C_psi`` [rad]: the deviation of the compass (:mod:`.compass`).
+- ``x_P``, ``y_P`` [m]: the place of the sensor of position and velocity (:mod:`.lever_arm`).
+- ``bottom`` [m]: depth of the bottom. ``reach`` [m]: height above it over which the bottom has an effect.
+- ``wall_X`` ... ``wall_N``: relative increase of the drag at the bottom in that equation.
+
+Some inputs do not drive the craft. ``payload`` multiplies the inertia over time. ``depth`` [m] replaces ``z`` if heave
+is not simulated. ``surge``, ``sway`` and ``yaw`` replace ``u``, ``v`` and ``r`` if these were only measured.
 """
 
 from __future__ import annotations
@@ -77,7 +81,7 @@ RIGID_BODY: Mapping[str, str] = {
 """Rigid-body constants and their units."""
 
 WALLS = tuple(f"wall_{force}" for force in FORCES)
-"""By which share drag is larger at the bottom, per row."""
+"""Parameters of the relative increase of drag at the bottom, one for each row."""
 
 SPECIAL: Mapping[str, str] = {
     **dict.fromkeys(("delay", "lag"), "s"),
@@ -87,10 +91,10 @@ SPECIAL: Mapping[str, str] = {
     **dict.fromkeys(("reach", "bottom"), "m"),
     **dict.fromkeys(WALLS, "1"),
 }
-"""What is neither force nor inertia, and its unit."""
+"""Parameters that are neither forces nor inertias, with their units."""
 
 PAYLOAD, DEPTH = "payload", "depth"
-"""The input that multiplies the inertia, and the input that represents ``z``."""
+"""Names of the input that multiplies the inertia, and of the input that replaces ``z``."""
 
 SEEN: Mapping[str, str] = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
 """Velocity -> the input that replaces it if it is measured and not simulated."""
@@ -109,7 +113,7 @@ _NAME = re.compile(r"^(?P<force>[XYZKMN])_(?P<rest>.+)$")
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A force ``coefficient * factors`` in one row; ``factors`` are codes of :mod:`.kernel`, at most three."""
+    """A force ``coefficient * factors`` in one row; ``factors`` are at most three codes of :mod:`.kernel`."""
 
     row: int
     factors: tuple[int, ...]
@@ -117,14 +121,14 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Inertia:
-    """An added-mass derivative: ``-coefficient`` stands at (row, column) of M."""
+    """An added-mass derivative: ``-coefficient`` is the entry (row, column) of M."""
 
     row: int
     column: int
 
 
 def inertia_of(name: str) -> Inertia | None:
-    """Return what an added-mass name means, None for any other name."""
+    """Return the matrix entry of an added-mass derivative; return None for any other name."""
     match = _NAME.match(name)
     if match is None or not match["rest"].endswith("dot"):
         return None
@@ -135,7 +139,7 @@ def inertia_of(name: str) -> Inertia | None:
 
 
 def term_of(name: str, inputs: Sequence[str]) -> Term:
-    """Return the force term a derivative's name means.
+    """Return the force term of a derivative.
 
     Raises
     ------
@@ -193,8 +197,8 @@ def unit_of(
 ) -> str:
     """Return the unit of a parameter; *inputs* maps input names to their units.
 
-    normalised : forces are known only as fractions, so ``N`` and ``N m`` do not appear.
-    per_inertia : force letters of the equations divided by their inertia: forces there are accelerations.
+    normalised : forces are known only as fractions, so ``N`` and ``N m`` do not appear. per_inertia : force letters of
+    the equations divided by their inertia, in which forces are accelerations.
     """
     if name in SPECIAL:
         return SPECIAL[name]
@@ -239,7 +243,7 @@ def _per_inertia(name: str, match: re.Match[str], inputs: Mapping[str, str]) -> 
 
 
 def _acceleration(force: str, rates: Sequence[str], others: Sequence[str]) -> str:
-    """Return the unit of an acceleration per product of *rates* (``m`` or ``rad`` per second) and *others*."""
+    """Return the unit of an acceleration per product of velocities (*rates*) and other factors (*others*)."""
     powers: dict[str, int] = {"m" if FORCES.index(force) < 3 else "rad": 1}
     for word in (*rates, *others):
         powers[word] = powers.get(word, 0) - 1

@@ -42,13 +42,12 @@ _ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 class Form:
     """The structure of a coupled model.
 
-    ``dofs`` in SNAME order; ``free`` the parameters to identify and ``known`` constants, names of
-    :mod:`.derivatives`; ``inputs`` maps a channel to ``(force letter, gain)`` pairs, the gain a number or a
-    parameter's name, with ``-`` before it for the opposite sign; ``start`` values to start a search from (optional).
-    ``optional``: inputs that are omitted if no run has their channel.
-    ``normalised``: forces are normalised outputs, so inertias and drags contain no newtons.
-    ``per_inertia``: force letters of the equations that are divided by their inertia, because no run determines a
-    force there; their terms are accelerations.
+    ``dofs``: in SNAME order. ``free``: the parameters to identify. ``known``: constants. Both have names of
+    :mod:`.derivatives`. ``inputs``: maps a channel to ``(force letter, gain)`` pairs. A gain is a number or a
+    parameter's name, preceded by ``-`` for the opposite sign. ``start``: start values of a search (optional).
+    ``optional``: inputs that are omitted if no run has their channel. ``normalised``: forces are normalised outputs, so
+    inertias and drags contain no newtons. ``per_inertia``: force letters of the equations that are divided by their
+    inertia, because no run determines a force there. Their terms are accelerations.
     """
 
     name: str
@@ -72,7 +71,7 @@ class Form:
         return (*self.free, *self.known)
 
     def fixing(self, values: Mapping[str, float]) -> Form:
-        """Return the form with some free parameters known."""
+        """Return the form with some free parameters fixed at known values."""
         return replace(
             self,
             free=tuple(n for n in self.free if n not in values),
@@ -80,12 +79,12 @@ class Form:
         )
 
     def knowing(self, values: Mapping[str, float]) -> Form:
-        """Return the form with constants a person knows of the craft.
+        """Return the form with user-supplied constants of the craft.
 
         Raises
         ------
         UsageError
-            A mass, in equations that know no newtons.
+            A mass was supplied, but no force of the equations is in newtons.
         """
         masses = [f"{n} = {v:g}" for n, v in values.items() if n in RIGID_BODY]
         if masses and (self.per_inertia or self.normalised):
@@ -111,12 +110,12 @@ class Form:
         return replace(self, free=free, known=known, start=start)
 
     def driven_by(self, channels: Collection[str]) -> Form:
-        """Return the form without its ``optional`` inputs that are not among *channels*."""
+        """Return the form without those ``optional`` inputs that are not among *channels*."""
         absent = {c for c in self.optional if c not in channels}
         return replace(self, inputs={c: g for c, g in self.inputs.items() if c not in absent}, optional=())
 
     def scaling_inputs(self) -> Form:
-        """Return the form with the gain of every input that has a plain 1 free: ``k_X``, force per unit of input."""
+        """Return the form with a free gain ``k_X`` (force per unit of input) for every input whose gain is 1."""
         inputs = {
             c: tuple((f, f"k_{f}" if g == 1.0 and f == c else g) for f, g in pairs) for c, pairs in self.inputs.items()
         }
@@ -125,7 +124,7 @@ class Form:
 
     @property
     def is_in_newtons(self) -> bool:
-        """Whether one of its inertias is fully known, so that a run with normalised outputs determines their forces."""
+        """Whether an inertia is fully known, so that a run with normalised outputs determines the forces in newtons."""
         rigid = {"X": "m", "Y": "m", "Z": "m", "K": "I_x", "M": "I_y", "N": "I_z"}
         for dof in (DOFS[d] for d in self.dofs):
             added = f"{dof.force}_{dof.velocity}dot"
@@ -135,12 +134,14 @@ class Form:
 
     @property
     def in_shares(self) -> Form | None:
-        """Surge, sway and yaw with each equation per full output of its own force; None where this form cannot be so.
+        """The form of surge, sway and yaw with each equation relative to full output of its own force.
 
-        Momentum is not the same number in two equations then: what Coriolis' term makes of one inertia are products of
-        their own, ``X_vr``, ``Y_ur``, ``N_uv``. An equation that nothing drives is per unit of its inertia. A mass in
-        kg has no place in it, and an inertia off the diagonal stands in sway alone: in yaw nothing tells it from
-        ``N_v`` and ``N_r``, for an undriven sway accelerates as ``v``, ``r`` and ``u r`` say.
+        It is None if this form cannot be converted. A momentum then has different numbers in two equations. The
+        products that the Coriolis term forms from one inertia are therefore separate parameters, ``X_vr``, ``Y_ur``,
+        ``N_uv``. An equation without an input is per unit of its inertia. A mass in kg is not possible.
+
+        An off-diagonal inertia appears in sway only. In yaw it is not distinguished from ``N_v`` and ``N_r``, because
+        the acceleration of an undriven sway depends on ``v``, ``r`` and ``u r``.
         """
         forces = {DOFS[d].force: DOFS[d].velocity for d in self.dofs}
         given = [n for n in self.known if n not in RIGID_BODY and n not in SPECIAL]
@@ -215,14 +216,14 @@ def form_from(data: Mapping[str, Any], origin: str) -> Form:
     Raises
     ------
     BadFile
-        Unknown keys, names that are no derivatives, equations without their degree of freedom.
+        There are unknown keys, names that are no derivatives, or equations without their degree of freedom.
     """
     told = conformed(data, FormData, origin)
     return form_of(told, origin)
 
 
 def form_of(told: FormData, origin: str) -> Form:
-    """Return the form that a file holds; errors as those of :func:`form_from`."""
+    """Return the form that a file contains; errors are those of :func:`form_from`."""
     try:
         return Form(
             name=told.name,
@@ -247,7 +248,7 @@ def load_form(path: Path) -> Form:
     Raises
     ------
     BadFile
-        Not readable, not TOML, or not a form.
+        The file is not readable, not TOML, or not a form.
     """
     return form_from(load_toml(path, "a form"), str(path))
 
@@ -263,4 +264,4 @@ def _shipped() -> dict[str, Form]:
 
 
 FORMS: Mapping[str, Form] = _shipped()
-"""Name -> form shipped with this package; adding one is one file in ``forms/``."""
+"""Forms supplied with this package, by name; a new one is one file in ``forms/``."""

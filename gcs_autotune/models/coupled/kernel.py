@@ -1,17 +1,17 @@
-"""The compiled core of :mod:`gcs_autotune.models.coupled`: right-hand side, its derivatives, and the sweep.
+"""The compiled core of :mod:`gcs_autotune.models.coupled`: right-hand side, its derivatives, and integration.
 
-``M nu_dot + C(nu) nu = F(nu, eta, inputs)``, ``eta_dot = J(eta) nu + current``, with ``F`` a sum of products
-``theta_p * theta_s * c * f_1 * f_2 * f_3`` (``theta_s``: a second parameter, which few terms have). ``M`` is linear in
-the parameters; ``C`` follows from it (Fossen2011, (3.46) for the symmetric ``M``), so that
+The equations are ``M nu_dot + C(nu) nu = F(nu, eta, inputs)``, ``eta_dot = J(eta) nu + current``. ``F`` is a sum of
+products ``theta_p * theta_s * c * f_1 * f_2 * f_3`` (few terms have the second parameter ``theta_s``). ``M`` is linear
+in the parameters. ``C`` follows from it (Fossen2011, (3.46) for the symmetric ``M``), so that
 ``C(nu) nu = [nu_2 x a; nu_1 x a + nu_2 x b]`` with momenta ``(a, b) = M nu``.
 
-The sweep is classical Runge-Kutta of order four, with steps that end at every input jump and output stamp and are
-short against the fastest rate; the sensitivities are carried through the same stages, so they are those of the
-computed motion to rounding.
+The integration is classical Runge-Kutta of order four. Steps end at every input jump and output stamp, and are short
+relative to the fastest rate. The sensitivities are calculated in the same stages. They are therefore those of the
+computed motion, to rounding.
 
-All in one file: numba's cache does not notice when a function compiled into another file's has changed. Who changes
-this file clears ``__pycache__`` under ``identify/kalman`` too. What is compiled is compiled once: no literal numbers or
-truths are handed to a compiled function, for numba compiles it anew for each.
+All is in one file, because numba's cache does not detect a change of a function compiled into another file's. After a
+change of this file, also clear ``__pycache__`` in ``identify/kalman``. Every function is compiled only once: no literal
+numbers or booleans are passed to a compiled function, because numba would compile it again for each.
 """
 
 from __future__ import annotations
@@ -47,18 +47,23 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 NU, NU_SIZE, ETA, SIN_PHI, SIN_THETA, SIN_PSI, COS_PSI, NEAR, INPUT, INPUT_SIZE = 0, 6, 12, 18, 19, 20, 21, 22, 30, 60
-"""Codes of factors: velocity j, its magnitude, position j (x y z phi theta psi), sines and cosine, nearness to the
-bottom ``exp((z - bottom) / reach)``, input i, its magnitude."""
+"""Codes of the factors of a term.
+
+They are velocity j, its magnitude, and position j (x y z phi theta psi). Then follow sines and cosine, nearness to the
+bottom ``exp((z - bottom) / reach)``, input i, and its magnitude.
+"""
 
 STEEPEST = 50.0
-"""Exponent beyond which nearness grows no further: a simulation under the bottom is to run away, not to overflow."""
+"""Largest exponent of the nearness to the bottom.
+
+A simulation below the bottom then diverges without overflow.
+"""
 
 REACH = 0.4
-"""Longest step times the fastest rate. Chosen: the error of a Runge-Kutta step is then REACH**5/120 = 9e-5 of its
-change."""
+"""Longest step times the fastest rate; the error of a Runge-Kutta step is then REACH**5/120 = 9e-5 of its change."""
 
 RUNAWAY = 1e6
-"""State at which a simulation is abandoned."""
+"""Value of a state above which a simulation is abandoned."""
 
 
 # What is called for every stage is inlined: without passing a hundred words per call a simulation takes a quarter of
@@ -67,11 +72,15 @@ RUNAWAY = 1e6
 
 
 class Program(NamedTuple):
-    """A form as arrays. ``active`` (k,) degrees of freedom; ``column`` (12,) place of eta and nu in the state, -1
-    if absent; ``rows``, ``pars``, ``scales``, ``coefs`` (T,), ``factors`` (T, 3) the terms (-1: no parameter, no second
-    one, no factor); ``inertia`` (E, 3) row, column, parameter of each entry of M and ``inertia_coefs`` (E,); parameter
-    indices of delay, lag, current, drift (a current that velocities do not show), reach and bottom, -1 if absent;
-    ``payload`` the input that multiplies the inertia and ``depth`` that which stands for z, or -1; ``m`` inputs.
+    """A form as arrays.
+
+    ``active`` (k,): degrees of freedom. ``column`` (12,): index of eta and nu in the state, -1 if absent. ``rows``,
+    ``pars``, ``scales``, ``coefs`` (T,), ``factors`` (T, 3): the terms (-1: no parameter, no second parameter, no
+    factor). ``inertia`` (E, 3): row, column, parameter of each entry of M. ``inertia_coefs`` (E,): its coefficients.
+
+    Further fields are parameter indices, -1 if absent. They are those of delay, lag, current, drift (a current not
+    included in measured velocities), reach and bottom. ``payload``: the input that multiplies the inertia. ``depth``:
+    the input that replaces z. Both are -1 if absent. ``m``: number of inputs.
     """
 
     active: Index
@@ -102,7 +111,7 @@ class Program(NamedTuple):
 def _cross(momentum: Array, nu: Array, out: Array) -> None:
     """Add ``[nu_2 x a; nu_1 x a + nu_2 x b]`` to *out* (6,), bilinear in momentum and velocity (Fossen2011, (3.46)).
 
-    In this form C(nu) is never built, and its derivative by nu is two more calls: the product rule of a bilinear form.
+    C(nu) is never built in this form. Its derivative with respect to nu is two more calls, by the product rule.
     """
     a0, a1, a2, b0, b1, b2 = momentum[0], momentum[1], momentum[2], momentum[3], momentum[4], momentum[5]
     u, v, w, p, q, r = nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]
@@ -116,7 +125,7 @@ def _cross(momentum: Array, nu: Array, out: Array) -> None:
 
 @inlined
 def _kinematics(P: Program, theta: Array, deriv: bool, f: Array, A: Array, W: Scratch) -> None:
-    """Fill the eta rows of *f* and *A* from ``W.full``, which is nu, then eta."""
+    """Fill the eta rows of *f* and *A* from ``W.full``, which contains nu, then eta."""
     full = W.full
     active, place = P.active, P.column
     k = len(active)
@@ -212,7 +221,10 @@ def _kinematics(P: Program, theta: Array, deriv: bool, f: Array, A: Array, W: Sc
 def _factor(
     code: int, full: Array, place: Index, u: Array, lagged: Array, first: int, reach: float, bottom: float
 ) -> tuple[float, float, int]:
-    """Return value, derivative and state column (-1: none) of one factor; *first* lagged input's column, or -1."""
+    """Return value, derivative and state column (-1: none) of one factor.
+
+    first : column of the first lagged input, or -1.
+    """
     if code < NU_SIZE:
         return full[code], 1.0, place[code]
     if code < ETA:  # |u| as in u|u|; its kink does not matter, for another factor is zero there
@@ -240,7 +252,7 @@ def _factor(
 
 
 class Scratch(NamedTuple):
-    """Room to compute in, so that nothing is allocated per evaluation; see :func:`scratch`."""
+    """Work arrays, so that nothing is allocated per evaluation; see :func:`scratch`."""
 
     full: Array
     force: Array
@@ -268,8 +280,9 @@ class Scratch(NamedTuple):
 
 
 def scratch(n: int, q: int) -> Scratch:
-    """Return scratch for *n* states and *q* sensitivities. Not compiled: to make arrays is much of what there is to
-    compile, and it is called once a simulation.
+    """Return work arrays for *n* states and *q* sensitivities.
+
+    The function is not compiled, because compiling array creation takes long, and it is called once per simulation.
     """
     return Scratch(
         np.zeros(12),
@@ -313,10 +326,12 @@ def evaluate(
     B: Array,
     W: Scratch,
 ) -> None:
-    """Compute the state's rate *f* (n,), and with *deriv* its derivatives ``A`` (n, n) and ``B`` (n, q), in *W*.
+    """Calculate the state's rate *f* (n,), and with *deriv* its derivatives ``A`` (n, n) and ``B`` (n, q), in *W*.
 
-    M : (6, 6); M_inverse : (k, k) of its active part. free : (p,) column of ``B`` per parameter, -1 if not wanted.
-    The column of the delay stays zero: a delay acts at the jumps only.
+    M : (6, 6). M_inverse : (k, k) of its active part. free : (p,) column of ``B`` for each parameter, -1 if not
+    requested.
+
+    The column of the delay stays zero, because a delay acts only at the jumps.
     """
     active, place, inertia, inertia_coefs = P.active, P.column, P.inertia, P.inertia_coefs
     momentum, c = W.momentum, W.c
@@ -391,7 +406,7 @@ def evaluate(
 
 @pasted
 def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deriv: bool, W: Scratch) -> None:
-    """Add all terms to ``W.force``, with *deriv* their derivatives to ``W.by_x`` and ``W.by_p``."""
+    """Add all terms to ``W.force``, and with *deriv* their derivatives to ``W.by_x`` and ``W.by_p``."""
     rows, pars, scales, coefs, factors, place = P.rows, P.pars, P.scales, P.coefs, P.factors, P.column
     values, slopes, columns, full = W.values, W.slopes, W.columns, W.full
     force, by_x, by_p = W.force, W.by_x, W.by_p
@@ -438,7 +453,7 @@ def _forces(P: Program, theta: Array, lagged: Array, u: Array, free: Index, deri
 
 @pasted
 def _coriolis(place: Index, M: Array, deriv: bool, W: Scratch) -> None:
-    """Take ``C(nu) nu`` off ``W.force``, with *deriv* its derivative off ``W.by_x``."""
+    """Subtract ``C(nu) nu`` from ``W.force``, and with *deriv* its derivative from ``W.by_x``."""
     momentum, c, unit, column = W.momentum, W.c, W.unit, W.column
     full, force, by_x = W.full, W.force, W.by_x
     for i in range(6):
@@ -470,8 +485,8 @@ def _coriolis(place: Index, M: Array, deriv: bool, W: Scratch) -> None:
 def _rate(A: Array) -> float:
     """Return a measure of the fastest rate [1/s] that does not depend on the units of the states.
 
-    ``|a_ij a_ji|`` stays the same when states are scaled, and for a coupled pair is the square of its own rate. No
-    eigenvalues: they are not needed to better than a factor, and would take longer than the step they are for.
+    ``|a_ij a_ji|`` does not change when states are scaled. For a coupled pair it is the square of its rate. Eigenvalues
+    are not calculated: only the order of magnitude is needed, and they would take longer than the step itself.
     """
     largest = 0.0
     for i in range(A.shape[0]):
@@ -498,9 +513,10 @@ def _advance(
     f: Array,
     W: Scratch,
 ) -> tuple[bool, float]:
-    """Advance state and sensitivities by *span*; return whether they stayed finite, and the fastest rate met.
+    """Advance state and sensitivities by *span*; return whether they stayed finite, and the fastest rate that
+    occurred.
 
-    A span of none only fills *f* with the state's rate.
+    A span of zero only fills *f* with the state's rate.
     """
     n, q = S.shape
     A, B, kx, ks, y, Y = W.A, W.B, W.kx, W.ks, W.y, W.Y
@@ -564,11 +580,12 @@ def _carry(
     max_steps: float,
     W: Scratch,
 ) -> tuple[bool, float, int, float]:
-    """Carry state *x* (n,) and sensitivities *S* (n, q) from *t* to *stop* through the jumps of the inputs.
+    """Advance state *x* (n,) and sensitivities *S* (n, q) from *t* to *stop* through the jumps of the inputs.
 
-    free : (p,) column of each parameter in *S*, -1 if it is known. max_rate : fastest rate [1/s] steps are made for;
-    max_steps : steps to be spent. Returns whether the motion stayed finite, the fastest rate met, the input row in
-    force at *stop* and the steps spent.
+    free : (p,) column of each parameter in *S*, -1 if it is known. max_rate : fastest rate [1/s] that steps are sized
+    for. max_steps : maximum number of steps.
+
+    Return whether the motion stayed finite, the fastest rate, the input row at *stop*, and the number of steps.
     """
     deriv, plain = S.shape[1] > 0, S.shape[1] < 0  # no literals: for each of them all would be compiled anew
     delay = theta[P.delay] if P.delay >= 0 else 0.0
@@ -602,8 +619,10 @@ def _carry(
 
 carry = called(_carry)
 _carried = pasted(_carry)
-"""The same inlined, for simulations: to hand over the hundreds of words that ``P`` and ``W`` are, once a sample, is a
-third of their time."""
+"""Do the same as :func:`_carry`, inlined for simulations.
+
+Passing the hundreds of words of ``P`` and ``W`` once per sample takes a third of the simulation time.
+"""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -665,13 +684,14 @@ def sweep(
     S_out: Array,
     abandon_rate: float = np.inf,
 ) -> tuple[bool, float]:
-    """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n) and ``S_out`` (s, n, q), where q is not zero.
+    """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n), and ``S_out`` (s, n, q) if q is not zero.
 
-    inputs : (j, m), each row from its stamp ``t_in`` (plus the delay) on, the first also before it. state_column :
-    (n,) column of the sensitivity to each initial state, -1 if it is known. free : as for :func:`evaluate`, all -1
-    without sensitivities. max_rate : fastest rate [1/s] steps are made for; max_steps : steps to be spent.
-    abandon_rate : fastest rate [1/s] above which ``S_out`` is left, since all is repeated with shorter steps.
-    Returns whether the motion stayed finite, and the fastest rate met.
+    inputs : (j, m), each row from its stamp ``t_in`` (plus the delay) on, the first also before it. state_column : (n,)
+    column of the sensitivity to each initial state, -1 if it is known. free : as for :func:`evaluate`, all -1 without
+    sensitivities. max_rate : fastest rate [1/s] that steps are sized for. max_steps : maximum number of steps.
+    abandon_rate : rate [1/s] above which ``S_out`` is left unfilled, because all is repeated with shorter steps.
+
+    Return whether the motion stayed finite, and the fastest rate that occurred.
     """
     n, q = len(x_0), S_out.shape[2]
     S = np.zeros((n, q))

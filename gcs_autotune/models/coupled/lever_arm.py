@@ -1,7 +1,8 @@
-"""A sensor off the centre: what it shows of velocity and position, and of depth where the craft tilts.
+"""An off-centre sensor: its measured velocity and position, and its depth if the craft tilts.
 
-At ``x_P`` ahead and ``y_P`` to starboard of the point the equations are written for, the velocity is that of a point
-of a rigid body, ``v + omega x r_P``: turning looks like sway at a sensor ahead, like surge at one to the side.
+The sensor is ``x_P`` ahead and ``y_P`` to starboard of the point to which the equations refer. Its velocity is that of
+a point of a rigid body, ``v + omega x r_P``. Turning looks like sway at a sensor ahead, and like surge at a sensor
+abeam.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ __all__ = ["LEVER_ARM", "SHOWN_OFF_CENTRE", "seen_off_centre"]
 Array = NDArray[np.float64]
 
 LEVER_ARM = ("x_P", "y_P")
-"""Place of the sensor [m] ahead and to starboard."""
+"""Position of the sensor [m] ahead and to starboard."""
 
 SHOWN_OFF_CENTRE: Mapping[str, tuple[str, ...]] = {
     "u": ("r",),
@@ -26,21 +27,21 @@ SHOWN_OFF_CENTRE: Mapping[str, tuple[str, ...]] = {
     "z": ("theta", "phi"),
     "w": ("q", "p"),
 }
-"""Signal -> states that a sensor off the centre mixes into it."""
+"""Signal -> states that an off-centre sensor adds to it."""
 
 Output = tuple[Array, Array]
-"""A signal (s,) and its sensitivities (s, q); the latter (s, 0) when not asked for."""
+"""A signal (s,) and its sensitivities (s, q); the latter are (s, 0) if not requested."""
 
 
 def seen_off_centre(
     signal: str, true: Mapping[str, Output], arm: tuple[float, float], columns: Mapping[str, int]
 ) -> Output:
-    """Return *signal*, of :data:`SHOWN_OFF_CENTRE`, as a sensor at *arm* ``(x_P, y_P)`` shows it; tilt to first order.
+    """Return *signal*, one of :data:`SHOWN_OFF_CENTRE`, as measured at *arm* ``(x_P, y_P)``; tilt to first order.
 
     Parameters
     ----------
-    true : the true signals: *signal* itself and what is mixed into it, as far as there is any.
-    columns : the sensitivity's column of ``x_P`` and ``y_P``, where they are free.
+    true : the true signals: *signal* itself, and those of the added states that are available.
+    columns : the columns of ``x_P`` and ``y_P`` in the sensitivities, if they are free.
     """
     x_P, y_P = arm
     value, by = true[signal]
@@ -57,7 +58,8 @@ def seen_off_centre(
 def _shares(
     signal: str, true: Mapping[str, Output], arm: tuple[float, float]
 ) -> Mapping[str, tuple[Array, Array, Array]]:
-    """Return state mixed in -> what each metre of ``x_P`` and ``y_P`` adds, and the derivative of the sum by it."""
+    """Return for each added state its contribution per metre of ``x_P`` and ``y_P``, and the derivative of the sum by
+    it."""
     x_P, y_P = arm
     found = {}
     for mixed in (n for n in SHOWN_OFF_CENTRE[signal] if n in true):

@@ -1,8 +1,9 @@
 """One degree of freedom with an equation linear in its velocity, solved with exact transitions.
 
-``nu_dot = a nu + f`` with ``a`` and ``f`` held between the jumps of the inputs: what most searches simulate most of the
-time, for commands bent, late or scaled leave it so. Motion and sensitivities are exponentials then, ten times as quick
-as the Runge-Kutta steps of :mod:`.kernel`, and no step is too long for a fast craft.
+The equation is ``nu_dot = a nu + f``, with ``a`` and ``f`` constant between the jumps of the inputs. Most simulations
+of a search have this form, because modified, delayed or scaled commands do not change it. Motion and sensitivities are
+then exponentials. They are ten times as fast as the Runge-Kutta steps of :mod:`.kernel`, and no step is too long for a
+fast craft.
 
 With ``z = a h`` over a time *h*: ``E = exp(z)``, ``A1`` its integral, ``A2`` that of ``A1``, ``C1`` that of
 ``s exp(a s)``, ``D1`` that of ``C1``. A sensitivity obeys ``s_dot = a s + b0 + b1 nu``, so that
@@ -26,17 +27,19 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 NEAR = 0.5
-"""Chosen: size of ``z`` below which the series are summed: closed forms lose a digit for every factor of ten there."""
+"""Size of ``z`` below which the series are summed; the closed forms lose a digit there for every factor of ten."""
 
 ORDER = 14
-"""Terms of the series: the first left out is ``NEAR**14 / 14!``, below rounding."""
+"""Number of terms of the series; the first omitted term is ``NEAR**14 / 14!``, below rounding."""
 
 
 class LinearProgram(NamedTuple):
-    """The terms of :class:`.kernel.Program` that act on its only velocity, and its own entries of the inertia.
+    """The terms of :class:`.kernel.Program` that act on its only velocity, with the corresponding entries of the
+    inertia.
 
-    ``moving`` (T,): 1 where a term goes with the velocity; ``factors`` (T, 3): codes of inputs, -1 for none.
-    ``inertia`` (E,) the parameters of the inertia with ``inertia_coefs`` (E,). ``delay``: its parameter, or -1.
+    ``moving`` (T,): 1 if a term is proportional to the velocity. ``factors`` (T, 3): codes of inputs, -1 for none.
+    ``inertia`` (E,): parameters of the inertia. ``inertia_coefs`` (E,): their coefficients. ``delay``: its parameter,
+    or -1.
     """
 
     pars: Index
@@ -50,7 +53,7 @@ class LinearProgram(NamedTuple):
 
 
 def linear_program_of(P: Program) -> LinearProgram | None:
-    """Return the linear form of *P*; None where it has more than one velocity, or is not linear in it alone."""
+    """Return the linear form of *P*; return None if it has more than one velocity, or is not linear in it alone."""
     others = (P.lag, P.current_x, P.current_y, P.drift_x, P.drift_y, P.reach, P.bottom, P.payload, P.depth)
     if len(P.active) != 1 or max(others) >= 0 or P.coriolis or P.spatial:
         return None
@@ -73,7 +76,10 @@ def linear_program_of(P: Program) -> LinearProgram | None:
 def _equation(
     P: LinearProgram, theta: Array, inverse: float, values: Array, free: Index, b: Array
 ) -> tuple[float, float]:
-    """Return ``a`` and ``f`` under the inputs *values* (m,); fill *b* (2, q), empty where no sensitivity is wanted."""
+    """Return ``a`` and ``f`` for the inputs *values* (m,), and fill their derivatives *b* (2, q).
+
+    *b* is empty if no sensitivity is requested.
+    """
     a, f = 0.0, 0.0
     wanted = b.shape[1] > 0
     b[:, :] = 0.0
@@ -107,9 +113,11 @@ def _sweep(
     P: LinearProgram, theta: Array, inverse: float, x: Array, S: Array, row: int, t_in: Array, inputs: Array,
     t_out: Array, free: Index, X: Array, S_out: Array, b: Array,
 ) -> bool:  # fmt: skip
-    """Fill *X* (s, 2) and *S_out* (s, 2, q) from *x* (position, velocity) at ``t_out[0]`` on; False when it ran away.
+    """Fill *X* (s, 2) and *S_out* (s, 2, q) from *x* (position, velocity) at ``t_out[0]`` on.
 
-    inverse : one over the inertia. row : of the inputs in force. b (2, q) : room to compute in.
+    inverse : one over the inertia. row : index of the present inputs. b (2, q) : work array.
+
+    Return False if the motion diverged.
     """
     q = S.shape[1]
     delay = theta[P.delay] if P.delay >= 0 else 0.0
@@ -171,7 +179,7 @@ def linear_sweep(
     P: LinearProgram, theta: Array, inverse: float, x_0: Array, t_in: Array, inputs: Array, t_out: Array, free: Index,
     state_column: Index, X: Array, S_out: Array,
 ) -> bool:  # fmt: skip
-    """Do as :func:`.kernel.sweep` with the linear equation *P* and *inverse*, one over its inertia."""
+    """Simulate as :func:`.kernel.sweep`, with the linear equation *P* and *inverse*, one over its inertia."""
     q = S_out.shape[2]
     S = np.zeros((2, q))
     for i, column in enumerate(state_column):

@@ -1,4 +1,4 @@
-"""A form with numbers: matrices, simulation, and simulation with sensitivities."""
+"""A form with numbers: matrices, and simulation with or without sensitivities."""
 
 from __future__ import annotations
 
@@ -34,25 +34,31 @@ _NU = ("u", "v", "w", "p", "q", "r")
 _ETA = ("x", "y", "z", "phi", "theta", "psi")
 
 PACES = 2.0 ** (np.arange(-8, 41) / 2.0)
-"""Rates [1/s] a simulation's step may be made for: a fixed ladder, so that nearby parameters take the same steps."""
+"""Rates [1/s] that a simulation's steps may be sized for.
+
+They are a fixed ladder, so that simulations with similar parameters take the same steps.
+"""
 
 
 TRIES, FINER = 4, 8.0
-"""A motion that runs away is tried again with steps this much shorter, as steps too long run away by themselves."""
+"""Number of tries of a diverging motion, and factor by which each has shorter steps.
+
+Steps that are too long make a motion diverge by themselves.
+"""
 
 PATIENCE, STEPS = 70, 2000
-"""Most steps of a simulation: per stamp, and in addition for a short run."""
+"""Maximum number of steps of a simulation: per stamp (PATIENCE), and in addition for a short run (STEPS)."""
 
 HOPELESS = 1.000001
-"""Steps needed to the end, in shares of those that may be taken, from which on a simulation is not begun."""
+"""Number of steps needed, relative to the maximum, above which a simulation is not started."""
 
 SLACK = 0.2
-"""A simulation far slower than its steps, in shares of their pace, lets the next one take longer steps again."""
+"""Fastest rate of a motion, relative to that of its steps, below which the next simulation may take longer steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoupledMotion:
-    """A simulated run: ``values[signal]`` (s,) at the requested timestamps, ``finite`` False if it diverged.
+    """A simulated run: ``values[signal]`` (s,) at the requested timestamps; ``finite`` is False if it diverged.
 
     ``by[signal]`` (s, q): derivatives by the free parameters, then by the free initial states; empty if not requested.
     """
@@ -63,13 +69,13 @@ class CoupledMotion:
 
 
 class Simulator:
-    """A form prepared for simulation, for one choice of free parameters and free initial states.
+    """Simulator of a form, for one choice of free parameters and free initial states.
 
     Parameters
     ----------
     free : names of the parameters with sensitivities, in this order.
-    free_states : names of the initial states (``u``, ``psi``, ``x`` ...) likewise; they come after the parameters.
-    patience : steps per timestamp before a simulation is abandoned as too stiff; linear models need none.
+    free_states : names of the initial states with sensitivities (``u``, ``psi``, ``x`` ...), after the parameters.
+    patience : steps per timestamp above which a simulation is abandoned as too stiff; linear models do not need it.
 
     Attributes
     ----------
@@ -105,7 +111,10 @@ class Simulator:
         self._max_rate = 1.0
 
     def matrices(self, theta: Array) -> tuple[Array, Array]:
-        """Return M (6, 6) and the inverse (k, k) of its active part; ``LinAlgError`` when it has none."""
+        """Return M (6, 6) and the inverse (k, k) of its active part.
+
+        ``LinAlgError`` is raised if it is singular.
+        """
         key = theta.tobytes()
         if self._solved is None or self._solved[0] != key:
             M = inertia_matrix(self.form, theta)
@@ -116,7 +125,7 @@ class Simulator:
     def run(
         self, theta: Array, x_0: Array, t_in: Array, inputs: Array, t_out: Array, *, sensitivities: bool = True
     ) -> tuple[Array, Array] | None:
-        """Simulate; None when the motion runs away or M is singular.
+        """Simulate; return None if the motion diverges or M is singular.
 
         Parameters
         ----------
@@ -131,7 +140,7 @@ class Simulator:
         Raises
         ------
         OutOfTime
-            Within an :class:`.Effort` that is used up: every derivative is as much work as the motion itself.
+            An :class:`.Effort` around the call is used up. Each derivative costs as much work as the motion itself.
         """
         try:
             M, M_inverse = self.matrices(theta)
@@ -170,11 +179,11 @@ class Simulator:
         return (X, S) if enough else None
 
     def outputs(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
-        """Return one signal (s,) and its sensitivities (s, q) from what :meth:`run` gave.
+        """Return one signal (s,) and its sensitivities (s, q) from the result of :meth:`run`.
 
-        Velocities are over ground: a current is added to those through the water. They and the positions are those at
-        the sensor, see :mod:`.lever_arm`; with a deviating compass the velocities and the heading are as it shows them,
-        see :mod:`.compass`.
+        Velocities are over ground: a current is added to those through the water. Velocities and positions are those at
+        the sensor, see :mod:`.lever_arm`. With a deviating compass, velocities and heading are as measured with it, see
+        :mod:`.compass`.
         """
         deviation = self._deviation
         if not deviation or signal not in ("u", "v", "psi") or "psi" not in self.states:
@@ -226,7 +235,7 @@ class CoupledModel:
     values: Mapping[str, float]
 
     def __getitem__(self, name: str) -> float:
-        """Return a parameter's value; 0 for a derivative the form does not have."""
+        """Return a parameter's value; 0 for a derivative that the form does not have."""
         return float(self.values.get(name, self.form.known.get(name, 0.0)))
 
     @property
@@ -236,14 +245,14 @@ class CoupledModel:
 
     @property
     def inertia(self) -> Array:
-        """M = M_RB + M_A of the active degrees of freedom (k, k)."""
+        """Inertia matrix M = M_RB + M_A of the active degrees of freedom (k, k)."""
         active = program_of(self.form).active
         M: Array = inertia_matrix(self.form, self.theta)[np.ix_(active, active)]
         return M
 
     @property
     def linear_damping(self) -> Array:
-        """D (k, k), positive where it damps: minus the linear derivatives."""
+        """Linear damping matrix D (k, k): minus the linear derivatives, positive for damping."""
         rows = [FORCES.index(DOFS[d].force) for d in self.form.dofs]
         return np.array([[-self[f"{FORCES[i]}_{_NU[j]}"] for j in rows] for i in rows])
 
@@ -286,12 +295,12 @@ class CoupledModel:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> CoupledModel:
-        """Rebuild from :meth:`to_dict`; errors as those of :meth:`of_data`."""
+        """Rebuild a model from the data of :meth:`to_dict`; errors are those of :meth:`of_data`."""
         return cls.of_data(conformed(data, CoupledData, "model"))
 
     @classmethod
     def of_data(cls, told: CoupledData) -> CoupledModel:
-        """Return the model that a file holds.
+        """Return the model that a file contains.
 
         Raises
         ------
@@ -308,9 +317,10 @@ class CoupledModel:
         return model
 
     def _check_signs(self) -> None:
-        """Refuse times below 0, and inertias that are not above 0.
+        """Reject negative delays and lags, and inertias that are not positive.
 
-        A fit to an input of reversed sign has inertia *and* drag below 0: that moves as it should.
+        A fit to an input of reversed sign has negative inertia *and* drag. It is accepted, because its motion is the
+        same.
         """
         early = [n for n in ("delay", "lag") if self[n] < 0.0]
         if early:
@@ -335,5 +345,5 @@ class CoupledModel:
 
 
 def _rate_for(fastest: float) -> float:
-    """Return the rung of the ladder for a fastest rate [1/s]."""
+    """Return the lowest rate of the ladder that suffices for a fastest rate [1/s]."""
     return max(1.0, float(PACES[min(int(np.searchsorted(PACES, 1.2 * fastest)), len(PACES) - 1)]))

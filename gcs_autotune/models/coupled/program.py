@@ -1,4 +1,4 @@
-"""A form made into the arrays the kernel runs: states, inertia entries, terms."""
+"""Convert a form to the arrays that the kernel uses: states, inertia entries, terms."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _program(key: tuple[Any, ...]) -> Program:
 
 
 class _Key:
-    """Forms hold mappings and cannot be hashed; their content can."""
+    """Hashable key of a form, made of its content, because a form contains mappings."""
 
     __slots__ = ("_content", "form")
 
@@ -109,7 +109,7 @@ class _Key:
 
 
 def program_of(form: Form) -> Program:
-    """Return the arrays the kernel runs."""
+    """Return the arrays that the kernel uses."""
     return _program((_Key(form),))
 
 

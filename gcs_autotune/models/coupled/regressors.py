@@ -1,8 +1,9 @@
 """The equations of motion as rows that are linear in the parameters, for any form.
 
-``M nu_dot + C(nu) nu - F(nu, eta, inputs) = sum_p theta_p E_p + E_0``: the regression matrices of Miskovic2010, eq.
-(4.17)-(4.22), of Miskovic2007, eq. (8), and of ZhaoUSV, eq. (25) are special cases. Written with NumPy over all
-stamps at once, apart from the compiled kernel, which has the same terms: each is tested against the other.
+They are ``M nu_dot + C(nu) nu - F(nu, eta, inputs) = sum_p theta_p E_p + E_0``. The regression matrices of
+Miskovic2010, eq. (4.17)-(4.22), of Miskovic2007, eq. (8), and of ZhaoUSV, eq. (25) are special cases. The code uses
+NumPy over all stamps at once, independently of the compiled kernel, which has the same terms. Each is tested against
+the other.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ Array = NDArray[np.float64]
 
 
 class Balance(NamedTuple):
-    """``F - C nu - M nu_dot`` (s, k), zero where the equations hold, and its derivative (s, k, p) by the parameters
-    that enter linearly; columns of those called special mean nothing.
+    """``F - C nu - M nu_dot`` (s, k), which is zero if the equations hold, and its derivatives (s, k, p).
+
+    The derivatives are those by the parameters that enter linearly; columns of special parameters have no meaning.
     """
 
     values: Array
@@ -31,7 +33,7 @@ class Balance(NamedTuple):
 
 
 def balance_of(program: kernel.Program, theta: Array, X: Array, nu_dot: Array, inputs: Array) -> Balance:
-    """Look at the equations at states *X* (s, n), rates of the velocities *nu_dot* (s, k) and inputs (s, m)."""
+    """Return the balance at states *X* (s, n), rates of the velocities *nu_dot* (s, k) and inputs (s, m)."""
     full = np.zeros((len(X), 12))
     here = program.column >= 0
     full[:, here] = X[:, program.column[here]]
@@ -48,7 +50,7 @@ def balance_of(program: kernel.Program, theta: Array, X: Array, nu_dot: Array, i
 
 
 def _products(program: kernel.Program, inputs: Array) -> Array:
-    """Return the product of the input factors of every term (s, T), 1 for none."""
+    """Return the product of the input factors of every term (s, T); 1 for none."""
     out = np.ones((len(inputs), len(program.rows)))
     for j, factors in enumerate(program.factors):
         for code in factors:
@@ -60,7 +62,7 @@ def _products(program: kernel.Program, inputs: Array) -> Array:
 
 
 def inertia_columns(form: Form, nu_dot: Array) -> Array:
-    """Return what accelerations (n, 6) contribute to the rows (n, k, p + 1), the last without a parameter."""
+    """Return the contribution of accelerations (n, 6) to the rows (n, k, p + 1); the last column has no parameter."""
     return _inertia(program_of(form), len(form.parameters), nu_dot)
 
 
@@ -74,8 +76,9 @@ def _inertia(program: kernel.Program, parameters: int, nu_dot: Array) -> Array:
 def force_columns(form: Form, nu: Array, eta: Array, drives: Array) -> Array:
     """Return ``C(nu) nu - F`` per parameter (n, k, p + 1).
 
-    nu, eta : (n, 6). drives : (n, T) the product of each term's input factors. What a term has besides its own
-    parameter (walls, bottom, reach) is as the form knows it.
+    nu, eta : (n, 6). drives : (n, T) the product of each term's input factors.
+
+    Other parameters of a term (walls, bottom, reach) have the known values of the form.
     """
     known = np.array([form.known.get(n, 0.0) for n in form.parameters])
     return _forces(program_of(form), known, nu, eta, drives)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs_autotune.identify import COHERENT, FrequencyResponse
+from gcs_autotune.identify.frequency import COHERENT, FrequencyResponse
 from gcs_autotune.models import Nomoto1, Nomoto2, TransferFunction
 
 if TYPE_CHECKING:

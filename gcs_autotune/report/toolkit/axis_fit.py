@@ -9,17 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.effects import EFFECTS, Characteristic, EffectInstance
-from gcs_autotune.identify import (
-    SCATTER,
-    AxisFit,
-    IsoEstimate,
-    LimitCycle,
-    Parameter,
-    Remainder,
-    StructureFit,
-    Trace,
-    label_of,
-)
+from gcs_autotune.identify import AxisFit, IsoEstimate, LimitCycle, Parameter, Remainder, StructureFit, Trace
+from gcs_autotune.identify.relay import SCATTER
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.toolkit.document import Note, Part, Table
 from gcs_autotune.report.toolkit.wording import (
@@ -231,7 +222,7 @@ def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance
 
 def _moved(effect: EffectInstance, label: str, by: float) -> EffectInstance:
     """Return *effect* with the parameter of that *label* shifted, if it has one."""
-    return effect.with_values({n: v + by for n, v in effect.values.items() if label_of(effect, n) == label})
+    return effect.with_values({n: v + by for n, v in effect.values.items() if effect.label_of(n) == label})
 
 
 def explains(percent: float) -> str:
@@ -261,7 +252,7 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
     """Return an actuator effect in words, its number rounded to its standard error."""
 
     def number(name: str) -> str:
-        found = fit.parameters.get(label_of(own, name))
+        found = fit.parameters.get(own.label_of(name))
         return format_value(own[name], math.nan if found is None else found.std)
 
     if own.slug == "quadratic-actuator":
@@ -317,7 +308,7 @@ def meanings(fit: AxisFit) -> dict[str, str]:
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
     found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
     for own in fit.effects:
-        found |= {label_of(own, q.name): q.meaning for q in EFFECTS[own.slug].parameters}
+        found |= {own.label_of(q.name): q.meaning for q in EFFECTS[own.slug].parameters}
     return found
 
 

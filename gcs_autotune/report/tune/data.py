@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from gcs_autotune.design import StepMetrics
-from gcs_autotune.identify import whole_model
 from gcs_autotune.report.tune.story import TuneStory
 
 __all__ = ["SCHEMA", "summarise"]
@@ -35,7 +34,7 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "stable": None
         if proposal is None
         else {"model": proposal.margins.stable, "worst": proposal.worst_margins.stable},
-        "model": story.given if fit is None else whole_model(fit).to_dict(),
+        "model": story.given if fit is None else fit.whole_model.to_dict(),
         "std": None if fit is None else {name: p.std for name, p in fit.parameters.items()},
         "doubts": [*story.doubts, *(d.slug for d in (fit.doubts if fit else ()))],
         "differences": {name: list(pair) for name, pair in story.differences.items()},

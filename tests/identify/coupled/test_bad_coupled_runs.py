@@ -10,7 +10,8 @@ import pytest
 from coupled_plants import BOAT, horizontal, levels, sail
 
 from gcs_autotune.errors import BadFile, MissingChannel, NotInformative
-from gcs_autotune.identify import Fit, fit, prepare_form
+from gcs_autotune.identify import Fit, fit
+from gcs_autotune.identify.signals import prepare_form
 from gcs_autotune.models import FORMS
 from gcs_autotune.trial import Channel, Trial
 

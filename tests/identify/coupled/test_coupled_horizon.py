@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify import fit, prepare_form
+from gcs_autotune.identify import fit
+from gcs_autotune.identify.signals import prepare_form
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel, Trial
 

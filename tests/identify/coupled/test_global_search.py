@@ -12,9 +12,9 @@ from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.limits import limits_of
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.preparation import prepare_form
-from gcs_autotune.identify.solution import solve_form
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.solution import solve_form
+from gcs_autotune.identify.signals.preparation import prepare_form
 from gcs_autotune.models.coupled import form_from
 from gcs_autotune.trial import Channel, Trial
 

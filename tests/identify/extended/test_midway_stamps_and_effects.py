@@ -9,7 +9,8 @@ import pytest
 from towed_boats import yaw_run
 
 from gcs_autotune.diagnose import diagnose
-from gcs_autotune.identify import fit_base, plain_form, prepare_as_recorded
+from gcs_autotune.identify.problems import fit_base, plain_form
+from gcs_autotune.identify.signals import prepare_as_recorded
 from gcs_autotune.trial import Trial
 
 pytestmark = pytest.mark.slow

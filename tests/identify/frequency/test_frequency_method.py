@@ -12,7 +12,8 @@ import pytest
 from axis_plants import Relay
 
 from gcs_autotune.errors import NotInformative, UsageError
-from gcs_autotune.identify import AxisFit, FrequencyResponse, fit_axis
+from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.identify.frequency import FrequencyResponse
 from gcs_autotune.trial import Channel, Trial, load_trial
 
 Record = Callable[..., Trial]

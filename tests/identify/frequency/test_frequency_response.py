@@ -10,9 +10,9 @@ from axis_plants import Levels, Relay, fly
 from linear_plants import relay_run
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify import FrequencyResponse, harmonic_response
-from gcs_autotune.identify.frequency import fit_nomoto, spectral_response
-from gcs_autotune.identify.frequency.spectrum import STRONG
+from gcs_autotune.identify.frequency import FrequencyResponse, harmonic_response
+from gcs_autotune.identify.frequency.nomoto import fit_nomoto
+from gcs_autotune.identify.frequency.spectrum import STRONG, spectral_response
 from gcs_autotune.models import Nomoto1, Nomoto2
 from gcs_autotune.report import frequency_plot
 from gcs_autotune.trial import Channel, Trial

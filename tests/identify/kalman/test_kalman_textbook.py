@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from gcs_autotune.identify import prepare_form
 from gcs_autotune.identify.kalman.filter_bank import FilterBank, Levels, Prior
+from gcs_autotune.identify.signals import prepare_form
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel, Trial
 

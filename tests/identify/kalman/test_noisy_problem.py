@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from gcs_autotune.effects import EFFECTS, EffectInstance
-from gcs_autotune.identify import Limits, NoisyProblem, ProcessNoise, Segment, Signal, data_summary_of, thinned_to
-from gcs_autotune.identify.kalman import filter_bank
+from gcs_autotune.identify.kalman import NoisyProblem, ProcessNoise, filter_bank, thinned_to
+from gcs_autotune.identify.problems import Limits, data_summary_of
+from gcs_autotune.identify.signals import Segment, Signal
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel
 

@@ -11,15 +11,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from test_noisy_problem import DRAG, GAIN, LINEAR, problem_of, run
 
-from gcs_autotune.identify import (
-    NoisyProblem,
-    ProcessNoise,
-    RunLikelihood,
-    Segment,
-    Signal,
-    common_gain,
-    spread_between,
-)
+from gcs_autotune.identify.kalman import NoisyProblem, ProcessNoise
+from gcs_autotune.identify.kalman.run_to_run import RunLikelihood
+from gcs_autotune.identify.signals import Segment, Signal
 
 Array = NDArray[np.float64]
 
@@ -150,14 +144,13 @@ def test_each_run_says_what_it_had_of_its_own() -> None:
     assert fit is not None
     says = problem.says(fit)
     assert says is not None
-    for one, b, s in zip(says, forces, thrusts, strict=True):
-        day = one.day(0.05, 0.06)
+    for day, b, s in zip(says.offsets(0.05, 0.06), forces, thrusts, strict=True):
         assert abs(day.force - b) < 3.0 * day.force_std
         assert abs(day.thrust - s) < 3.0 * math.hypot(day.thrust_std, 0.03)  # the gain itself is the runs' mean
-    force, thrust = spread_between(says, 0.0, 0.5, force=True, thrust=True)
+    force, thrust = says.spread(0.0, 0.5, force=True, thrust=True)
     assert 0.02 < force < 0.12
     assert 0.03 < thrust <= 0.1
-    assert common_gain(says, force, thrust) > common_gain(says, 0.0, 0.0) + 3.0
+    assert says.gain(force, thrust) > says.gain(0.0, 0.0) + 3.0
 
 
 def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
@@ -166,8 +159,8 @@ def test_a_force_common_to_all_runs_is_no_difference_between_them() -> None:
     assert fit is not None
     says = problem.says(fit)
     assert says is not None
-    force, thrust = spread_between(says, 0.0, 0.5, force=True, thrust=True)
-    assert common_gain(says, force, thrust) < common_gain(says, 0.0, 0.0) + 3.0
+    force, thrust = says.spread(0.0, 0.5, force=True, thrust=True)
+    assert says.gain(force, thrust) < says.gain(0.0, 0.0) + 3.0
 
 
 def test_the_smoother_knows_a_runs_own_force_all_along_it_and_nothing_of_the_next() -> None:
@@ -181,8 +174,8 @@ def test_the_smoother_knows_a_runs_own_force_all_along_it_and_nothing_of_the_nex
     says = problem.says(fit)
     assert says is not None
     own = len(bank.states) + 1
-    for path, var, one in zip(smoothed.trajectories, smoothed.variances, says, strict=True):
-        day = one.day(WATER.day_force, WATER.day_thrust)
+    days = says.offsets(WATER.day_force, WATER.day_thrust)
+    for path, var, day in zip(smoothed.trajectories, smoothed.variances, days, strict=True):
         assert path[:, own] == pytest.approx(np.full(len(path), path[-1, own]), abs=1e-6)
         assert path[0, own] == pytest.approx(day.force, abs=0.1 * day.force_std)
         assert math.sqrt(var[0, own]) == pytest.approx(day.force_std, rel=0.05)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gcs_autotune.errors import BadFile, NotInformative, UnknownName
-from gcs_autotune.identify import load_plan, run_plan
-from gcs_autotune.identify.plan import PLANS, plan_from
+from gcs_autotune.identify.plan import load_plan, run_plan
 from gcs_autotune.identify.plan.combine import StepEstimate, agreements, combined
+from gcs_autotune.identify.plan.plan import PLANS, plan_from
 from gcs_autotune.manoeuvres import MANOEUVRES
 from gcs_autotune.trial import Channel, Trial
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from tug_plants import TUG, sea_trials
 
-from gcs_autotune.identify import PlanResult, run_plan
-from gcs_autotune.identify.plan import PLANS
+from gcs_autotune.identify.plan import PlanResult, run_plan
+from gcs_autotune.identify.plan.plan import PLANS
 from gcs_autotune.report import plan_document
 from gcs_autotune.report.toolkit.terminal import render_text
 from gcs_autotune.trial import Trial

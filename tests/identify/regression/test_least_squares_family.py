@@ -7,7 +7,10 @@ import pytest
 from regression_plants import TRUTH, M, camera_run, coupled, velocity_run, yaw_run
 
 from gcs_autotune.errors import UnknownName, UsageError
-from gcs_autotune.identify import drives_of, fit, inverse_of, motion_of, prepare_form
+from gcs_autotune.identify import fit
+from gcs_autotune.identify.problems import inverse_of
+from gcs_autotune.identify.regression import drives_of, motion_of
+from gcs_autotune.identify.signals import prepare_form
 from gcs_autotune.models import Form
 from gcs_autotune.trial import Channel, Trial
 

@@ -10,10 +10,10 @@ from scipy.optimize import minimize
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import fit
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.preparation import prepare_form
 from gcs_autotune.identify.regression.by_least_squares import solve_physical
 from gcs_autotune.identify.regression.physical import check_physics, velocities_visited
 from gcs_autotune.identify.regression.recipe import recipe_of
+from gcs_autotune.identify.signals.preparation import prepare_form
 from gcs_autotune.models.coupled import CoupledModel, Form
 
 SPEEDS = np.array([[0.5, 0.1, 0.0, 0.0, 0.0, 0.6], [-0.4, 0.05, 0.0, 0.0, 0.0, -0.5]])

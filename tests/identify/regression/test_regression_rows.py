@@ -7,7 +7,9 @@ import pytest
 from regression_plants import TRUTH, coupled, s_manoeuvre, velocity_run, videoray
 
 from gcs_autotune.errors import MissingChannel, UsageError
-from gcs_autotune.identify import drives_of, fit, motion_of, prepare_form
+from gcs_autotune.identify import fit
+from gcs_autotune.identify.regression import drives_of, motion_of
+from gcs_autotune.identify.signals import prepare_form
 from gcs_autotune.models import Form, force_columns, inertia_columns
 from gcs_autotune.trial import Channel, Trial
 

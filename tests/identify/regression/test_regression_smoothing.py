@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs_autotune.identify import Signal
 from gcs_autotune.identify.regression.smoothing import SMOOTHERS
+from gcs_autotune.identify.signals import Signal
 
 
 def wave(noise: float, seed: int = 0) -> tuple[Signal, np.ndarray]:

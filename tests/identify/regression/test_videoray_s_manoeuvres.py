@@ -9,7 +9,7 @@ import pytest
 from regression_plants import DOFS, HORIZONTAL_INPUTS, TRUTH, M, camera_run, coupled
 
 from gcs_autotune.identify import fit, validate
-from gcs_autotune.identify.regression import check_physics
+from gcs_autotune.identify.regression.physical import check_physics
 from gcs_autotune.models import Form
 from gcs_autotune.research import correlations, structure_by_correlation
 

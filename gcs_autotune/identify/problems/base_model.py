@@ -1,4 +1,4 @@
-"""The base model: the plain simulation that diagnoses compare with, and a summary of the runs before a fit."""
+"""Build the base model that a diagnosis compares with, and summarise the runs before a fit."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from gcs_autotune.clock import OutOfTime, limited_to
 from gcs_autotune.effects import DataSummary, EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
-from gcs_autotune.identify.cleaning import moves
-from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.likelihood import Limits
-from gcs_autotune.identify.preparation import INPUTS
-from gcs_autotune.identify.problem import Problem
-from gcs_autotune.identify.quick_fit import first_levels
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.likelihood import Limits
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.quick_fit import first_levels
+from gcs_autotune.identify.signals.preparation import INPUTS
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment
 from gcs_autotune.models import FORMS, CoupledModel, Form, inertia_of
+from gcs_autotune.sensor import moves
 from gcs_autotune.sname import DOFS, SIGNALS
 from gcs_autotune.trial import Trial
 
@@ -42,28 +41,28 @@ Array = NDArray[np.float64]
 STEERED_BY_ANGLE = "delta"
 
 RUDDER = "rad"
-"""Unit of an input that is a rudder angle."""
+"""Unit of an input by which a rudder angle is recognised."""
 
 THRUSTERS = ("force_left", "force_right")
-"""Channels of a boat with two fixed thrusters, as in the form ``twin-thruster``."""
+"""Input channels of a boat with two fixed thrusters, as in the form ``twin-thruster``."""
 
 TRACK = {"x", "y", "psi"}
-"""Signals that show surge and sway if no speed is recorded."""
+"""Signals that together show surge and sway if no speed is recorded."""
 
 
 def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
-    """Return the base model: the degrees of freedom in the file, uncoupled, with linear damping.
+    """Return the base model: the recorded degrees of freedom, uncoupled, with linear damping.
 
-    dof : names joined by commas, to look at these only, or that of a shipped form (``horizontal``) for all it has;
-        None: what the records say they swung, else all there are.
+    dof : names joined by commas, or a shipped form (``horizontal``) for all of its degrees of freedom. None takes those
+        that the records declare as oscillated, otherwise all recorded ones.
 
-    A track (x, y and the heading) without speeds shows surge and sway too, where something drives the heading. Steady
-    thrust drives surge where sway is to be told: by a track, or by speeds ahead and sideways.
+    A track (x, y and the heading) without speeds shows surge and sway too, if an input drives the heading. Steady
+    thrust counts as a surge input if sway can be determined, from a track or from speeds ahead and sideways.
 
     Raises
     ------
     MissingChannel
-        No degree of freedom has both something that drives it and something measured.
+        No degree of freedom has both an input and a measured motion.
     """
     there = {n for run in runs for n, c in run.channels.items() if len(c) >= MIN_SAMPLES}
     varies = {
@@ -108,7 +107,7 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
 
 
 def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
-    """Return the requested degrees of freedom, see :func:`plain_form`; None for all there are.
+    """Return the requested degrees of freedom, or None for all recorded ones; see :func:`plain_form`.
 
     Raises
     ------
@@ -130,7 +129,7 @@ def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
 def overlooked(
     runs: Sequence[Trial], form: Form, dof: str | None, use: Sequence[str] | None, segments: Sequence[Segment]
 ) -> list[Doubt]:
-    """Return a doubt about requested or recorded motion in the plane that could not be examined."""
+    """Return doubts about requested or recorded motion that could not be examined."""
     asked = asked_for(runs, dof)
     found = []
     missing = [d for d in asked or () if d not in form.dofs] if dof is not None else []
@@ -163,16 +162,17 @@ def overlooked(
 
 
 def swung(runs: Sequence[Trial]) -> list[str] | None:
-    """Return the degree of freedom that the records of all *runs* declare as oscillated; None if they differ.
+    """Return the degree of freedom that the records of all *runs* declare as oscillated, or None if they differ.
 
-    A controller held the others still during the run, so they only show how well it did.
+    A controller held the other degrees of freedom still during the run. Their motion shows the controller's performance
+    only.
     """
     told = {run.meta.get("dof") for run in runs}
     return [str(d) for d in told] if len(told) == 1 and told <= set(DOFS) else None
 
 
 def by_thrusters(runs: Sequence[Trial], dof: str) -> bool:
-    """Whether two thrusters side by side, without a further input, drive a degree of freedom in every run."""
+    """Return whether two thrusters side by side are the only inputs of a degree of freedom in every run."""
     return (
         dof in ("surge", "yaw")
         and len(runs) > 0
@@ -199,7 +199,10 @@ def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
 
 
 def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] | None = None) -> DataSummary:
-    """Return a summary of the runs before any effect is fitted; *base*: values of the base model."""
+    """Return a summary of the runs before any effect is fitted.
+
+    base : parameter values of the base model, if known.
+    """
     signals = {n: SIGNALS[n][0] for r in segments for n in r.signals}
     given = dict(
         zip(segments[0].input_names, segments[0].input_units, strict=True)
@@ -244,20 +247,21 @@ def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, 
 
 
 RATES = frozenset(d.velocity for d in DOFS.values())
-"""Velocities of all degrees of freedom."""
+"""Names of the velocities of all degrees of freedom."""
 
 
 def _is_still(velocity: Array) -> bool:
-    """Return whether a measured velocity (n,) is none but for its noise, of a craft that stood still."""
+    """Return whether a measured velocity (n,) is only noise, because the craft stood still."""
     return not moves(velocity) and abs(float(np.mean(velocity))) < float(np.std(velocity))
 
 
 APART = 0.1
-"""Rms difference of two thrusters' commands, relative to their rms, below which they are commanded alike."""
+"""Limit of the rms difference between two thrusters' commands, relative to their rms. Below it the commands count as
+alike."""
 
 
 def _twins(form: Form, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-    """Return the pairs of inputs of one unit that drive the same equations with the same gains, but for a sign."""
+    """Return pairs of inputs in the same unit that drive the same equations with gains equal except for the sign."""
     gains = {
         n: {force: str(gain).lstrip("-") for force, gain in pairs}
         for n, pairs in form.inputs.items()
@@ -273,7 +277,7 @@ def _commanded_alike(pair: tuple[str, str], segments: Sequence[Segment]) -> bool
 
 def base_limits(form: Form) -> Limits:
     """Return the limits of the base's parameters: positive inertia, drag that damps, either sign for a rudder."""
-    limits = physical(form)
+    limits = Limits.physical(form)
     rows = {force for force, _ in form.inputs.get(STEERED_BY_ANGLE, ())}
     low = {n: v for n, v in limits.low.items() if n[0] not in rows}
     high = {n: v for n, v in limits.high.items() if n[0] not in rows}
@@ -284,14 +288,16 @@ def base_limits(form: Form) -> Limits:
 
 
 def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tuple[Problem, Fitted]:
-    """Fit *form* from several starts, *trials* steps each, and return the problem and the best fit.
+    """Fit *form* from several starts, and return the problem and the best fit.
 
-    Within an :class:`.Effort` that is used up it is the best of those fitted, or else the best start as it is.
+    trials : steps per start.
+
+    If an :class:`.Effort` is used up, return the best fit so far or, without any, the best start.
 
     Raises
     ------
     NotInformative
-        The base model follows these runs from no start.
+        The simulation diverges from every start.
     """
     limits = base_limits(form)
     ground = initial_guess_of(form, segments)
@@ -310,15 +316,16 @@ def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tu
 def given_base(
     model: CoupledModel, effects: Sequence[EffectInstance], segments: Sequence[Segment]
 ) -> tuple[Problem, Fitted | None, Fitted]:
-    """Return the problem, the fit of a given model (initial states only), and the same model refitted.
+    """Return the problem, the fit of a supplied model, and the refitted model.
 
-    The fit of the given model is None if it diverges on these runs. The refit starts at its own numbers. If these may
-    be wrong, it also starts where any fit does, so that one wrong number cannot hold the others in a local minimum.
+    The fit of the supplied model has only its initial states fitted. It is None if the model diverges on these runs.
+    The refit starts at the supplied parameters and at the usual starts. One wrong parameter then cannot hold the others
+    in a local minimum.
 
     Raises
     ------
     NotInformative
-        The model follows these runs from no start.
+        The simulation diverges from every start.
     """
     form, limits = model.form, base_limits(model.form)
     problem = Problem(form, segments, data_summary_of(form, segments, model.values), limits)
@@ -343,9 +350,9 @@ def _best_from(
     effects: Sequence[EffectInstance],
     trials: int = 30,
 ) -> Fitted | None:
-    """Return the best fit from these parameters, initial states and shifts; None if all diverge.
+    """Return the best fit from these parameters, initial states and shifts, or None if all diverge.
 
-    If there is no time for a single fit, the best start is returned as it is, so that there is a result to report.
+    If the time is too short for a single fit, return the best start unchanged.
     """
     begun, fits = [], []
     with np.errstate(over="ignore", invalid="ignore"):  # a start may run away; what it leads to is judged by its cost
@@ -361,6 +368,6 @@ def _best_from(
 
 
 def _known(form: Form, segments: Sequence[Segment], limits: Limits, fitted: Fitted) -> Problem:
-    """Return the problem with the base's values in the data_summary."""
+    """Return the problem whose data summary contains the fitted values of the base model."""
     values = dict(zip(form.parameters, fitted.theta.tolist(), strict=True))
     return Problem(form, segments, data_summary_of(form, segments, values), limits)

@@ -1,7 +1,7 @@
-"""Check runs on input: split where the clock restarts, check for wrong units.
+"""Check runs on input: split them where the clock restarts, and look for wrong units.
 
-Findings are written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do. They become doubts when
-the run is prepared. Columns that contradict each other are found by :mod:`gcs_autotune.crosscheck`.
+Results are written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do. They become doubts when the
+run is prepared. :mod:`gcs_autotune.crosscheck` finds columns that contradict each other.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from gcs_autotune.crosscheck import contradictions
 from gcs_autotune.errors import BadFile, DataError, MissingChannel
-from gcs_autotune.identify.cleaning import JUMP_SAMPLES, jumps_back
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.cleaning import JUMP_SAMPLES, jumps_back
 from gcs_autotune.sname import DOFS, OVERFULL
 from gcs_autotune.trial import Channel, Trial
 
@@ -37,14 +37,14 @@ Record = TypeVar("Record")
 
 
 def take_in(runs: Sequence[Trial], use: Sequence[str] | None = None) -> tuple[Trial, ...]:
-    """Return *runs* with those split in two (or more) whose clock jumps back, each checked for contradictions.
+    """Return *runs*, checked for contradictions, with those split whose clock jumps back.
 
-    use : signals that are fitted; a pair of columns of which one is left out is not compared.
+    use : signals that are fitted. A pair of columns is not compared if one of them is not used.
 
     Raises
     ------
     BadFile
-        Two columns of a run contradict each other by the factor of a wrong unit.
+        Two columns of a run differ by the factor of a wrong unit.
     """
     parts = [part for run in runs for part in parts_of(run)]
     return tuple(p if COMPARED in p.meta else _noted(p, check_units(p, use)) for p in parts)
@@ -53,12 +53,12 @@ def take_in(runs: Sequence[Trial], use: Sequence[str] | None = None) -> tuple[Tr
 def prepared_runs(
     runs: Sequence[Trial], prepare: Callable[[Trial], tuple[Record, ...]]
 ) -> tuple[tuple[Trial, ...], list[Record], tuple[Doubt, ...]]:
-    """Prepare every run; leave out an unusable one, with a doubt that lists it, as long as another is usable.
+    """Return the usable runs, their records, and a doubt for each run that cannot be used.
 
     Raises
     ------
     DataError
-        No run can be used: what the first one raised.
+        No run can be used. The error is that of the first run.
     """
     used: list[Trial] = []
     records: list[Record] = []
@@ -77,14 +77,14 @@ def prepared_runs(
 
 
 def left_out(name: str, error: Exception) -> Doubt:
-    """Return a doubt that the run called *name* was left out, and why."""
+    """Return a doubt that the run called *name* was left out, with the reason."""
     return Doubt(
         "run-left-out", f"run '{name}' was left out: {error}", "the other runs were used; repair or drop that run"
     )
 
 
 COMPARED = "compared"
-"""Key of the meta data of a run whose columns were compared."""
+"""Key in the meta data of a run whose columns were compared already."""
 
 
 def _noted(trial: Trial, doubts: Sequence[Doubt]) -> Trial:
@@ -93,12 +93,14 @@ def _noted(trial: Trial, doubts: Sequence[Doubt]) -> Trial:
 
 
 def parts_of(trial: Trial) -> list[Trial]:
-    """Cut *trial* where its clock jumps back; whole when it never does.
+    """Return the parts of *trial* between backward jumps of its clock.
+
+    Without a jump this is the whole run.
 
     Raises
     ------
     BadFile
-        Not every channel jumps equally often.
+        The channels differ in their number of jumps.
     """
     cuts = {name: jumps_back(c.t) for name, c in trial.channels.items() if len(c) >= JUMP_SAMPLES}
     counts = {len(c) for c in cuts.values()}
@@ -148,30 +150,32 @@ Array = NDArray[np.float64]
 
 DEG = 180.0 / math.pi
 GROSS = 5.0
-"""Unit factor beyond which a wrong unit is certain. A smaller one may have another cause (current, slip) and raises a
-doubt."""
+"""Factor between two columns above which a wrong unit is certain. A smaller factor may have another cause (current,
+slip) and only raises a doubt."""
 WINDOW = 1.0
-"""Comparison window [s]: twice the span over which a heading's own rate is calculated."""
+"""Time [s] over which columns are compared. It is twice the interval over which the rate of a heading is calculated."""
 STRETCHES, ALONG_TRACK = 20, 0.25
-"""Number of stretches over which a track is compared, and a limit for speeds that are the track's.
+"""Settings of the test that detects ``u`` and ``v`` along north and east instead of body axes.
 
-Explained as the track's, their residual must be at most this fraction of that as the craft's, and of the track itself.
+STRETCHES: number of stretches of the track that are compared. ALONG_TRACK: largest squared residual with ``u`` and
+``v`` taken along north and east. It is relative to the squared residual with body axes, and to the squared length of
+the track.
 """
 TURNED = 0.3
-"""Turn [rad] that a comparison needs; on a straight course exchanged columns also look like those of the track."""
+"""Smallest turn [rad] required for this test. On a straight course, both kinds of speed look alike."""
 TURN = 3.5
-"""Turn rate [rad/s] above which a marine craft's heading is probably in degrees."""
+"""Turn rate [rad/s] of a heading above which its values are probably in degrees."""
 
 
 def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
     """Return doubts about the units of *trial*, and about columns that contradict each other.
 
-    use : as :func:`take_in`.
+    use : as for :func:`take_in`.
 
     Raises
     ------
     BadFile
-        Two columns contradict each other by a factor that only a wrong unit explains.
+        Two columns differ by a factor that only a wrong unit explains.
     """
     alone = _heading_alone(trial, trial["psi"]) if "psi" in trial else []
     try:
@@ -186,7 +190,10 @@ def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
 
 
 def contradictions_of(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
-    """Return a doubt per pair of columns of *trial* that contradict each other; errors as :func:`check_units`."""
+    """Return a doubt for each pair of columns of *trial* that contradict each other.
+
+    Errors are those of :func:`check_units`.
+    """
     found = contradictions(trial, use)
     for c in found:
         size = max(abs(c.value), 1.0 / abs(c.value)) if math.isfinite(c.value) and c.value else 0.0
@@ -200,7 +207,9 @@ CONTRADICTION = "contradiction"
 
 
 def check_axes(trial: Trial) -> None:
-    """Reject speeds that are those of the track: they fit as rates of ``x`` and ``y``, but not rotated by the heading.
+    """Raise BadFile if ``u`` and ``v`` are speeds north and east instead of ahead and to starboard.
+
+    Such speeds agree with the rates of ``x`` and ``y``, but not after rotation by the heading.
 
     Raises
     ------
@@ -232,7 +241,10 @@ def check_axes(trial: Trial) -> None:
 
 
 def _inputs_alone(trial: Trial) -> list[Doubt]:
-    """Check inputs by their size: a rudder angle is below half a turn, a normalised output about 1 at most."""
+    """Return doubts about inputs that are too large for their unit.
+
+    A rudder angle is below half a turn, and a normalised output does not exceed 1 by much.
+    """
     found: list[Doubt] = []
     for name in ("delta", *(dof.force for dof in DOFS.values())):
         if name not in trial or len(trial[name]) == 0:
@@ -260,7 +272,7 @@ def _known(channel: Channel) -> tuple[Array, Array]:
 
 
 def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
-    """Judge a heading by itself: by the height of its wraps, and by how fast it would turn."""
+    """Return doubts about the unit of a heading, from the size of its wraps and from its turn rate."""
     t, x = _known(psi)
     if len(t) < 20:
         return []

@@ -1,4 +1,4 @@
-"""Whiteness of residuals and the cost of coloured ones, for every method with residuals."""
+"""Test whether residuals are white, and calculate the effect of coloured ones on standard errors."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ __all__ = [
 Array = NDArray[np.float64]
 
 LAGS = 10
-"""Lags of the whiteness test: a second at 10 Hz, where unmodelled lags show first."""
+"""Number of lags in the whiteness test. At 10 Hz they cover one second, where unmodelled lags show first."""
 
 SIGNIFICANCE = 0.01
-"""Probability of calling white residuals coloured."""
+"""Probability that white residuals are classified as coloured."""
 
 
 NOISE_SHARE = 0.9
-"""Fraction of the residual's rms that must change from sample to sample for it to count as noise."""
+"""Fraction of the residual's rms that must be uncorrelated for all of it to count as noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """Residual of a signal (SI): its ``rms`` and the part of it that is ``noise``.
+    """Residual of a signal (SI), and the part of it that is noise.
 
-    Noise changes from sample to sample, as a sensor's does. The rest is correlated: it is motion that the model does
-    not explain.
+    ``rms``: of the whole residual. ``noise``: rms of the part that changes from sample to sample, as sensor noise does.
+    The rest is correlated. It is motion that the model does not explain.
     """
 
     rms: float
@@ -48,17 +48,20 @@ class Remainder:
 
     @property
     def unexplained(self) -> float:
-        """Root mean square of the correlated part; 0 when all is noise."""
+        """Root mean square of the correlated part, 0 if all of it counts as noise."""
         if self.noise >= NOISE_SHARE * self.rms:
             return 0.0
         return math.sqrt(self.rms**2 - self.noise**2)
 
 
 def remainder_of(errors: Sequence[Array], rounding: float = 0.0) -> Remainder:
-    """Return the residual and its noise part, from second differences, which suppress slow motion.
+    """Return the rms of the residual and of its noise part.
 
-    errors : residuals, an array (n,) per run. rounding : standard deviation of the steps of a coarse sensor. These
-    repeat with the motion, but count as noise.
+    The noise part comes from second differences, which suppress slow motion.
+
+    errors : residuals, an array (n,) per run.
+    rounding : standard deviation of the rounding error of a coarse sensor. It repeats with the motion, but counts as
+        noise.
     """
     together = np.concatenate([e[np.isfinite(e)] for e in errors]) if errors else np.zeros(0)
     if not len(together):
@@ -79,7 +82,7 @@ def autocorrelation(errors: Array, lags: int) -> Array:
 
 
 def whiteness(errors: Array) -> float:
-    """Return the probability that white residuals look at least this coloured (Ljung1978)."""
+    """Return the probability that white residuals are at least this coloured by chance (Ljung1978)."""
     n, lags = len(errors), min(LAGS, len(errors) // 4)
     rho = autocorrelation(errors, lags)
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
@@ -87,13 +90,15 @@ def whiteness(errors: Array) -> float:
 
 
 def all_white(scores: Sequence[Array]) -> bool:
-    """Return whether no series is coloured (Bonferroni over the series)."""
+    """Return whether all series are white, with a Bonferroni correction for their number."""
     return all(whiteness(s) > SIGNIFICANCE / len(scores) for s in scores)
 
 
 def correlation_time(scores: Sequence[Array]) -> float:
-    """Return how many samples are equivalent to one independent sample: ``1 + 2 sum rho_k`` over the first positive
-    lags."""
+    """Return the number of samples that are equivalent to one independent sample.
+
+    It is ``1 + 2 sum rho_k``, summed up to the first lag with negligible correlation.
+    """
     if all_white(scores):
         return 1.0
     times = []
@@ -105,9 +110,10 @@ def correlation_time(scores: Sequence[Array]) -> float:
 
 
 def scores_covariance(scores: Sequence[Array]) -> Array:
-    """Return the covariance (p, p) of the sum of *scores*, (n, p) per series, correlated within each.
+    """Return the covariance (p, p) of the sum of *scores*, which are (n, p) per series.
 
-    Autocovariances up to ``2*sqrt(n)`` samples with Bartlett weights (Newey1987).
+    Scores are correlated only within a series. Autocovariances up to ``2*sqrt(n)`` samples are used, with Bartlett
+    weights (Newey1987).
     """
     p = scores[0].shape[1]
     S = np.zeros((p, p))
@@ -121,7 +127,10 @@ def scores_covariance(scores: Sequence[Array]) -> Array:
 
 
 def explained(parts: Iterable[tuple[str, Array, Array]]) -> dict[str, float]:
-    """Return 100 (1 - rms/std) per signal that moves; parts : signal, measured and error (n,) each."""
+    """Return 100 (1 - rms/std) for each signal that moves.
+
+    parts : name of the signal, measured values and errors (n,) each.
+    """
     power: dict[str, float] = {}
     squares: dict[str, float] = {}
     for name, measured, error in parts:

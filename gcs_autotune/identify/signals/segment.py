@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import Passage, passage_of
 from gcs_autotune.errors import UsageError
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel
 
@@ -24,12 +24,15 @@ __all__ = ["MIN_SAMPLES", "Segment", "Signal", "within_horizon", "without_signal
 Array = NDArray[np.float64]
 
 MIN_SAMPLES = 20
-"""Minimum number of output samples of a segment: three per parameter to distinguish."""
+"""Minimum number of output samples of a segment: three per parameter to be distinguished."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signal:
-    """A measured output: stamps [s], values (angles continuous), smallest step of its scale (0 if none)."""
+    """A measured output.
+
+    ``t``: stamps [s]. ``values``: samples, with continuous angles. ``step``: resolution of the sensor, 0 if none.
+    """
 
     name: str
     t: Array
@@ -49,15 +52,16 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One uninterrupted stretch of the run ``run``; ``name`` is that of the run, with ``#`` and a number if cut.
+    """One uninterrupted stretch of a run.
 
-    ``t_in`` (j,) [s], ``inputs`` (j, m): the inputs ``input_names`` at their jumps, each row held from its stamp on
-    (zero-order hold, joined over the stamps of all inputs). ``signals``: measured outputs by name; for one degree of
-    freedom position first.
+    ``run``: name of the run. ``name``: the same, with ``#`` and a number if the run was cut. ``t_in`` (j,) [s]: times
+    at which an input changes. ``inputs`` (j, m): all inputs ``input_names`` from then on, held until the next change.
+    ``signals``: measured outputs by name. For one degree of freedom the position comes first.
 
-    ``dating`` [s]: possible common error of all input stamps (decision 3), 0 if they are exact. ``slack`` (j,) [s]:
-    shift of each jump if it happened at another ``loop`` [s] of the autopilot; 0 if no other is possible. ``lags`` [s]:
-    signal -> delay of an onboard filter, by which its stamps have been corrected. ``measured``: the run's own channels.
+    ``dating`` [s]: possible common error of all input stamps (decision 3), 0 if they are exact. ``loop`` [s]: loop time
+    of the autopilot. ``slack`` (j,) [s]: shift of each change if it happened in another loop, 0 if only one is
+    possible. ``lags`` [s]: signal -> delay of an onboard filter, for which its stamps are corrected. ``measured``:
+    unprocessed channels of the run.
     """
 
     name: str
@@ -80,58 +84,64 @@ class Segment:
 
     @property
     def start(self) -> float:
-        """First stamp of any signal [s]; simulations begin here."""
+        """First stamp of any signal [s], at which simulations begin."""
         return float(self.stamps[0])
 
     @cached_property
     def stamps(self) -> Array:
-        """All stamps of all signals, sorted, each once."""
+        """Stamps of all signals, sorted, without repeats."""
         return np.unique(np.concatenate([s.t for s in self.signals.values()]))
 
     @cached_property
     def at(self) -> Mapping[str, NDArray[np.int64]]:
-        """Signal -> which of ``stamps`` are its own (n,)."""
+        """Signal -> indices (n,) of its stamps in :attr:`stamps`."""
         return {n: np.searchsorted(self.stamps, s.t).astype(np.int64) for n, s in self.signals.items()}
 
     @cached_property
     def passage(self) -> Passage:
-        """The segment in the format of simulations with effects."""
+        """Segment in the format of simulations with effects."""
         commands = {n: np.ascontiguousarray(self.inputs[:, i]) for i, n in enumerate(self.input_names)}
         return passage_of(self.run, self.t_in, commands, {n: s.t for n, s in self.signals.items()}, self.measured)
 
     def passage_at(self, shift: float) -> Passage:
-        """Return the passage with its inputs *shift* [s] later than stamped; as it is when its stamps are exact."""
+        """Return the passage with its inputs delayed by *shift* [s].
+
+        It is unchanged if its stamps are exact.
+        """
         return replace(self.passage, t_in=self.passage.t_in + shift) if shift and self.dating else self.passage
 
     @property
     def tau(self) -> Array:
-        """The input (j,) of a segment that has one."""
+        """Input (j,) of a segment with only one input."""
         only: Array = self.inputs[:, 0]
         return only
 
     @property
     def dof(self) -> Dof:
-        """The degree of freedom the first signal belongs to."""
+        """Degree of freedom of the first signal."""
         first = next(iter(self.signals))
         return next(d for d in DOFS.values() if first in (d.position, d.velocity))
 
     @property
     def position(self) -> Signal | None:
-        """The position of :attr:`dof`, if it was measured."""
+        """Position of :attr:`dof`, None if it was not measured."""
         return self.signals.get(self.dof.position)
 
     @property
     def velocity(self) -> Signal | None:
-        """The velocity of :attr:`dof`, if it was measured."""
+        """Velocity of :attr:`dof`, None if it was not measured."""
         return self.signals.get(self.dof.velocity)
 
     @property
     def main(self) -> Signal:
-        """The first signal: of one degree of freedom position when there is one, else velocity."""
+        """First signal. For one degree of freedom it is the position if measured, else the velocity."""
         return next(iter(self.signals.values()))
 
     def driven(self, t_in: Array, commands: Mapping[str, Array]) -> Segment:
-        """Return the segment under other inputs, each (j,) held from *t_in* (j,) [s] on; of new ones the unit is 1."""
+        """Return the segment with other inputs, each (j,) held from *t_in* (j,) [s] on.
+
+        The unit of a new input is 1.
+        """
         units = dict(zip(self.input_names, self.input_units, strict=True))
         return replace(
             self,
@@ -143,14 +153,14 @@ class Segment:
         )
 
     def only(self, names: Sequence[str]) -> Segment:
-        """Return the segment with those of its signals that are called *names*."""
+        """Return the segment with only the signals in *names*."""
         return replace(self, signals={n: s for n, s in self.signals.items() if n in names})
 
     def after(self, delay: float) -> Segment:
         """Return the segment without the samples that depend on inputs before the first input stamp.
 
-        Commands before the record are unknown, so with a delay [s] its start cannot be simulated. The segment is
-        returned unchanged if too little would be left.
+        Commands before the record are unknown. With a delay [s] the start of the record therefore cannot be simulated.
+        The segment is returned unchanged if too few samples would remain.
         """
         start = float(self.t_in[0]) + delay
         if delay <= 0.0 or start <= self.start:
@@ -161,7 +171,10 @@ class Segment:
         return replace(self, signals=kept)
 
     def until(self, share: float) -> Segment:
-        """Return the first *share* of the segment's time, but of every signal no less than its first samples."""
+        """Return the first part of the segment, the fraction *share* of its time.
+
+        Every signal keeps at least its first :data:`MIN_SAMPLES` samples.
+        """
         if share >= 1.0:
             return self
         end = self.start + share * (float(self.stamps[-1]) - self.start)
@@ -170,7 +183,7 @@ class Segment:
         return replace(self, signals=signals)
 
     def pieces(self, count: int) -> list[Segment]:
-        """Cut into *count* segments of about as many stamps each; inputs stay whole."""
+        """Return *count* segments with about the same number of stamps each. The inputs are not cut."""
         found = []
         for part in np.array_split(self.stamps, count):
             cut = {n: s.between(float(part[0]), float(part[-1])) for n, s in self.signals.items()}
@@ -179,7 +192,10 @@ class Segment:
         return found
 
     def within(self, horizon: float) -> tuple[Segment, ...]:
-        """Cut into segments no longer than *horizon* [s], none shorter than can be fitted; inputs stay whole."""
+        """Return segments no longer than *horizon* [s].
+
+        They are longer if shorter ones could not be fitted. The inputs are not cut.
+        """
         if not math.isfinite(horizon):
             return (self,)
         wanted = math.ceil((float(self.stamps[-1]) - self.start) / horizon)
@@ -188,12 +204,14 @@ class Segment:
 
 
 def within_horizon(segments: Sequence[Segment], horizon: float) -> list[Segment]:
-    """Cut segments into such no longer than *horizon* [s], each with initial states of its own.
+    """Return the segments, cut into pieces no longer than *horizon* [s].
+
+    Each piece has its own initial states.
 
     Raises
     ------
     UsageError
-        A horizon that is not above zero.
+        The horizon is not above zero.
     """
     if not horizon > 0.0:
         raise UsageError(f"a horizon of {horizon} s is not valid: use more than 0 s, or inf for whole runs")
@@ -201,5 +219,5 @@ def within_horizon(segments: Sequence[Segment], horizon: float) -> list[Segment]
 
 
 def without_signal(segments: Sequence[Segment], name: str) -> list[Segment]:
-    """Return the segments without one of their signals; those that have no other are left out."""
+    """Return the segments without the signal *name*. Segments without any other signal are left out."""
     return [s.only([n for n in s.signals if n != name]) for s in segments if any(n != name for n in s.signals)]

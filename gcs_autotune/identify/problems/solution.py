@@ -1,14 +1,14 @@
-"""A fit by maximum likelihood with its uncertainty: one way to solve, one covariance, one inflation for all models.
+"""Fit by maximum likelihood and calculate the uncertainty, in the same way for all models.
 
 Simulated and measured motion are compared sample by sample, with exact sensitivities. All runs share the parameters.
-Each segment has its own initial states. One noise level per kind of signal is estimated too. A coarse sensor's rounding
-enters the likelihood exactly when its step is given (:mod:`.noise`), started from the Gaussian fit; otherwise the noise
-level is not taken below ``step/sqrt(12)``.
+Each segment has its own initial states. One noise level per kind of signal is estimated too. If the resolution of a
+coarse sensor is known, the likelihood includes its exact rounding (:mod:`.noise`), starting from the Gaussian fit.
+Otherwise the noise level is at least ``step/sqrt(12)``.
 
 Standard errors come from the Fisher information with the estimated noise. If the residuals are not white, the
-information is overstated. Each standard error is then raised to that of the sandwich estimator
-``C (sum_k w_k Gamma_k) C`` (Newey and West 1987), whose ``Gamma_k`` are the autocovariances of the scores up to
-``2*sqrt(n)`` samples with Bartlett weights. Correlations between parameters remain those of the Fisher information.
+information is overestimated. Each standard error is then raised to that of the sandwich estimator ``C (sum_k w_k
+Gamma_k) C`` (Newey and West 1987). ``Gamma_k`` are the autocovariances of the scores up to ``2*sqrt(n)`` samples, with
+Bartlett weights. Correlations between parameters remain those of the Fisher information.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance, in_order
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Limits, Objective, information_of
-from gcs_autotune.identify.noise import NoiseModel, Rounded, gaussian_noise
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective, information_of
+from gcs_autotune.identify.problems.noise import NoiseModel, Rounded, gaussian_noise
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.reweighting import Effort, alternate, errors_of, likeliest
 from gcs_autotune.identify.result import Trace
-from gcs_autotune.identify.reweighting import Effort, alternate, errors_of, likeliest
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.whiteness import all_white, correlation_time, explained, scores_covariance
+from gcs_autotune.identify.signals.segment import Segment
+from gcs_autotune.identify.signals.whiteness import all_white, correlation_time, explained, scores_covariance
 from gcs_autotune.models import Form
 from gcs_autotune.sname import SIGNALS
 
@@ -38,27 +38,29 @@ __all__ = ["THOROUGH", "Solution", "fit_percents", "solution_of", "solve", "solv
 Array = NDArray[np.float64]
 
 ROUNDS = 6
-"""Rounds of parameters, then noise; three or four suffice from a usable start."""
+"""Maximum number of rounds of fitting parameters, then noise. From a usable start three or four suffice."""
 
 ROUNDING_ROUNDS = 20
-"""Rounds of parameters, then noise, for a rounding sensor; the noise comes down from the Gaussian fit's residuals."""
+"""Maximum number of rounds of fitting parameters, then noise, for a rounding sensor. The noise has to decrease from the
+level of the Gaussian fit."""
 
 THOROUGH = Effort(15)
-"""Effort for a bad start, where the weights matter more than the last digit."""
+"""Effort for a bad start, for which correct weights are more important than full convergence."""
 
 AT_BOUND = 1e-6
-"""Relative distance from a bound that counts as on the bound."""
+"""Relative distance from a bound below which a parameter counts as on the bound."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Solution(Fitted):
     """A fitted model with its uncertainty.
 
-    ``noise_models``: per signal. ``whole`` (q, q): covariance of the packed vector from the expected information;
-    ``names`` come first, the shift last. ``raised`` (q,): factors by which coloured residuals raise standard errors.
-    ``at_bound``: those of ``names`` on a limit. ``blind``: those on which the runs contain no information. ``rests``:
-    residuals with samples that count; ``rows``: their Jacobians (n, q) over the noise. ``scores``: derivative of the
-    log-likelihood by the prediction, times the noise (for Gaussian noise: error over noise).
+    ``noise_models``: noise model per signal. ``whole`` (q, q): covariance of the packed vector, from the expected
+    information. The parameters ``names`` come first, the shift of stamps last. ``raised`` (q,): factors by which
+    coloured residuals raise standard errors. ``at_bound``: those of ``names`` on a limit. ``blind``: those of ``names``
+    on which the runs contain no information. ``rests``: residuals of all signals with samples that are used. ``rows``:
+    their Jacobians (n, q), divided by the noise. ``scores``: derivative of the log-likelihood by the prediction, times
+    the noise. For Gaussian noise this is the error divided by the noise.
     """
 
     noise_models: Mapping[str, NoiseModel]
@@ -72,36 +74,39 @@ class Solution(Fitted):
 
     @property
     def unknowns(self) -> int:
-        """Number of fitted numbers, including initial states, without a shift of stamps."""
+        """Number of fitted values, including initial states, without a shift of stamps."""
         return len(self.whole) - (self.shift_std > 0.0)
 
     @property
     def noise(self) -> dict[str, float]:
-        """Standard deviation of measured minus true per signal, rounding included."""
+        """Standard deviation of measured minus true value per signal, including rounding."""
         return {name: model.std for name, model in self.noise_models.items()}
 
     @property
     def quanta(self) -> dict[str, float]:
-        """Steps of the signals whose rounding entered the likelihood."""
+        """Resolution of each signal whose rounding entered the likelihood."""
         return {name: model.quantum for name, model in self.noise_models.items() if model.quantum > 0.0}
 
     @property
     def white(self) -> bool:
-        """Whether no signal of any segment is coloured."""
+        """Whether the residuals of all signals in all segments are white."""
         return all_white(self.scores)
 
     @property
     def correlation(self) -> float:
-        """Number of samples equivalent to one independent sample."""
+        """Number of samples that are equivalent to one independent sample."""
         return correlation_time(self.scores)
 
     def bic(self, correlation: float = 1.0) -> float:
-        """Bayesian information criterion, tempered by a *correlation* time (see :mod:`.axis.evidence`)."""
+        """Return the Bayesian information criterion, tempered by the *correlation* time.
+
+        See :mod:`.axis.evidence`.
+        """
         n = self.samples / correlation
         return -2.0 * self.log_likelihood / correlation + self.unknowns * math.log(n)
 
     def rms(self, name: str) -> float:
-        """Return the root mean square of what is left of all signals called *name*."""
+        """Return the root mean square residual of all signals called *name*."""
         return float(np.sqrt(np.mean(errors_of(self.rests, name) ** 2)))
 
     @property
@@ -118,7 +123,7 @@ class Solution(Fitted):
 
     @property
     def bounds(self) -> dict[str, float]:
-        """Cramer-Rao bound of each of ``names``."""
+        """Cramer-Rao bound of each of ``names``, by name."""
         return dict(zip(self.names, np.sqrt(np.diag(self.whole)).tolist(), strict=False))
 
 
@@ -135,14 +140,16 @@ def solve(
     rounds: int = ROUNDS,
     effort: Effort | None = THOROUGH,
 ) -> Solution | None:
-    """Fit the free numbers of *problem*, starting at *theta*; return None if the simulation diverges.
+    """Fit the free parameters of *problem*, starting at *theta*; return None if the simulation diverges.
 
     Parameters
     ----------
-    theta : (p,) start values in the form's order. initial : (n,) start states per segment.
+    theta : (p,) start values in the form's order.
+    initial : (n,) start states per segment.
     levels : noise levels to start from, one per signal name.
-    quanta : steps of the signals to be taken as rounded, per name.
-    robust : soft-L1 weights, for records with outliers (signals taken as rounded tolerate them anyway).
+    quanta : resolution of the signals to be treated as rounded, by name.
+    robust : whether to use soft-L1 weights, for records with outliers. Signals treated as rounded tolerate outliers
+        anyway.
     """
     objective = Objective(problem, theta, initial, in_order(effects), shift=shift)
     low, high = objective.limits()
@@ -192,13 +199,13 @@ def solve_form(
     robust: bool = False,
     effort: Effort = THOROUGH,
 ) -> Solution | None:
-    """Solve for a form without effects; as :func:`solve`."""
+    """Fit the free parameters of a form without effects; see :func:`solve`."""
     problem = Problem(form, segments, None, limits, free)
     return solve(problem, theta, initial, levels=levels, shift=shift, robust=robust, effort=effort)
 
 
 def solution_of(problem: Problem, fitted: Fitted) -> Solution:
-    """Return *fitted* with the uncertainty of its numbers."""
+    """Return *fitted* with the uncertainty of its parameters."""
     columns, at = [], 0
     for rest in fitted.rests:
         count = int(rest.known.sum())
@@ -217,11 +224,15 @@ def _with_uncertainty(
     weight: Array,
     limits: tuple[Array, Array],
 ) -> Solution:
-    """Return *fitted* with noise levels raised for the numbers fitted, covariance, and what colour does to it.
+    """Return *fitted* with its covariance, and with noise levels corrected for the number of fitted values.
 
-    models : of the noise, per signal. columns : Jacobians (n, q) of ``rests``. weight : (q,) information known
-    beforehand. limits : of ``names``. What stands at a bound is taken as known there; what the runs say nothing about
-    is left out.
+    Factors for coloured residuals are included. A parameter at a bound is taken as known. A parameter on which the runs
+    contain no information is left out.
+
+    models : noise model per signal.
+    columns : Jacobians (n, q) of ``rests``.
+    weight : (q,) prior information.
+    limits : lower and upper limits of ``names``.
     """
     seen_in = [(rest, J) for rest, J in zip(fitted.rests, columns, strict=True) if len(J)]
     rests, columns = tuple(rest for rest, _ in seen_in), [J for _, J in seen_in]
@@ -253,7 +264,7 @@ def _with_uncertainty(
 
 
 def _standing_at_bound(names: Sequence[str], x: Array, low: Array, high: Array) -> tuple[str, ...]:
-    """Return which of *names*, the first entries of *x*, stand on a limit."""
+    """Return the parameters in *names*, the first entries of *x*, that are at a limit."""
     found = []
     for i, name in enumerate(names):
         for edge in (low[i], high[i]):
@@ -263,7 +274,7 @@ def _standing_at_bound(names: Sequence[str], x: Array, low: Array, high: Array) 
 
 
 def _raised_by(whole: Array, scores: Sequence[Array], rows: Sequence[Array]) -> Array:
-    """Return the factors (q,), 1 or more, by which coloured residuals raise the standard errors."""
+    """Return the factors (q,), at least 1, by which coloured residuals raise the standard errors."""
     if all_white(scores):
         return np.ones(len(whole))
     S = scores_covariance([J * s[:, None] for J, s in zip(rows, scores, strict=True)])
@@ -281,7 +292,10 @@ def _rounded(name: str, gaussian: NoiseModel, quantum: float, segments: Sequence
 
 
 def traces_of(segments: Sequence[Segment], solution: Solution) -> tuple[Trace, ...]:
-    """Return fit against measurement; the band is that of prediction and noise together, raised for colour."""
+    """Return measured and fitted values of each signal with their 95 % band.
+
+    The band includes the errors of prediction and noise, raised for coloured residuals.
+    """
     raised = float(solution.factors.max(initial=1.0))
     traces = []
     for r, rows in zip(solution.rests, solution.rows, strict=True):
@@ -294,5 +308,5 @@ def traces_of(segments: Sequence[Segment], solution: Solution) -> tuple[Trace, .
 
 
 def fit_percents(solution: Solution) -> dict[str, float]:
-    """Return 100 (1 - rms/std) per signal that moves."""
+    """Return 100 (1 - rms/std) for each signal that moves."""
     return explained((r.signal, r.measured[r.known], r.judged[r.known]) for r in solution.rests)

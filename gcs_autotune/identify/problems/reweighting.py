@@ -1,4 +1,7 @@
-"""Maximum likelihood with unknown noise levels: fit parameters and noise in turn until the noise settles."""
+"""Maximum likelihood with unknown noise levels.
+
+Parameters and noise are fitted in turn until the noise settles.
+"""
 
 from __future__ import annotations
 
@@ -11,37 +14,37 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.least_squares import Local, Minimum, Rules, descend
-from gcs_autotune.identify.likelihood import Residual
-from gcs_autotune.identify.noise import NoiseModel
+from gcs_autotune.identify.problems.least_squares import Local, Minimum, Rules, descend
+from gcs_autotune.identify.problems.likelihood import Residual
+from gcs_autotune.identify.problems.noise import NoiseModel
 
 __all__ = ["NOISE_ROUNDS", "Effort", "alternate", "errors_of", "likeliest", "rounding_error"]
 
 Array = NDArray[np.float64]
 
 NOISE_ROUNDS = 4
-"""Rounds of re-estimating the noise levels when two kinds of signal are weighed against each other."""
+"""Number of rounds of noise estimation if two kinds of signal are weighted against each other."""
 
 SETTLED = 0.01
-"""Relative change of every noise level at which the rounds end."""
+"""Relative change of the noise levels below which the rounds of estimation end."""
 
 MAD = 1.4826
-"""Standard deviation over median magnitude, of a Gaussian: outliers hardly move the latter."""
+"""Ratio of standard deviation to median magnitude for a Gaussian. The median magnitude hardly depends on outliers."""
 
 LEAST = 1e-100
-"""Least noise level of a signal that never changes; its square still has an inverse."""
+"""Smallest noise level, for a signal that never changes. The inverse of its square is still finite."""
 
 LOOSE = 1e-4
-"""Relative decrease that ends a round which is not the last."""
+"""Relative decrease of the cost that ends a round, except the last."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Effort limits for an expensive cost.
+    """Limits for a fit with an expensive cost.
 
-    ``trials``: per round except the last, which end with low accuracy. ``exact``: the last round continues to
-    convergence. ``astray``: the fit ends after two rounds if some signal's noise still exceeds this multiple of its
-    start value.
+    ``trials``: maximum per round. These rounds end with low accuracy. ``exact``: whether the last round has no such
+    limit and continues to convergence. ``astray``: multiple of its start value that the noise of a signal may have
+    after two rounds. Above it the fit ends.
     """
 
     trials: int
@@ -50,13 +53,13 @@ class Effort:
 
 
 class Cost(Protocol):
-    """What :func:`alternate` minimises: minus twice a log-likelihood of one vector, given the noise."""
+    """Interface of the cost that :func:`alternate` minimises: minus twice a log-likelihood, for known noise."""
 
     def at(self, x: Array, noise: Mapping[str, NoiseModel]) -> Local | None:
-        """Return cost, gradient and curvature at *x*, None when it has no value there."""
+        """Return cost, gradient and curvature at *x*, or None if it has no value there."""
 
     def residuals(self, x: Array) -> Sequence[Residual] | None:
-        """Return the residuals at *x*, None when there are none."""
+        """Return the residuals at *x*, or None if there are none."""
 
 
 def alternate(
@@ -68,7 +71,10 @@ def alternate(
     rounds: int,
     effort: Effort | None = None,
 ) -> tuple[Minimum[Local], dict[str, NoiseModel]] | None:
-    """Fit *x* within its limits, then the noise of every law, *rounds* times at most; None when *x* has no value."""
+    """Fit *x* within its limits, then the noise, at most *rounds* times; return None if *x* has no value.
+
+    laws : noise model per signal.
+    """
     found: Minimum[Local] | None = None
     first = laws
     for turn in range(rounds):
@@ -93,14 +99,17 @@ def alternate(
 
 
 def errors_of(residuals: Sequence[Residual], name: str) -> Array:
-    """Return measured minus simulated of all signals called *name*, one after the other."""
+    """Return measured minus simulated values of all signals called *name*, joined."""
     return np.concatenate([r.judged[r.known] for r in residuals if r.signal == name])
 
 
 def likeliest(
     residuals: Sequence[Residual], laws: Mapping[str, NoiseModel], spent: float = 0.0
 ) -> dict[str, NoiseModel]:
-    """Return the laws with their noise re-estimated, *spent* degrees of freedom shared out by sample counts."""
+    """Return the noise models with levels estimated from the residuals.
+
+    spent : degrees of freedom of the fit. They are distributed over the signals by numbers of samples.
+    """
     total = sum(int(r.known.sum()) for r in residuals)
     found = {}
     for name, law in laws.items():
@@ -118,5 +127,5 @@ def likeliest(
 
 
 def rounding_error(residuals: Sequence[Residual], name: str) -> float:
-    """Return the rounding error of the coarsest sensor called *name*: ``step/sqrt(12)``."""
+    """Return the rounding error ``step/sqrt(12)`` of the coarsest sensor called *name*."""
     return max((r.step for r in residuals if r.signal == name), default=0.0) / math.sqrt(12.0)

@@ -1,7 +1,7 @@
-"""Surge and sway without a measured velocity: from the distance to a flat surface ahead, or from a straight track.
+"""Derive surge and sway from positions, if no velocity is measured.
 
-Source: Miskovic2010, 6.6.2 (second approach) and 7.6 for the distance. For a track, north and east are rotated into
-ahead and starboard.
+The position is either the distance to a flat surface ahead, or a straight track. The method for the distance is the
+second approach in Miskovic2010, 6.6.2, and 7.6. For a track, north and east are rotated to ahead and starboard.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.cleaning import clean, unwrap
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.cleaning import clean, unwrap
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.sname import Dof
 from gcs_autotune.trial import Channel, Trial
 
@@ -22,15 +22,15 @@ __all__ = ["DISTANCE", "ahead_doubt", "distance_in", "projected_track", "with_di
 DISTANCE = "d"
 
 SWING = np.radians(15.0)
-"""Change of heading [rad] before the surface above which a doubt is raised: ``d`` then shows up to 3 % too little
-motion."""
+"""Change of heading [rad] while facing the surface, above which a doubt is raised. At this angle ``d`` shows up to 3 %
+too little motion."""
 
 
 def with_distance_ahead(trial: Trial) -> Trial:
-    """Return *trial* with ``x = -d`` if it has the distance ``d``, for ``d_dot = -u cos(phi)`` (2.43), phi = 0.
+    """Return *trial* with ``x = -d`` if it contains the distance ``d`` to a surface ahead.
 
-    The distance made good ahead replaces a north position, which shows surge only if the craft heads north. If a
-    rangefinder is slower than its messages, only new measurements are used.
+    The relation is ``d_dot = -u cos(phi)`` (2.43) with phi = 0. This ``x`` replaces a north position, which shows surge
+    only if the craft heads north. If a rangefinder is slower than its messages, only new measurements are used.
     """
     if DISTANCE not in trial or not len(trial[DISTANCE]):
         return trial
@@ -39,16 +39,17 @@ def with_distance_ahead(trial: Trial) -> Trial:
 
 
 REPEATS, STEADY = 5, 0.9
-"""Limits for a sensor that is slower than its messages.
+"""Limits that identify a sensor slower than its messages.
 
-REPEATS: number of messages in a row with one value. STEADY: fraction of its changes at whole multiples of that number.
+REPEATS: smallest number of messages per new value. STEADY: smallest fraction of the changes that are a whole multiple
+of that number apart.
 """
 
 
 def _measured_anew(channel: Channel) -> Channel:
-    """Return *channel* without the messages that repeat the last measurement of a slower sensor.
+    """Return *channel* without messages that repeat the last measurement of a slower sensor.
 
-    A repeated value is late by up to a period of the sensor.
+    A repeated value is late by up to one period of the sensor.
     """
     changes = np.flatnonzero(np.diff(channel.values) != 0.0) + 1
     if len(changes) < REPEATS:
@@ -66,7 +67,7 @@ def _measured_anew(channel: Channel) -> Channel:
 
 
 def distance_in(segment: Segment) -> Channel | None:
-    """Return the distance ahead as measured during a *segment* of surge; None if it was not measured."""
+    """Return the measured distance ahead during a *segment* of surge, or None if it was not measured."""
     recorded = segment.measured.get(DISTANCE) if segment.dof.name == "surge" else None
     if recorded is None:
         return None
@@ -76,7 +77,7 @@ def distance_in(segment: Segment) -> Channel | None:
 
 
 def ahead_doubt(trial: Trial) -> Doubt | None:
-    """Return a doubt if the craft apparently did not face the surface to which it measured the distance."""
+    """Return a doubt if the heading shows that the craft did not keep facing the surface ahead."""
     if "psi" not in trial or not len(trial["psi"]):
         return None
     psi = np.unwrap(trial["psi"].values[np.isfinite(trial["psi"].values)])
@@ -92,26 +93,28 @@ def ahead_doubt(trial: Trial) -> Doubt | None:
 
 
 STRAIGHT, CROOKED = 0.15, 0.6
-"""Standard deviation of the heading [rad] up to which a track counts as straight, and above which it is rejected.
+"""Limits of the standard deviation of the heading [rad]. Up to STRAIGHT a track counts as straight. Above CROOKED it is
+rejected.
 
-At 0.15 the projection is 1 % short.
+At 0.15 the projection is 1 % too short.
 """
 
 
 def projected_track(
     trial: Trial, axis: Dof, position: Channel, notes: list[Doubt], *, needed: bool = True
 ) -> Channel | None:
-    """Return the distance run ahead (surge) or to starboard (sway) of the mean heading.
+    """Return the distance travelled ahead (surge) or to starboard (sway), relative to the mean heading.
 
-    *position* itself when it is not surge or sway, or when heading or the other coordinate was not recorded: then
-    ``x`` and ``y`` are taken as ahead and starboard, as in a towing tank.
+    Return *position* unchanged for other degrees of freedom, or if the heading or the other coordinate was not
+    recorded. ``x`` and ``y`` are then taken as ahead and starboard, as in a towing tank.
 
-    needed : nothing else shows the motion. Where something does, a track that is no line is left out: None.
+    needed : whether the position is the only signal of this motion. If it is not, None is returned for a track that is
+        not straight.
 
     Raises
     ------
     NotInformative
-        The craft turned too much for its track to be a line.
+        The craft turned too much for its track to count as a line.
     """
     other = {"x": "y", "y": "x"}.get(position.name) if axis.along_ground else None
     if other is None or other not in trial or "psi" not in trial or min(len(trial[other]), len(trial["psi"])) < 2:

@@ -1,9 +1,8 @@
 """Convert recorded runs to segments: channels chosen, cleaned, unwrapped, cut at gaps.
 
-Nothing is resampled or smoothed. What is removed is counted and noted as a doubt. There are three entry points: for one
-degree of freedom (:func:`prepare`), for a form (:func:`prepare_form`), and for a fit with effects
-(:func:`prepare_as_recorded`). The last one corrects nothing, because a diagnosis must be able to find a wrong unit or
-sign.
+Nothing is resampled or smoothed. What is removed is counted and noted as a doubt. :func:`prepare` is for one degree of
+freedom and :func:`prepare_form` for a form. :func:`prepare_as_recorded` is for a fit with effects. It corrects nothing,
+because a diagnosis must be able to find a wrong unit or sign.
 """
 
 from __future__ import annotations
@@ -17,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import MissingChannel, NotInformative, UsageError
-from gcs_autotune.identify.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
-from gcs_autotune.identify.cleaning import clean, continuous, holes_of, noted, outside, quantum, unwrap, within_range
-from gcs_autotune.identify.intake import left_out
-from gcs_autotune.identify.result import Doubt
-from gcs_autotune.identify.segment import MIN_SAMPLES, Segment, Signal
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.signals.along_axis import DISTANCE, ahead_doubt, projected_track, with_distance_ahead
+from gcs_autotune.identify.signals.cleaning import clean, continuous, holes_of, noted, outside, unwrap, within_range
+from gcs_autotune.identify.signals.intake import left_out
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment, Signal
 from gcs_autotune.models import FORMS, Form
 from gcs_autotune.registry import lookup
+from gcs_autotune.sensor import quantum
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Channel, Trial
 
@@ -48,41 +48,42 @@ INPUTS: dict[str, tuple[str, ...]] = {
     "roll": ("K",),
     "pitch": ("M",),
 }
-"""Degree of freedom -> channels that may drive it, preferred first."""
+"""Degree of freedom -> channels that may be its input, preferred first."""
 
 WITHIN_LOOP = 0.25
-"""Fraction of an autopilot's loop by which outputs and attitudes of one loop may differ in time."""
+"""Fraction of an autopilot's loop time by which outputs and attitudes from the same loop may differ."""
 
 GAP_SECONDS, GAP_STEPS = 1.0, 10.0
-"""A hole longer than both (seconds, median steps) starts a new segment with free initial state."""
+"""Limits (seconds, median time steps) of an interval without samples. If it exceeds both, a new segment starts, with
+its own initial state."""
 
 TRANSITION = 4.0
-"""Standard deviation of a velocity over its noise that makes a transition."""
+"""Smallest ratio of a velocity's standard deviation to its noise for a change from one steady value to another."""
 
 SETTLED = 2.0
-"""Standard deviation of its second half over the noise up to which it has settled."""
+"""Largest ratio of the standard deviation of the second half of a velocity to its noise, for it to count as settled."""
 
 TURN_RATES = ("p", "q", "r")
-"""Signals that have passed the autopilot's gyro filter."""
+"""Signals filtered by the autopilot's gyro filter."""
 
 _VELOCITIES = frozenset(d.velocity for d in DOFS.values())
 
 
 def signals_of(form: Form) -> tuple[str, ...]:
-    """Return the names of the signals a form predicts: velocities, then positions."""
+    """Return the names of the signals that a form predicts: velocities, then positions."""
     dofs = [DOFS[d] for d in form.dofs]
     return (*(d.velocity for d in dofs), *(d.position for d in dofs))
 
 
 def guess_dof(trial: Trial) -> Dof:
-    """Return the degree of freedom a run is about, from its meta data or from what moves in it.
+    """Return the degree of freedom that a run is about, from its meta data or from its varying inputs.
 
     Raises
     ------
     MissingChannel
-        No pair of input and output.
+        There is no pair of input and output.
     UsageError
-        More than one pair whose input varies.
+        There is more than one pair whose input varies.
     """
     dof_name = trial.meta.get("dof")
     if isinstance(dof_name, str) and dof_name in DOFS:
@@ -106,10 +107,10 @@ def guess_dof(trial: Trial) -> Dof:
 
 
 def form_driven(runs: Sequence[Trial]) -> Form | None:
-    """Return the shipped form whose inputs all *runs* have, and that no single degree of freedom covers; None without
-    one.
+    """Return the shipped form whose inputs all *runs* contain, or None.
 
-    Two thrusters side by side push and turn at once. No pair of one input with one motion describes such a boat.
+    It is only for boats that a single degree of freedom cannot describe, such as one with two thrusters side by side.
+    These push and turn it at the same time.
     """
     if any(_input_names(run, d) and _output_names(run, d) for run in runs for d in DOFS.values()):
         return None
@@ -122,7 +123,7 @@ def _drives(form: Form, trial: Trial) -> bool:
 
 
 def _several_at_once(trial: Trial) -> str:
-    """Return which form the inputs of *trial* drive, in words; nothing where they drive none."""
+    """Return a sentence with the forms whose inputs *trial* contains, or an empty text."""
     forms = [f"--dof {f.name}" for f in FORMS.values() if _drives(f, trial)]
     return f". Its inputs drive several degrees of freedom at once: {' or '.join(forms)}" if forms else ""
 
@@ -143,17 +144,17 @@ def _varies(channel: Channel) -> bool:
 def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     """Return the usable segments of *trial* for one degree of freedom.
 
-    Of surge and sway the position is the way made good ahead or to starboard: of the distance to a wall ahead where
-    that was measured, else of the track.
+    For surge and sway, the position is the distance travelled ahead or to starboard. It comes from the distance to a
+    wall ahead if that was measured, otherwise from the track.
 
     Raises
     ------
     MissingChannel
-        No input or no output for this degree of freedom.
+        There is no input or no output for this degree of freedom.
     BadFile
-        Stamps that run backwards.
+        The clock jumps back.
     NotInformative
-        Too few samples, a constant input, or an output that never moves.
+        There are too few samples, the input is constant, or the output never changes.
     """
     axis = lookup(DOFS, dof, "degree of freedom") if isinstance(dof, str) else dof
     measured = trial
@@ -214,18 +215,18 @@ def prepare_form(
 
     Parameters
     ----------
-    use : names of the signals to take; when None all velocities and angles measured, and of the positions those whose
-        velocity is not.
-    continuous : angles are continuous already.
+    use : names of the signals to use. None uses all measured velocities and angles, and those positions whose velocity
+        was not measured.
+    continuous : whether angles are continuous already.
 
     Raises
     ------
     MissingChannel
         An input of the form, or every signal, is missing.
     BadFile
-        Stamps that run backwards.
+        The clock jumps back.
     NotInformative
-        Too few samples, inputs that never change, nothing that moves.
+        There are too few samples, no input changes, or no output changes.
     """
     absent = [c for c in form.inputs if c not in trial or not len(trial[c])]
     if absent:
@@ -278,10 +279,10 @@ def _check_form(trial: Trial, form: Form, drives: Sequence[Channel], channels: M
 
 
 def _gathers_way(velocity: Channel) -> bool:
-    """Whether a velocity changes from one steady value to another, which identifies the craft under constant inputs
-    too.
+    """Return whether a velocity changes from one steady value to another.
 
-    A velocity that never settles under "constant" inputs responds to something else: a stuck log, wind, waves.
+    Such a change identifies the craft even under constant inputs. A velocity that never settles under constant inputs
+    has another cause: a faulty log, wind or waves.
     """
     values = velocity.values
     noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
@@ -292,14 +293,15 @@ def _gathers_way(velocity: Channel) -> bool:
 def prepare_as_recorded(
     runs: Sequence[Trial], form: Form, use: Sequence[str] | None = None
 ) -> tuple[list[Segment], list[Doubt]]:
-    """Return the segments of all runs for a fit with effects, and what is doubtful about them.
+    """Return the segments of all runs for a fit with effects, and the doubts about them.
 
-    Every measured signal the form predicts is taken (of positions in the plane only with the heading to turn them).
+    All measured signals that the form predicts are used. North and east positions are used only together with the
+    heading.
 
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`prepare_form`, when no run can be used.
+        As for :func:`prepare_form`, if no run can be used.
     """
     found: list[Segment] = []
     doubts: list[Doubt] = []
@@ -332,7 +334,7 @@ def _all_signals(run: Trial, form: Form) -> list[str]:
 
 
 def _with_continuous_heading(run: Trial) -> Trial:
-    """Return *run* with its headings made continuous, whatever unit they are really in."""
+    """Return *run* with continuous headings, whether their values are in radians or degrees."""
     channels = dict(run.channels)
     for name in ("psi", "phi", "theta"):
         if name in channels and len(channels[name]) > 1:
@@ -343,7 +345,7 @@ def _with_continuous_heading(run: Trial) -> Trial:
 def _cut(
     trial: Trial, drives: Sequence[Channel], channels: Mapping[str, Channel], t: Array, notes: list[Doubt]
 ) -> tuple[Segment, ...]:
-    """Return the segments between the holes in *t*, the stamps of what must be measured."""
+    """Return the segments between the gaps in *t*, the stamps of the outputs."""
     borders = _edges(t)
     if len(borders) > 2:
         notes.append(
@@ -386,14 +388,17 @@ def _cut(
 
 
 def _edges(t: Array) -> Array:
-    """Return the boundaries of uninterrupted stretches, outermost at the ends of *t*."""
+    """Return the boundaries of the uninterrupted stretches of *t*, including both ends."""
     dt = np.diff(t)
     holes = np.flatnonzero(dt > max(GAP_SECONDS, GAP_STEPS * float(np.median(dt))))
     return np.concatenate([t[:1], t[holes + 1], [np.inf]])
 
 
 def _joined(trial: Trial, drives: Sequence[Channel]) -> tuple[Array, Array, Array]:
-    """Return the stamps (j,) at which any input changes, all inputs from then on (j, m), and the slack (j,)."""
+    """Return the stamps (j,) at which any input changes, the inputs from then on (j, m), and the slack (j,).
+
+    The slack is the possible error of a stamp; see :class:`.Segment`.
+    """
     if not drives:
         return np.zeros(1), np.zeros((1, 0)), np.zeros(1)
     t = np.unique(np.concatenate([d.t for d in drives]))
@@ -409,13 +414,12 @@ def _joined(trial: Trial, drives: Sequence[Channel]) -> tuple[Array, Array, Arra
 
 
 def _dating_of(trial: Trial, drive: Channel) -> float:
-    """Return how far [s] a jump of *drive* may lie from its stamp: 0 when stamps are exact, else (midway between two
-    messages) half their distance.
+    """Return the largest possible distance [s] between a jump of *drive* and its stamp.
 
-    The stamp lies midway between the last moment without the jump and the first message with it. That moment is the
-    message before, or one loop later if the autopilot's ``loop_period`` is known. An autopilot changes its outputs at
-    its own loop only, and a relay switches in step with the telemetry. The error is therefore the same at every jump
-    and does not average out.
+    It is 0 for exact stamps. Otherwise the stamp lies midway between the last time without the jump and the first
+    message with it. The last time without the jump is that of the message before, or one loop later if the autopilot's
+    ``loop_period`` is known. An autopilot changes its outputs only at its own loop, and a relay switches in step with
+    the telemetry. The error is therefore the same at every jump and does not average out.
     """
     if trial.meta.get("outputs_dated") != "midway":
         return 0.0
@@ -427,7 +431,10 @@ def _dating_of(trial: Trial, drive: Channel) -> float:
 
 
 def _slack_of(trial: Trial, drive: Channel) -> Array:
-    """Return how far [s] each value of *drive* may lie from its stamp for the autopilot's loop being another."""
+    """Return the possible error [s] of each stamp of *drive*.
+
+    It is the shift of the stamp if the change happened in another loop of the autopilot.
+    """
     slack = np.zeros(len(drive))
     loop = float(trial.meta.get("loop_period", 0.0))
     if trial.meta.get("outputs_dated") != "midway" or loop <= 0.0:

@@ -1,16 +1,16 @@
-"""Thrusters that are weak for small commands, identified from two oscillations of different size.
+"""Identify thrusters that are weak for small commands from two oscillations of different size.
 
 A propeller's thrust grows with n|n|, and ArduSub sends its demands to the thrusters unchanged. The gain of an ROV
-therefore grows with the size of the command. A model without this fits a different craft to the smaller oscillation
-than to the larger.
+therefore grows with the size of the command. Without this effect, a model of the smaller oscillation differs from that
+of the larger.
 
 Most speed controllers also have a dead band near neutral. Two sizes of square wave cannot distinguish it from a curve,
-because each gives one point of the characteristic. A step with the autopilot's own controller can. Its output covers
-all sizes, down to the bias it holds against. It is flown anyway.
+because each determines one point of the characteristic. A step with the autopilot's own controller can. Its output
+covers all sizes, down to the bias that it compensates. This step is flown anyway.
 
-No thruster follows the square law up to full command: the motor runs out of voltage, and the propeller stalls. A square
-law fitted to small oscillations overestimates full thrust by half. A step whose output exceeds the oscillations shows
-where thrust saturates. So do three sizes of oscillation that indicate a dead band.
+No thruster follows the square law up to full command, because the motor runs out of voltage and the propeller stalls. A
+square law fitted to small oscillations overestimates full thrust by half. A step whose output exceeds the oscillations
+shows where thrust saturates. Three sizes of oscillation that indicate a dead band also show this.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ __all__ = [
     "fit_with_actuator",
     "pays",
     "thrust_curve_told",
-    "unexplained",
 ]
 
 Array = NDArray[np.float64]
@@ -46,25 +45,28 @@ QUADRATIC = "quadratic-actuator"
 DEAD_ZONE = "dead-zone"
 LEVEL = "saturation"
 _UNEXPLAINED = 0.8
-"""The curve must reduce the unexplained part below this fraction of its former value..."""
+"""Largest ratio of the unexplained part with the curve to that without it, for the curve to be kept. The value is
+chosen: the ratio of a curve that matters is far smaller."""
 _WORTH_A_LOOK = 4.0
-"""Unexplained part [percent] with a linear actuator, below which no curve is tried."""
+"""Unexplained part [percent] of a model with a linear actuator, below which no curve is tried."""
 _BEYOND = 1.1
-"""Ratio of a step's output to the oscillations, from which the step can show that thrust saturates."""
+"""Ratio of a step's output to that of the oscillations, above which the step can show that thrust saturates."""
 _SIZES = 3
-"""Number of oscillation sizes that distinguish a dead band from a curve."""
+"""Number of oscillation sizes that can distinguish a dead band from a curve."""
 _STDS = 5.0
-"""...and be this many standard errors from a straight line. Both chosen: a curve that matters passes both by far."""
+"""Number of standard errors by which the curve must differ from a straight line. The value is chosen: a curve that
+matters differs by far more."""
 _WIDEST = 0.6
 """Widest neutral band tried, relative to the smallest oscillation."""
 _LEVELS = 60
-"""Bands looked at, at most."""
+"""Maximum number of neutral bands tried."""
 _CLOSER = 2
-"""Number of them, those that predict the step best, that are fitted with everything else."""
+"""Number of neutral bands that are fitted together with all other parameters. They are the ones that predict the step
+best."""
 _HALF = 0.5
-"""Output [fraction of full] at which a curve is described in words."""
+"""Output [fraction of full] at which a curve is described in the report."""
 _SHARES = (0.1, 1.5)
-"""What the share of n|n| can be."""
+"""Range of the fraction of thrust that is quadratic (n|n|) in which a curve is accepted."""
 
 
 def fit_thrust_curve(
@@ -72,15 +74,16 @@ def fit_thrust_curve(
 ) -> Fit[Model] | None:
     """Return a model with a thrust curve if the *runs* clearly require one, else None.
 
-    plain : the model of the same runs without a curve. step : flown with the autopilot's own controller. With it, or
-    with three sizes of oscillation, the result may instead be, or include, a dead band or a saturation.
+    plain : model of the same runs without a curve.
+    step : run flown with the autopilot's own controller. With it, or with three sizes of oscillation, the result may be
+        a dead band instead. It may also include a dead band or a saturation.
 
     Only the step distinguishes the two kinds of dead band, because its output stays near the edge. Just beyond the
     edge, a linkage with slack hardly pushes the craft. A speed controller that starts at once pushes as hard as without
-    a band. The second kind is tried only *with_band*: position loops designed for it performed worse (BlueROV2 heading,
-    ITAE 0.74 for 0.40).
+    a band. The second kind is tried only *with_band*, because position loops designed for it performed worse (BlueROV2
+    heading: ITAE 0.74 instead of 0.40).
     """
-    if unexplained(plain) < _WORTH_A_LOOK:
+    if plain.unexplained < _WORTH_A_LOOK:
         return None
     curve = fit_with_actuator(runs, plain, QUADRATIC)
     if (
@@ -104,9 +107,9 @@ def fit_thrust_curve(
 
 
 def _dead_alone(runs: Sequence[Trial], plain: AxisFit) -> Fit[Model] | None:
-    """Return the model with a dead zone and no curve, if it pays, levelling off where that pays, too.
+    """Return the model with a dead zone and no curve, or None if the runs do not support it.
 
-    A curve alone need not come near that.
+    A saturation is added if the runs support it. A curve alone may not explain such runs.
     """
     dead = fit_with_actuator(runs, plain, DEAD_ZONE)
     return (
@@ -126,10 +129,11 @@ def _goes_beyond(step: Trial, runs: Sequence[Trial], force: str) -> bool:
 def _with_neutral_band(
     runs: Sequence[Trial], plain: AxisFit, curve: Fit[Model], bent: Fit[Model], step: Trial
 ) -> Fit[Model] | None:
-    """Return a model of *runs* and *step* whose actuator is at rest in a band and acts fully beyond, if that helps.
+    """Return a model of *runs* and *step* with a neutral band, or None if the runs do not support it.
 
-    The width has no gradient, because it acts in whole steps of the recorded output. The step is therefore simulated
-    with every possible width by *curve*, the model of the oscillations. None of these comes to rest within the band.
+    The actuator does not act within the band and acts fully beyond it. The width has no gradient, because its effect
+    changes in steps of the recorded output. The step is therefore simulated with every possible width by *curve*, the
+    model of the oscillations. The output of an oscillation never stays within the band.
     """
     smallest = min(float(np.max(np.abs(run[plain.model.axis.force].values))) for run in runs)
     bands = _bands(step, plain.model.axis.force, smallest)
@@ -151,27 +155,33 @@ def _with_neutral_band(
 
 @dataclass(frozen=True, slots=True)
 class _Band:
-    """A neutral band of *force*: half its ``width`` [fraction of full] and how finely that is known."""
+    """A neutral band of the actuator of *force*.
+
+    ``width``: half-width [fraction of full]. ``std``: its standard error.
+    """
 
     force: str
     width: float
     std: float
 
     def on(self, run: Trial) -> Trial:
-        """Return *run* with what the actuator makes of its commands."""
+        """Return *run* with its commands set to zero within the band."""
         force = run[self.force]
         let_through = np.where(np.abs(force.values) > self.width, force.values, 0.0)
         return replace(run, channels={**run.channels, self.force: replace(force, values=let_through)})
 
     def foretold(self, model: Fit[Model], run: Trial) -> float:
-        """Return how much of *run* a *model* explains [percent] when this band stands before its actuator."""
+        """Return the fraction of *run* that *model* explains [percent], with this band before its actuator."""
         try:
             return validate(model.model, [self.on(run)]).fit_percent
         except AutotuneError:  # it runs away: with this band the model is none of this craft
             return -math.inf
 
     def within(self, fit: Fit[Model]) -> Fit[Model]:
-        """Return *fit*, of runs that are :meth:`on` it, with the band as the effect that it is."""
+        """Return *fit* with the band added as an effect.
+
+        The runs of *fit* must be those returned by :meth:`on`.
+        """
         model = fit.model
         assert isinstance(model, ExtendedModel)
         own = EffectInstance(DEAD_ZONE, self.force, {"width": self.width}, {SUBTRACTED: 0.0})
@@ -190,7 +200,10 @@ class _Band:
 
 
 def _bands(step: Trial, force: str, smallest: float) -> list[_Band]:
-    """Return the bands that end between two levels of the *step*'s output, below part of the *smallest* oscillation."""
+    """Return the bands that end between two levels of the *step*'s output.
+
+    They must be below a fraction of the *smallest* oscillation.
+    """
     levels = np.unique(np.round(np.abs(step[force].values), 5))
     levels = levels[levels < _WIDEST * smallest]
     if len(levels) > _LEVELS:
@@ -200,15 +213,15 @@ def _bands(step: Trial, force: str, smallest: float) -> list[_Band]:
 
 
 def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit[Model], more: Sequence[str], has: str) -> Fit[Model]:
-    """Return a model of all *runs* with the effects of *more* that they clearly need, the best first.
+    """Return a model of all *runs* with those effects of *more* that they clearly support, the best first.
 
-    Otherwise return *simple*, which *has* one effect.
+    simple : model with only the effect *has*. It is returned if no further effect is supported.
     """
     slugs: tuple[str, ...] = (has,)
     best, more = simple, list(more)
     while more:
         tried = [(slug, fit_with_actuator(runs, plain, *_in_order((slug, *slugs)))) for slug in more]
-        paying = [(unexplained(fit), slug, fit) for slug, fit in tried if fit is not None and pays(fit, best, slug)]
+        paying = [(fit.unexplained, slug, fit) for slug, fit in tried if fit is not None and pays(fit, best, slug)]
         if not paying:
             break
         _, slug, best = min(paying, key=lambda entry: entry[0])
@@ -218,14 +231,14 @@ def _with_more(runs: Sequence[Trial], plain: AxisFit, simple: Fit[Model], more: 
 
 
 def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
-    """Return the effects as they act: on the command first, on the force last."""
+    """Return the effects in the order in which they act, from the command to the force."""
     return tuple(slug for slug in (LEVEL, DEAD_ZONE, QUADRATIC) if slug in slugs)
 
 
 def fit_with_actuator(
     runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | None = None
 ) -> Fit[Model] | None:
-    """Return the model with these effects of the actuator, and with a neutral *band*; None if it cannot be fitted."""
+    """Return the model with these actuator effects and a neutral *band*, or None if it cannot be fitted."""
     effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
         found = fit(
@@ -237,23 +250,24 @@ def fit_with_actuator(
 
 
 def pays(found: Fit[Model], without: Fit[Model], slug: str) -> bool:
-    """Whether *found* clearly needs its effect *slug*; *without*: a model of the same runs without it."""
+    """Return whether the runs clearly support the effect *slug* of *found*.
+
+    without : model of the same runs without this effect.
+    """
     own = effect_number(found, slug)
-    return unexplained(found) < _UNEXPLAINED * unexplained(without) and own.value > _STDS * own.std
+    return found.unexplained < _UNEXPLAINED * without.unexplained and own.value > _STDS * own.std
 
 
 def effect_number(found: Fit[Model], slug: str) -> Parameter:
-    """Return the only number of the effect *slug*."""
+    """Return the only parameter of the effect *slug*."""
     return next(p for name, p in found.parameters.items() if name.startswith(slug))
 
 
-def unexplained(found: Fit[Model]) -> float:
-    """Return what is left unexplained [percent]."""
-    return 100.0 - found.fit_percent
-
-
 def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
-    """Return the result in one sentence. *step*: the step that was also used."""
+    """Return the result as one sentence.
+
+    step : the step that was used too, if any.
+    """
     has = {name.partition("@")[0] for name in found.parameters}
     square, sure = "", False
     if QUADRATIC in has:
@@ -279,8 +293,8 @@ def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = No
 def _bent_at_half(found: Fit[Model]) -> tuple[float, float]:
     """Return an output [fraction of full] and the fraction of the force there that is quadratic in the command.
 
-    The fitted fraction applies to the largest output of its runs. At a fixed output, half of full, the same thruster
-    always has the same fraction.
+    The fitted fraction applies to the largest output of the runs used. It is converted to half of full output, where it
+    is the same for all runs of a thruster.
     """
     share, reference = effect_number(found, QUADRATIC).value, _reference(found)
     square = share * max(_HALF - _lost(found), 0.0) / reference
@@ -288,7 +302,7 @@ def _bent_at_half(found: Fit[Model]) -> tuple[float, float]:
 
 
 def _lost(found: Fit[Model]) -> float:
-    """Return the loss of commands beyond a dead zone; 0 without one."""
+    """Return the amount subtracted from commands beyond a dead zone, 0 without one."""
     assert isinstance(found.model, ExtendedModel)
     zones = (own for own in found.model.effects if own.slug == DEAD_ZONE)
     return next((own.constants.get(SUBTRACTED, 1.0) * own["width"] for own in zones), 0.0)

@@ -1,4 +1,4 @@
-"""Simulators for a likelihood: a segment's signals, and their derivatives by everything that may be fitted.
+"""Simulate the signals of a segment for a likelihood, with derivatives by all parameters that may be fitted.
 
 There are three kernels: one degree of freedom (exact), coupled forms, and forms with effects. A likelihood uses each as
 a form (names of parameters and states) and a :class:`SegmentSimulator`.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, STEP, DataSummary, EffectInstance, ExtendedSimulator, horizon
 from gcs_autotune.identify.axis.form import ExplicitForm
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import (
     COS_PSI,
     ETA,
@@ -35,21 +35,22 @@ Array = NDArray[np.float64]
 Predicted = dict[str, tuple[Array, Array]]
 
 PATIENCE = 30
-"""Maximum number of steps per stamp of a simulation without effects. A stiffer model does not fit the sampling."""
+"""Maximum number of integration steps per stamp, without effects. Models that need more are too stiff for the sampling.
+"""
 
 _POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
 
 
 class SegmentSimulator(Protocol):
-    """A form, with or without effects, prepared for one choice of free numbers."""
+    """Interface of a simulator for a form, with or without effects, and one choice of free parameters."""
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the state vector."""
+        """Names of the states, in the order of the state vector."""
 
     @property
     def free_states(self) -> tuple[str, ...]:
-        """Names of the initial states that derivatives are given by."""
+        """Names of the initial states whose derivatives are calculated."""
 
     def predict(
         self,
@@ -61,15 +62,18 @@ class SegmentSimulator(Protocol):
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """Return every signal at its own stamps (n,) with its Jacobian; None if the motion diverges.
+        """Return every signal at its own stamps (n,) with its Jacobian, or None if the motion diverges.
 
-        The Jacobian's columns are the free base parameters, the free parameters of effects, and the free initial
-        states. If required, the shift [s] of the inputs relative to their stamps comes last.
+        The columns of the Jacobian are the free base parameters, the free parameters of effects, and the free initial
+        states. The shift [s] of the inputs relative to their stamps comes last, if it is fitted.
         """
 
 
 class AxisSimulator:
-    """The exact kernel of one degree of freedom; later stamps are a longer delay."""
+    """Simulator of one degree of freedom with the exact kernel.
+
+    A shift of the input stamps is added to the delay.
+    """
 
     def __init__(self, form: ExplicitForm, free: Sequence[str], free_states: Sequence[str], *, dated: bool) -> None:
         dof = DOFS[form.dofs[0]]
@@ -90,7 +94,10 @@ class AxisSimulator:
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """As :class:`SegmentSimulator`; derivatives come in any case."""
+        """Return every signal with its Jacobian; see :class:`SegmentSimulator`.
+
+        The Jacobian is calculated in any case.
+        """
         numbers = np.concatenate([theta, x_0])
         if segment.dating:
             numbers[self._delay] += shift
@@ -106,7 +113,10 @@ class AxisSimulator:
 
 
 class FormSimulator:
-    """A coupled form without effects. The derivative by the shift of stamps is that by a delay."""
+    """Simulator of a coupled form without effects.
+
+    The derivative by the shift of the stamps equals that by a delay.
+    """
 
     def __init__(
         self, form: Form, free: Sequence[str], free_states: Sequence[str], *, dated: bool, patience: int | None
@@ -123,7 +133,7 @@ class FormSimulator:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """As :class:`SegmentSimulator`."""
+        """Names of the states, in the order of the state vector."""
         return self._simulator.states
 
     def predict(
@@ -136,7 +146,7 @@ class FormSimulator:
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """As :class:`SegmentSimulator`."""
+        """Return every signal with its Jacobian; see :class:`SegmentSimulator`."""
         values = np.zeros(self._size)
         values[self._places] = theta
         t_in = segment.t_in + shift if shift and segment.dating else segment.t_in
@@ -155,10 +165,10 @@ class FormSimulator:
 
 
 class EffectSimulator:
-    """A coupled form with effects.
+    """Simulator of a coupled form with effects.
 
-    The derivative by the shift of stamps is a difference as long as that of ``input-delay``, so that the two are
-    consistent.
+    The derivative by the shift of the stamps is a finite difference. Its length equals that used for ``input-delay``,
+    so that both derivatives are consistent.
     """
 
     def __init__(self, simulator: ExtendedSimulator, data_summary: DataSummary, *, dated: bool) -> None:
@@ -166,12 +176,12 @@ class EffectSimulator:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """As :class:`SegmentSimulator`."""
+        """Names of the states, in the order of the state vector."""
         return self._simulator.states
 
     @property
     def free_states(self) -> tuple[str, ...]:
-        """As :class:`SegmentSimulator`."""
+        """Names of the initial states whose derivatives are calculated."""
         return self._simulator.free_states
 
     def predict(
@@ -184,7 +194,7 @@ class EffectSimulator:
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """As :class:`SegmentSimulator`."""
+        """Return every signal with its Jacobian; see :class:`SegmentSimulator`."""
         found = self._simulator.run(theta, effects, x_0, segment.passage_at(shift), sensitivities=sensitivities)
         if found is None or not (sensitivities and self._dated):
             return found
@@ -206,7 +216,10 @@ def simulator_of(
     dated: bool,
     patience: int | None,
 ) -> SegmentSimulator:
-    """Return what simulates *form* with *effects*; with a *data_summary* always as one that may have effects."""
+    """Return the simulator for *form* with *effects*.
+
+    With a *data_summary* it always supports effects, even if there are none.
+    """
     if isinstance(form, ExplicitForm):
         return AxisSimulator(form, free, states, dated=dated)
     if data_summary is None:
@@ -217,7 +230,7 @@ def simulator_of(
 
 
 def free_states(form: Form, effects: Sequence[EffectInstance], segment: Segment) -> tuple[str, ...]:
-    """Return the initial states to fit: all that some measured signal depends on."""
+    """Return the initial states to fit: all that a measured signal depends on."""
     if isinstance(form, ExplicitForm):
         dof = DOFS[form.dofs[0]]
         return (dof.position, dof.velocity) if dof.position in segment.signals else (dof.velocity,)
@@ -244,7 +257,10 @@ def free_states(form: Form, effects: Sequence[EffectInstance], segment: Segment)
 
 
 def typical_of(own: EffectInstance, data_summary: DataSummary) -> dict[str, float]:
-    """Return the size of each parameter of an effect: the largest of its starts, or of its value."""
+    """Return the typical size of each parameter of an effect.
+
+    It is the largest of its start values and its present value.
+    """
     entry = EFFECTS[own.slug]
     starts = entry.starts(own.place, data_summary)
     sizes = {}

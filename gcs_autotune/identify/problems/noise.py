@@ -1,16 +1,16 @@
-"""How likely a measurement is: white Gaussian noise, or Gaussian noise rounded by a coarse sensor.
+"""Noise models: white Gaussian noise, and Gaussian noise rounded by a coarse sensor.
 
-A sensor that rounds to multiples of ``q`` reports ``y`` when truth plus noise falls into the cell about ``y``::
+A sensor that rounds to multiples of ``q`` reports ``y`` if true value plus noise falls into the cell about ``y``::
 
     P(y | x) = Phi((y + q/2 - x)/sigma) - Phi((y - q/2 - x)/sigma)
 
-(grouped data: Heitjan1989; in system
-identification: Wang2003). A limit cycle repeats, so do its rounding
-errors: they are neither white nor of mean zero, and calling them noise of variance ``q**2/12`` biases the fit. A
-sensor that truncates instead of rounding shifts every cell by half a step, which the free initial position takes up.
+The sources are Heitjan1989 (grouped data) and Wang2003 (system identification). A limit cycle repeats, and so do its
+rounding errors. They are neither white nor of zero mean, and treating them as noise of variance ``q**2/12`` biases the
+fit. A sensor that truncates instead of rounding shifts every cell by half a step. The free initial position absorbs
+this shift.
 
-An outlier would have no probability at all, so a share :data:`STRAY` of the samples may be anything between the
-extremes of the signal: ``(1 - STRAY) P + STRAY q/(span + q)``.
+An outlier would have zero probability. A fraction :data:`STRAY` of the samples may therefore have any value between the
+extremes of the signal. The probability is then ``(1 - STRAY) P + STRAY q/(span + q)``.
 """
 
 from __future__ import annotations
@@ -30,24 +30,27 @@ __all__ = ["FINEST", "STRAY", "Gaussian", "NoiseModel", "Rounded", "Terms", "gau
 Array = NDArray[np.float64]
 
 STRAY = 1e-3
-"""Fraction of a rounding sensor's samples that may have any value; it costs 0.1 % of the information."""
+"""Fraction of a rounding sensor's samples that may have any value. It reduces the information by 0.1 %."""
 
 FINEST = 0.05
 """Smallest noise accepted, in steps of the sensor.
 
-If no sample falls near the edge of a cell, the noise estimate would go to zero and the accuracy to infinity. Stamps are
-not that accurate.
+If no sample falls near the edge of a cell, the noise estimate would go to zero, and so would the standard errors.
+Stamps are not that accurate.
 """
 
 TAIL = 6.0
-"""Standard deviations beyond which cells are not visited in the expected information."""
+"""Number of standard deviations beyond which cells are ignored in the expected information."""
 
 SMALLEST = 1e-250
-"""Probability below which a cell is taken as out of reach (its ratios would be 0/0)."""
+"""Probability of a cell below which it is ignored, because its ratios would be 0/0."""
 
 
 class Terms(NamedTuple):
-    """Per sample: ``-2 log p``, the derivative of ``log p`` by the truth, and a curvature >= 0 (each (n,))."""
+    """Values per sample, each (n,), for a descent.
+
+    ``deviance``: ``-2 log p``. ``slope``: derivative of ``log p`` by the true value. ``curvature``: >= 0.
+    """
 
     deviance: Array
     slope: Array
@@ -55,78 +58,93 @@ class Terms(NamedTuple):
 
 
 class NoiseModel(Protocol):
-    """The distribution of one kind of signal's measurement error."""
+    """Distribution of the measurement error of one kind of signal."""
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of the noise before any rounding."""
+        """Standard deviation of the noise before rounding."""
 
     @property
     def quantum(self) -> float:
-        """Step of the sensor, 0 when it does not matter."""
+        """Step of the sensor, 0 if rounding is negligible."""
 
     @property
     def robust(self) -> bool:
-        """Whether outliers weigh less, in the fit and in the noise level."""
+        """Whether outliers have less weight, in the fit and in the noise level."""
 
     @property
     def std(self) -> float:
-        """Standard deviation of measured minus true, rounding included."""
+        """Standard deviation of measured minus true value, including rounding."""
 
     def terms(self, error: Array) -> Terms:
-        """Return what a descent needs at *error* = measured minus simulated."""
+        """Return deviance, slope and curvature at *error* (measured minus simulated)."""
 
     def information(self, error: Array) -> Array:
-        """Return the (n, 3) expected information: of the truth, of truth with log sigma, of log sigma."""
+        """Return the expected information (n, 3).
+
+        The columns are that on the true value, the mixed term of true value and log sigma, and that on log sigma.
+        """
 
     def log_likelihood(self, error: Array) -> float:
-        """Return the logarithm of the density (or, with rounding, the probability) of *error*."""
+        """Return the logarithm of the density of *error*; with rounding, of its probability."""
 
     def likeliest(self, error: Array, level: float) -> NoiseModel:
-        """Return the law that makes *error* likeliest; *level* is its standard deviation, not too small."""
+        """Return the noise model with the highest likelihood for *error*.
+
+        level : standard deviation of *error*, with a lower limit.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class Gaussian:
-    """White noise of standard deviation ``sigma``; ``robust`` gives it the weights of the soft-L1 loss."""
+    """White Gaussian noise of standard deviation ``sigma``.
+
+    ``robust``: whether to use the weights of the soft-L1 loss.
+    """
 
     sigma: float
     robust: bool = False
 
     @property
     def quantum(self) -> float:
-        """No rounding."""
+        """Step of the sensor, 0 because there is no rounding."""
         return 0.0
 
     @property
     def std(self) -> float:
-        """As ``sigma``."""
+        """Standard deviation of the noise."""
         return self.sigma
 
     def terms(self, error: Array) -> Terms:
-        """As :class:`NoiseModel`; the constant of the density is left out."""
+        """Return deviance, slope and curvature at *error*.
+
+        The constant of the density is left out.
+        """
         weight = np.full(len(error), self.sigma**-2)
         if self.robust:
             weight /= np.sqrt(1.0 + (error / (2.0 * self.sigma)) ** 2)
         return Terms(weight * error**2, weight * error, weight)
 
     def information(self, error: Array) -> Array:
-        """As :class:`NoiseModel`."""
+        """Return the expected information (n, 3); see :class:`NoiseModel`."""
         return np.tile([self.sigma**-2, 0.0, 2.0], (len(error), 1))
 
     def log_likelihood(self, error: Array) -> float:
-        """As :class:`NoiseModel`, whatever the weights."""
+        """Return the logarithm of the density of *error*. Robust weights do not apply."""
         constant = math.log(self.sigma) + 0.5 * math.log(2.0 * math.pi)
         return -len(error) * constant - 0.5 * float(error @ error) / self.sigma**2
 
     def likeliest(self, error: Array, level: float) -> Gaussian:
-        """As :class:`NoiseModel`."""
+        """Return Gaussian noise of standard deviation *level*."""
         return replace(self, sigma=level)
 
 
 @dataclass(frozen=True, slots=True)
 class Rounded:
-    """Noise of standard deviation ``sigma``, then rounding to ``quantum``; ``span`` between the extremes seen."""
+    """Gaussian noise of standard deviation ``sigma``, rounded to ``quantum``.
+
+    ``span``: range between the extremes of the signal.
+    """
 
     sigma: float
     quantum: float
@@ -134,23 +152,24 @@ class Rounded:
 
     @property
     def robust(self) -> bool:
-        """Outliers have their share of the probability instead."""
+        """Whether outliers have less weight: False, because they have their own probability."""
         return False
 
     @property
     def std(self) -> float:
-        """``sqrt(sigma**2 + quantum**2/12)`` (Sheppard)."""
+        """Standard deviation ``sqrt(sigma**2 + quantum**2/12)`` (Sheppard)."""
         return math.hypot(self.sigma, self.quantum / math.sqrt(12.0))
 
     @property
     def stray(self) -> float:
-        """Probability of one cell for a sample that may be anything."""
+        """Probability of one cell for a sample that may have any value."""
         return STRAY * self.quantum / (self.span + self.quantum)
 
     def terms(self, error: Array) -> Terms:
-        """As :class:`NoiseModel`; the curvature is that of the cell's own probability times its share of the whole.
+        """Return deviance, slope and curvature at *error*.
 
-        That share is what an EM step would give it, so the curvature is never negative, even for outliers.
+        The curvature is that of the cell's own probability, times its fraction of the total probability. This is the
+        weight in an EM step. The curvature is therefore never negative, even for outliers.
         """
         low, high, cell = self._cell(error)
         near = cell > SMALLEST
@@ -165,7 +184,7 @@ class Rounded:
         return Terms(-2.0 * np.log(whole), own * slope, own * curvature)
 
     def information(self, error: Array) -> Array:
-        """As :class:`NoiseModel`, summed over the cells within reach of the truth."""
+        """Return the expected information (n, 3), summed over the cells within reach of the true value."""
         reach = math.ceil(TAIL * self.sigma / self.quantum) + 1
         centre = error - self.quantum * np.round(error / self.quantum)
         edges = (centre[:, None] + self.quantum * (np.arange(-reach, reach + 2) - 0.5)) / self.sigma
@@ -177,11 +196,14 @@ class Rounded:
         return np.column_stack([np.sum(p / whole, axis=1) for p in products])
 
     def log_likelihood(self, error: Array) -> float:
-        """As :class:`NoiseModel`."""
+        """Return the logarithm of the probability of *error*."""
         return -0.5 * float(self.terms(error).deviance.sum())
 
     def likeliest(self, error: Array, level: float) -> Rounded:
-        """As :class:`NoiseModel`; ``sigma`` is at least :data:`FINEST` steps and at most twice *level* or the step."""
+        """Return the noise model with the highest likelihood for *error*.
+
+        ``sigma`` is at least :data:`FINEST` steps, and at most twice the larger of *level* and the step.
+        """
 
         def with_noise(log_sigma: float) -> Rounded:
             return replace(self, sigma=math.exp(log_sigma))
@@ -195,7 +217,7 @@ class Rounded:
         return with_noise(float(found.x))
 
     def _cell(self, error: Array) -> tuple[Array, Array, Array]:
-        """Return the cell's edges in standard deviations and its probability, exact in both tails."""
+        """Return the edges of the cell in standard deviations, and its probability, accurate in both tails."""
         low = (error - 0.5 * self.quantum) / self.sigma
         high = (error + 0.5 * self.quantum) / self.sigma
         above = low > 0.0
@@ -204,7 +226,7 @@ class Rounded:
 
 
 def gaussian_noise(levels: Mapping[str, float], *, robust: bool = False) -> dict[str, NoiseModel]:
-    """Return a Gaussian law for each name in *levels*."""
+    """Return a Gaussian noise model for each name in *levels*."""
     return {name: Gaussian(level, robust) for name, level in levels.items()}
 
 

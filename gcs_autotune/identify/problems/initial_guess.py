@@ -1,9 +1,10 @@
-"""Start values for the fit of a form: smoothed motion, a regression of the equations on it, and safer starts.
+"""Find start values for the fit of a form by smoothing the motion and regressing the equations on it.
 
 Signals are smoothed by local polynomials, each at its own stamps. The equations (Miskovic2007, eq. (4)) are linear in
 the parameters (:mod:`gcs_autotune.models.coupled.regressors`), so bounded least squares gives start values. Parameters
-that this regression cannot determine (delay, lag, current, walls) start at :data:`SPECIAL_START`. These are only start
-values. One axis has a more reliable method, :mod:`.axis.start`. Filters use their own smoother.
+that this regression cannot determine (delay, lag, current, walls) start at :data:`SPECIAL_START`. If the simulation
+diverges with these values, more cautious start values follow. One axis has a more reliable method, :mod:`.axis.start`.
+Filters use their own smoother.
 """
 
 from __future__ import annotations
@@ -18,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from gcs_autotune.identify.coupled.limits import physical
-from gcs_autotune.identify.free_numbers import StampedProblem
-from gcs_autotune.identify.least_squares import Rules, descend
-from gcs_autotune.identify.likelihood import Limits, Objective, first_input
-from gcs_autotune.identify.noise import gaussian_noise
-from gcs_autotune.identify.quick_fit import first_levels
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.problems.free_numbers import StampedProblem
+from gcs_autotune.identify.problems.least_squares import Rules, descend
+from gcs_autotune.identify.problems.likelihood import Limits, Objective, first_input
+from gcs_autotune.identify.problems.noise import gaussian_noise
+from gcs_autotune.identify.problems.quick_fit import first_levels
+from gcs_autotune.identify.signals.segment import Segment, Signal
 from gcs_autotune.models import (
     COEFFICIENTS,
     LEVER_ARM,
@@ -52,44 +52,49 @@ __all__ = [
 Array = NDArray[np.float64]
 
 WIDTHS = (5, 11, 25, 61)
-"""Numbers of samples that a local polynomial may span."""
+"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal."""
 
 MOST = 400
 """Maximum number of stamps per record at which the equations are evaluated."""
 
 RIDGE = 1e-6
-"""Fraction of each regressor's power added to its own, which keeps unexcited parameters small."""
+"""Ridge added to each regressor, as a fraction of its power. It keeps the parameters of weakly excited terms small."""
 
 ROUNDS = 3
-"""Rounds of weighting each driven equation by its residual.
+"""Number of rounds in which each driven equation is weighted by its residual.
 
 An equation without inputs keeps its weight, because zero parameters would satisfy it best.
 """
 
 LEAST = 1e-3
-"""Smallest residual of an equation, relative to the largest known force, that sets its weight."""
+"""Smallest residual that is used to weight an equation, relative to the largest known force."""
 
 PIECES = 15
-"""Number of pieces of a record for a start; each starts at the measured state, so none diverges."""
+"""Maximum number of pieces of a record in the search for a start. Each piece starts at the measured state, so that none
+diverges."""
 
 SHORTEST = 12
-"""Fewest stamps of a piece."""
+"""Smallest number of stamps in a piece."""
 
 TRIALS, ROUGH = 25, 1e-4
-"""Trials on the pieces, and the relative decrease that ends them: a start need not be exact."""
+"""Number of trials on the pieces, and relative decrease of the cost that ends them. A start need not be exact."""
 
 FEW = 2
-"""Number of trials that show whether a form suits the pieces at all."""
+"""Number of trials on the pieces after which the misfits of different forms are compared."""
 
 LIGHTEST = 0.02
-"""Smallest inertia of a start, relative to the one whose acceleration takes all known forces."""
+"""Smallest inertia of a start, relative to the inertia at which the measured acceleration would need all known forces.
+"""
 
 SHARE = 0.1
-"""Initial noise level relative to a signal's standard deviation."""
+"""Initial noise level of a signal, as a fraction of its standard deviation."""
 
 
 class SpecialStart(NamedTuple):
-    """A start value and how far from it the truth may well be (standard deviation), in the parameter's unit."""
+    """Start value of a parameter, and how far the true value may be from it.
+
+    ``spread``: standard deviation. Both are in the parameter's unit.
+    """
 
     value: float
     spread: float
@@ -105,16 +110,19 @@ SPECIAL_START: Mapping[str, SpecialStart] = {
     "bottom": SpecialStart(0.0, 3.0),
     **dict.fromkeys(WALLS, SpecialStart(0.0, 1.0)),
 }
-"""Name in ``derivatives.SPECIAL`` -> start. No delay, no current, a true compass, a sensor amidships, no wall; a lag a
-thruster may have [s]; the bottom is felt a metre away, because in no reach at all it cannot be computed."""
+"""Name in ``derivatives.SPECIAL`` -> start value and spread.
+
+Most start at zero: no delay, no current, no compass error, a sensor amidships, no wall. The lag starts at a typical
+value for a thruster [s]. The reach of the bottom effect starts at 1 m, because the effect cannot be computed for zero.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedMotion:
-    """A record's states at some stamps.
+    """States of a record at some of its stamps.
 
-    t (s,); X (s, n) in the order of ``states_of(form)``, 0 where nothing was measured; nu_dot (s, k); inputs (s, m);
-    known (k,): whether a velocity could be had.
+    ``t`` (s,): stamps. ``X`` (s, n): states in the order of ``states_of(form)``, 0 if not measured. ``nu_dot`` (s, k):
+    accelerations. ``inputs`` (s, m). ``known`` (k,): whether a velocity was measured or derived.
     """
 
     t: Array
@@ -125,7 +133,7 @@ class RecordedMotion:
 
 
 def smoothed_motion(form: Form, record: Segment, delay: float = 0.0) -> RecordedMotion:
-    """Return the smoothed states of *record*, its inputs held and late by *delay* [s]."""
+    """Return the smoothed states of *record*, with its inputs delayed by *delay* [s]."""
     begin = max(float(s.t[0]) for s in record.signals.values())
     end = min(float(s.t[-1]) for s in record.signals.values())
     stamps = record.stamps
@@ -156,7 +164,7 @@ def smoothed_motion(form: Form, record: Segment, delay: float = 0.0) -> Recorded
 
 
 def _through_the_body(fits: dict[str, tuple[Array, Array, Array]], psi: Array, dof: str) -> tuple[Array, Array]:
-    """Return surge or sway velocity and its rate of change from north and east positions."""
+    """Return the surge or sway velocity and its rate of change, from north and east positions."""
     zero = (np.zeros_like(psi),) * 3
     _, x_1, x_2 = fits.get("x", zero)
     _, y_1, y_2 = fits.get("y", zero)
@@ -169,7 +177,10 @@ def _through_the_body(fits: dict[str, tuple[Array, Array, Array]], psi: Array, d
 
 
 def _local(signal: Signal, t: Array, order: int) -> tuple[Array, Array, Array]:
-    """Return value, first and second derivative at *t*, from polynomials of degree *order* about the stamps."""
+    """Return the value and its first and second derivative at *t*.
+
+    They come from local polynomials of degree *order*.
+    """
     widths = [w for w in WIDTHS if w <= len(signal.t) and w > order + 1]
     if not widths:
         return np.interp(t, signal.t, signal.values), np.zeros_like(t), np.zeros_like(t)
@@ -181,10 +192,11 @@ def _local(signal: Signal, t: Array, order: int) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regression:
-    """``base + J @ values`` are the imbalances (s, k) of the equations; ``names`` (f,) of the values.
+    """Linear equations for the start values: ``base + J @ values`` are the force imbalances (s, k).
 
-    ``theta`` (p,) known parameters and start values, the regressed ones 0; ``usable`` (k,) equations whose velocity
-    was measured; ``force`` (k,) rms of the known forces, that of the largest where none is known.
+    ``names`` (f,): parameters to regress. ``theta`` (p,): all parameters, with known and start values, and 0 for those
+    to regress. ``usable`` (k,): equations whose velocity was measured. ``driven`` (k,): usable equations with a known
+    force. ``force`` (k,): rms of the known forces; for equations without any, that of the largest.
     """
 
     form: Form
@@ -198,20 +210,26 @@ class Regression:
 
     @property
     def scales(self) -> Array:
-        """Size (f,) of each parameter at which its term is as large as the known forces; 0 where it never acts."""
+        """Scale (f,) of each parameter: its value at which its term is as large as the known forces.
+
+        0 for a parameter whose term is always zero.
+        """
         rms = np.sqrt(np.mean(self.J**2, axis=0)) / self.force[:, None]
         share = rms.max(axis=0)
         scales: Array = np.where(share > 1e-12, 1.0 / np.maximum(share, 1e-12), 0.0)
         return scales
 
     def with_values(self, values: Array) -> Array:
-        """Return all parameters (p,) with the regressed ones at *values* (f,)."""
+        """Return all parameters (p,), with the regressed ones at *values* (f,)."""
         theta = self.theta.copy()
         theta[[self.form.parameters.index(n) for n in self.names]] = values
         return theta
 
     def solve(self, limits: Limits) -> Array:
-        """Return start values (p,) within *limits*, each driven equation weighed by what it leaves."""
+        """Return start values (p,) within *limits*.
+
+        Each driven equation is weighted by its residual.
+        """
         if not self.names:
             return self.theta
         low, high = limits.of(self.names)
@@ -226,13 +244,19 @@ class Regression:
 
 
 def _known_theta(form: Form) -> Array:
-    """Return all parameters (p,): known ones as they are, free ones from ``form.start``, ``SPECIAL_START`` or 0."""
+    """Return all parameters (p,): known values, and start values of free parameters.
+
+    A free parameter starts at ``form.start``, :data:`SPECIAL_START` or 0.
+    """
     values = {**{n: s.value for n, s in SPECIAL_START.items()}, **form.start, **form.known}
     return np.array([values.get(n, 0.0) for n in form.parameters])
 
 
 def regression_of(form: Form, motions: Sequence[RecordedMotion], delay: float | None = None) -> Regression:
-    """Set up the regression on *motions*; parameters with start values, delay, lag and current stay out of it."""
+    """Return the regression equations for *motions*.
+
+    Parameters with start values, delay, lag and current are not regressed.
+    """
     theta = _known_theta(form)
     if delay is not None and "delay" in form.parameters:
         theta[form.parameters.index("delay")] = delay
@@ -249,7 +273,10 @@ def regression_of(form: Form, motions: Sequence[RecordedMotion], delay: float | 
 
 
 def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
-    """Return the least-squares solution within bounds, on the normal equations scaled to unit columns."""
+    """Return the least-squares solution within bounds.
+
+    It solves the normal equations, with columns scaled to unit length.
+    """
     scale = np.sqrt(np.maximum(np.sum(A * A, axis=0), 1e-300))
     G = (A.T @ A) / np.outer(scale, scale) + RIDGE * np.eye(len(scale))
     R = np.linalg.cholesky(G).T
@@ -263,10 +290,11 @@ def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InitialGuess:
-    """What is known before any simulation: smoothed motions, the regression, first states.
+    """Information available before any simulation: smoothed motions, regression and initial states.
 
-    ``rough``: each signal's scatter about its neighbours, the least noise a fit can leave; ``levels``: noise to begin
-    with, a share of the motion itself, for a model that does not hold to the last digit leaves far more than scatter.
+    ``rough``: scatter of each signal about its neighbours, which is the smallest noise a fit can reach. ``levels``:
+    initial noise levels, as a fraction of the motion. They are larger because an inexact model leaves far more than
+    scatter.
     """
 
     form: Form
@@ -278,10 +306,10 @@ class InitialGuess:
     levels: Mapping[str, float]
 
     def starts(self, limits: Limits) -> Iterator[Array]:
-        """Yield start values (p,), the likeliest first.
+        """Yield start values (p,), the most likely first.
 
-        The regression; the regression with positive inertia and drag that damps, made better on short pieces; a craft
-        of the right size without any coupling, likewise.
+        First comes the regression. Second comes the regression with positive inertia and damping drag, improved on
+        short pieces. Third comes an uncoupled craft of the right size, improved on short pieces.
         """
         yield self.regression.solve(limits)
         sturdy = self.sturdy(limits)
@@ -291,22 +319,25 @@ class InitialGuess:
                 yield better[0]
 
     def misfit(self, limits: Limits) -> float:
-        """Return what the form leaves of short pieces after a few trials: comparable between records of one size."""
+        """Return the cost of the form on short pieces after a few trials.
+
+        Costs for records of the same size can be compared.
+        """
         sturdy = self.sturdy(limits)
         end = self.on_pieces(self.regression.solve(sturdy), sturdy, FEW)
         return math.inf if end is None else end[1]
 
     def sturdy(self, limits: Limits) -> Limits:
-        """Return *limits* cut down to a craft that can be simulated: drag that damps, inertia not near zero."""
+        """Return *limits* narrowed to models that can be simulated: damping drag, and inertia not near zero."""
         high = {}
         for name, scale in zip(self.regression.names, self.regression.scales.tolist(), strict=True):
             inertia = inertia_of(name) if name.endswith("dot") else None
             if inertia is not None and inertia.row == inertia.column and not _has_rigid_body(self.form):
                 high[name] = -LIGHTEST * (scale or 1.0)
-        return limits.within(Limits({}, high)).within(physical(self.form))
+        return limits.within(Limits({}, high)).within(Limits.physical(self.form))
 
     def pieces(self) -> tuple[tuple[Segment, ...], tuple[Array, ...]]:
-        """Return the records cut into short pieces, and the smoothed state each begins with."""
+        """Return the records cut into short pieces, and the smoothed initial state of each piece."""
         pieces, initial = [], []
         for record, motion in zip(self.records, self.motions, strict=True):
             for piece in _pieces(record):
@@ -316,8 +347,9 @@ class InitialGuess:
         return tuple(pieces), tuple(initial)
 
     def on_pieces(self, theta: Array, limits: Limits, trials: int = TRIALS) -> tuple[Array, float] | None:
-        """Fit the parameters from *theta* on to short pieces that begin at smoothed states, and return them and the
-        cost; None if even these fail.
+        """Fit the parameters, from *theta*, to short pieces, and return them with the cost.
+
+        The pieces start at smoothed states. Return None if even these simulations diverge.
         """
         pieces, initial = self.pieces()
         objective = Objective(StampedProblem(self.form, pieces, None, limits), theta, initial, fixed_states=True)
@@ -326,7 +358,7 @@ class InitialGuess:
         return None if found is None else (objective.unpack(found.x)[0], found.cost)
 
     def _plain(self, limits: Limits) -> Array:
-        """Return values (p,) of a craft without coupling whose inertia and drag are of the size of its forces."""
+        """Return parameters (p,) of an uncoupled craft whose inertia and drag match the size of its forces."""
         r = self.regression
         low, high = limits.of(r.names)
         values = np.where(high <= 0.0, -0.5, np.where(low >= 0.0, 0.5, 0.0)) * r.scales
@@ -334,7 +366,10 @@ class InitialGuess:
 
 
 def initial_guess_of(form: Form, records: Sequence[Segment], delay: float | None = None) -> InitialGuess:
-    """Look at *records* once; *delay* [s] is where a free delay begins."""
+    """Return the initial guess for *form* on *records*.
+
+    delay : start value [s] of a free delay.
+    """
     known = form.known.get("delay", 0.0) if delay is None else delay
     motions = tuple(smoothed_motion(form, record, known) for record in records)
     initial = tuple(_lagged(m.X[0].copy(), r, form) for r, m in zip(records, motions, strict=True))

@@ -1,10 +1,10 @@
-"""Fisher information of a fitted model on runs, initial states marginalised, and the Cramer-Rao bound it sets.
+"""Calculate the Fisher information of runs on a fitted model, and the Cramer-Rao bounds that follow from it.
 
 A fit of any kind is first converted to a coupled model on its runs. For white Gaussian noise of level ``sigma`` per
-signal: ``F = sum J'J/sigma^2`` with ``J`` the exact sensitivities of the simulated signals. Every record's initial
-states are unknown too; what they can explain is projected out of ``J`` before squaring, which is the Schur complement
-without its loss of digits. The information is stored as a triangular root ``R``, ``F = R'R``. Singular values below
-1e-8 of the largest one of ``R`` would be lost in ``F``.
+signal, the information is ``F = sum J'J/sigma^2``. ``J`` are the exact sensitivities of the simulated signals. The
+initial states of every record are unknown too. The part of ``J`` that they can explain is projected out before
+squaring. This equals the Schur complement but loses fewer digits. The information is stored as a triangular root ``R``,
+``F = R'R``. In ``F`` itself, singular values of ``R`` below 1e-8 of the largest one would be lost.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import DataError, NotInformative, UsageError
-from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, axis_form, derivative_names, structure_of
+from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, axis_form, structure_of
 from gcs_autotune.identify.axis.uncertainty import cramer_rao
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.likelihood import Limits, Objective
-from gcs_autotune.identify.preparation import prepare, prepare_form, signals_of
-from gcs_autotune.identify.problem import Problem
+from gcs_autotune.identify.problems.initial_guess import RecordedMotion, initial_guess_of
+from gcs_autotune.identify.problems.likelihood import Limits, Objective
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.solution import solve_form
 from gcs_autotune.identify.result import AxisFit, Fit, Model, is_of_one_axis
-from gcs_autotune.identify.segment import MIN_SAMPLES, Segment
-from gcs_autotune.identify.solution import solve_form
+from gcs_autotune.identify.signals.preparation import prepare, prepare_form, signals_of
+from gcs_autotune.identify.signals.segment import MIN_SAMPLES, Segment
 from gcs_autotune.models import CoupledModel, Form, Simulator
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
@@ -38,11 +38,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedModel:
-    """A model on runs.
+    """A fitted model together with its runs.
 
-    ``theta`` (q,) in the order of ``form.parameters``; ``free`` the form's names of what was fitted, ``names`` what the
-    fit calls them (``alpha_r`` for ``N_rdot``), ``signs`` (p,) with ``named value = sign * form's value``; ``initial``
-    (n,) fitted states per record; ``noise`` standard deviation per signal, SI units.
+    ``theta`` (q,): all parameters in the order of ``form.parameters``. ``free``: names in the form of the fitted ones.
+    ``names``: their names in the fit (``alpha_r`` for ``N_rdot``). ``signs`` (p,): value in the fit = sign * value in
+    the form. ``initial`` (n,): fitted states per record. ``noise``: standard deviation per signal, SI units.
     """
 
     form: Form
@@ -57,21 +57,24 @@ class FittedModel:
 
     @property
     def places(self) -> NDArray[np.int64]:
-        """Where ``free`` stands in ``theta`` (p,)."""
+        """Indices (p,) of the parameters ``free`` in ``theta``."""
         return np.array([self.form.parameters.index(n) for n in self.free], dtype=np.int64)
 
     @property
     def values(self) -> Array:
-        """Values (p,) under the fit's names."""
+        """Values (p,) of the fitted parameters, with the signs they have in the fit."""
         return self.signs * self.theta[self.places]
 
     def objective(self, free: Sequence[str] | None = None) -> Objective:
-        """Return the output-error cost of *free* (form's names; all fitted ones when None) and the initial states."""
+        """Return the output-error cost as a function of *free* and of the initial states.
+
+        free : names in the form; None takes all fitted parameters.
+        """
         names = self.free if free is None else tuple(free)
         return Objective(Problem(self.form, self.records, None, Limits({}, {}), names), self.theta, self.initial)
 
     def motion(self, record: int) -> tuple[Array, Array]:
-        """Return stamps (s,) and simulated states (s, n) of one record.
+        """Return the stamps (s,) and simulated states (s, n) of one record.
 
         Raises
         ------
@@ -87,18 +90,30 @@ class FittedModel:
             raise NotInformative(f"the model '{self.form.name}' diverges on run '{own.run}'")
         return stamps, found[0]
 
+    def recorded_motion(self, record: int) -> RecordedMotion:
+        """Return the simulated motion of one record with its accelerations and the inputs that act; errors as
+        :meth:`motion`."""
+        own = self.records[record]
+        t, X = self.motion(record)
+        t, at = np.unique(t, return_index=True)
+        k = len(self.form.dofs)
+        nu_dot = np.gradient(X[at, k : 2 * k], t, axis=0) if len(t) > 1 else np.zeros((len(t), k))
+        row = np.searchsorted(own.t_in, t - model_delay(self.form, self.theta), side="right") - 1
+        inputs = np.ascontiguousarray(own.inputs[np.maximum(row, 0)])
+        return RecordedMotion(t, np.ascontiguousarray(X[at]), nu_dot, inputs, np.ones(k, dtype=bool))
+
 
 def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedModel:
-    """Return *fit* on *trials*, its initial states fitted to them.
+    """Return the model of *fit* on *trials*, with its initial states fitted to them.
 
-    The noise is that of the fit or, if the fit has none, the rms residual of the free run.
+    The noise levels are those of the fit. If the fit has none, they are the rms residuals of the free run.
 
     Raises
     ------
     UsageError
-        The fit's model is of a kind that cannot be simulated, or nothing in it was fitted.
+        This kind of model cannot be simulated, or none of its parameters was fitted.
     NotInformative
-        The model diverges on a run; and as :func:`prepare_form`.
+        The model diverges on a run, or as for :func:`prepare_form`.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     model = fit.model
@@ -126,14 +141,14 @@ def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedM
 
 
 def model_delay(form: Form, theta: Array) -> float:
-    """Return the delay [s] of a model, 0 when it has none."""
+    """Return the delay [s] of a model, 0 without one."""
     return float(theta[form.parameters.index("delay")]) if "delay" in form.parameters else 0.0
 
 
 def _of_axis(fit: AxisFit, runs: Sequence[Trial]) -> tuple[Form, Array, tuple[str, ...], tuple[str, ...], Array]:
     model = fit.model
     dof = DOFS[model.dof]
-    labels, derivatives = tuple(fit.parameters), derivative_names(dof)
+    labels, derivatives = tuple(fit.parameters), dof.derivative_names()
     fitted = [fit.parameters[n].status == "fitted" for n in labels]
     delay = None if fitted[4] else model.delay
     input_name = prepare(runs[0], dof)[0].input_names[0]
@@ -147,7 +162,7 @@ def _of_axis(fit: AxisFit, runs: Sequence[Trial]) -> tuple[Form, Array, tuple[st
 
 
 def _signals(fit: Fit[Model], form: Form, run: Trial) -> tuple[str, ...] | None:
-    """Return the signals the fit was made from, None when it does not say."""
+    """Return the signals that the fit used, or None if it does not list them."""
     there = tuple(n for n in signals_of(form) if n in fit.noise and n in run and len(run[n]) >= MIN_SAMPLES)
     return there or None
 
@@ -155,15 +170,19 @@ def _signals(fit: Fit[Model], form: Form, run: Trial) -> tuple[str, ...] | None:
 ModelT = TypeVar("ModelT", bound=Model)
 
 BLIND = 1e-8
-"""Singular value, relative to columns of length one, below which a direction is not observable.
+"""Limit of a singular value below which a direction of the parameters is not observable. It applies after scaling the
+columns to unit length.
 
-Sensitivities are exact to about 1e-12, and no practical run lies between.
+Sensitivities are exact to about 1e-12. Singular values of practical runs are not between the two limits.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Information:
-    """Information of runs on the parameters ``names`` (p,) at ``values`` (p,): ``F = root' root``, root (p, p)."""
+    """Fisher information of runs on parameters.
+
+    ``names``, ``values`` (p,): the parameters. ``root`` (p, p): triangular root of the information, ``F = root' root``.
+    """
 
     names: tuple[str, ...]
     values: Array
@@ -171,21 +190,21 @@ class Information:
 
     @property
     def matrix(self) -> Array:
-        """Fisher information (p, p)."""
+        """Fisher information matrix (p, p)."""
         F: Array = self.root.T @ self.root
         return F
 
     @property
     def alone(self) -> Array:
-        """Standard errors (p,) if every other parameter were known; infinite without information."""
+        """Standard errors (p,) if all other parameters were known, infinite without information."""
         lengths = np.linalg.norm(self.root, axis=0)
         return np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), math.inf)
 
     def modes(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return singular values (k,) and vectors (p, k) of the root with columns of length one, and which are
-        observable.
+        """Return the observable and unobservable directions of the parameters.
 
-        Parameters without information are left out of the vectors (zero rows); ``seen`` (p,) marks the others.
+        These are the singular values (k,) and vectors (p, k) of the root with columns scaled to unit length. The third
+        value ``seen`` (p,) marks the parameters with information. The others have zero rows in the vectors.
         """
         seen = np.isfinite(self.alone)
         scaled = self.root[:, seen] * self.alone[seen]
@@ -197,7 +216,7 @@ class Information:
 
     @property
     def std(self) -> Array:
-        """Cramer-Rao bounds (p,): infinite for what takes part in a direction the runs do not see."""
+        """Cramer-Rao bounds (p,), infinite for parameters that contribute to an unobservable direction."""
         sigma, vectors, seen = self.modes()
         shares = vectors**2
         lost = sigma <= BLIND
@@ -209,12 +228,15 @@ class Information:
 
     @property
     def bounds(self) -> dict[str, float]:
-        """Cramer-Rao bound per name."""
+        """Cramer-Rao bound of each parameter by name."""
         return dict(zip(self.names, self.std.tolist(), strict=True))
 
     @property
     def correlation(self) -> Array:
-        """Correlation (p, p) of an efficient estimate; directions the runs do not see count as seen at ``BLIND``."""
+        """Correlation (p, p) of an efficient estimate.
+
+        Unobservable directions count as if their singular value were :data:`BLIND`.
+        """
         sigma, vectors, seen = self.modes()
         C = (vectors / np.maximum(sigma, BLIND) ** 2) @ vectors.T + np.diag(np.where(seen, 0.0, 1.0))
         std = np.sqrt(np.diag(C))
@@ -223,15 +245,15 @@ class Information:
 
     @property
     def log_determinant(self) -> float:
-        """Natural logarithm of det F with parameters in units of their values; minus infinity when something is unseen.
+        """Natural logarithm of det F, or minus infinity if a direction has no information.
 
-        Units cancel in differences between informations on the same model.
+        The units cancel in differences between two results for the same model.
         """
         sign, value = np.linalg.slogdet(self.root)
         return 2.0 * float(value) if sign != 0.0 else -math.inf
 
     def plus(self, other: Information) -> Information:
-        """Return the information of both, from independent runs."""
+        """Return the sum of this and the *other* information, from independent runs."""
         return replace(self, root=root_of(np.vstack([self.root, other.root])))
 
 
@@ -246,7 +268,7 @@ def root_of(rows: Array) -> Array:
 
 
 def information_on(subject: FittedModel) -> Information:
-    """Return the information of the subject's runs on its fitted parameters.
+    """Return the information of the runs of *subject* on its fitted parameters.
 
     Raises
     ------
@@ -275,7 +297,7 @@ def information_on(subject: FittedModel) -> Information:
 
 
 def _without(J: Array, states: Array) -> Array:
-    """Return the columns *J* (n, p) less all that the columns *states* (n, s) can explain."""
+    """Return the columns *J* (n, p) without the part that the columns *states* (n, s) can explain."""
     lengths = np.linalg.norm(J, axis=0)
     used = np.linalg.norm(states, axis=0) > 0.0
     if used.any():
@@ -289,11 +311,11 @@ def _without(J: Array, states: Array) -> Array:
 
 
 def with_bounds(fit: Fit[ModelT], trials: Trial | Sequence[Trial]) -> Fit[ModelT]:
-    """Return *fit* with the Cramer-Rao bound of every fitted parameter, for any method.
+    """Return *fit* with the Cramer-Rao bound of every fitted parameter.
 
-    One degree of freedom uses its own likelihood, including rounding sensors and inexact stamps. Several use
-    :func:`information_on`. A parameter without information has an infinite bound. The fit stays as it is if its bounds
-    are known, or if its model cannot be simulated on the runs.
+    A fit of one degree of freedom uses its own likelihood, including rounding sensors and inexact stamps. Fits of
+    several degrees of freedom use :func:`information_on`. A parameter without information has an infinite bound. The
+    fit is returned unchanged if its bounds are known, or if its model cannot be simulated on the runs.
     """
     if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
         return fit

@@ -1,13 +1,13 @@
-"""Surge of a boat under way: inertia, drag and the thrust curve together.
+"""Identify surge of a boat under way: inertia, drag and thrust curve together.
 
-Thrust is rarely proportional to throttle: a propeller's thrust grows with the square of its speed. The input is
-replaced by ``(1 - q) X + q X|X|`` (the affine thruster of Miskovic2010 (2.7), gain 1 at full throttle). The exact axis
-fit is repeated at several values of ``q``. The misfit over ``q`` is its profile, whose curvature gives the standard
-error. The slope of the other parameters along it carries that error into theirs.
+Thrust is rarely proportional to throttle, because the thrust of a propeller grows with the square of its speed. The
+input is replaced by ``(1 - q) X + q X|X|`` (the affine thruster of Miskovic2010 (2.7), gain 1 at full throttle). The
+exact axis fit is repeated at several values of ``q``. The misfit as a function of ``q`` is its profile. Its curvature
+determines the standard error of ``q``. The slope of the other parameters along the profile adds this error to theirs.
 
 Throttle steps are flown in one direction and then in the opposite one. Speed is measured over ground: a head current or
 wind reduces it, a following one raises it. Half the difference is the current along the track. Thrust and drag depend
-on the speed through the water only, so the current is subtracted before the fit.
+only on the speed through the water, so the current is subtracted before the fit.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from gcs_autotune.effects import EffectInstance
 from gcs_autotune.errors import MissingChannel, NotInformative
 from gcs_autotune.identify.api import fit_axis
 from gcs_autotune.identify.axis.form import Structure, structure_of
-from gcs_autotune.identify.free_numbers import label_of
+from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.free_run import free_run
-from gcs_autotune.identify.result import AxisFit, Doubt, Parameter
+from gcs_autotune.identify.result import AxisFit, Parameter
 from gcs_autotune.trial import Trial
 
 __all__ = [
@@ -48,21 +48,23 @@ Array = NDArray[np.float64]
 CURVE = "thrust_curve"
 """Key of the thrust curve in ``AxisFit.extra``."""
 BY_DESIGN = ("one-sided-input", "saturated-input")
-"""Doubts that are expected of these runs: a boat under way, with a burst of full throttle."""
+"""Slugs of doubts that are expected for these runs, in which a boat is under way with a burst of full throttle."""
 
 GRID = (-0.3, 0.2, 0.7, 1.2)
 LEAST, MOST = -0.3, 1.3
-"""Range of the profile, a little beyond the physical 0 to 1, because an ESC's dead zone bends the curve too."""
+"""Range of ``q`` in the profile. It exceeds the physical range 0 to 1 a little, because an ESC's dead zone bends the
+curve too."""
 ROUNDS = 6
-"""Maximum number of parabolas, each through the best point so far and its neighbours on either side."""
+"""Maximum number of parabolas fitted in the search for the best ``q``. Each passes through the best point so far and
+its neighbours."""
 NEAR, FAR = 0.5, 2.0
-"""Distance range, in standard errors, of a neighbour used for a parabola.
+"""Distances, in standard errors, between which a neighbour is used for a parabola.
 
-Closer neighbours show rounding. Farther ones are no longer on a parabola, because the profile is steeper towards larger
-``q``.
+With closer neighbours rounding dominates. Farther ones do not lie on the parabola, because the profile is steeper
+towards larger ``q``.
 """
 FOUND = 0.1
-"""Move of the minimum, in standard errors, below which it counts as found."""
+"""Distance from the minimum of the parabola to the nearest point, in standard errors, below which the search ends."""
 UNKNOWN = 0.25
 """Standard error of ``q`` above which the curve counts as unknown."""
 
@@ -74,22 +76,22 @@ class _Point:
 
     @property
     def misfit(self) -> float:
-        """Mean square of the residual: nearly a parabola in ``q``, more so than its logarithm."""
+        """Mean square of the residual. It is nearly a parabola in ``q``, more so than its logarithm."""
         return self.fit.residual_rms**2
 
     @property
     def samples(self) -> int:
-        """How many samples were fitted."""
+        """Number of samples in the fit."""
         return sum(len(trace.t) for trace in self.fit.traces)
 
     @property
     def correlation(self) -> float:
-        """How many samples make one independent one."""
+        """Number of samples that are equivalent to one independent sample."""
         return max(float(self.fit.extra.get("residual_correlation_time", 1.0)), 1.0)
 
 
 def bent(trial: Trial, square: float) -> Trial:
-    """Return *trial* with its throttle ``X`` (fractions of full) replaced by the resulting thrust."""
+    """Return *trial* with the throttle ``X`` (fraction of full throttle) replaced by the resulting thrust."""
     X = trial["X"]
     return replace(
         trial,
@@ -101,7 +103,10 @@ def bent(trial: Trial, square: float) -> Trial:
 
 
 def square_of(fit: AxisFit) -> float:
-    """Return the fraction of thrust that is quadratic in throttle, 1 at most; 0 if *fit* has no thrust curve."""
+    """Return the fraction of thrust that is quadratic in throttle, at most 1.
+
+    It is 0 if *fit* has no thrust curve.
+    """
     return min(float(fit.extra.get(CURVE, {}).get("square", 0.0)), 1.0)
 
 
@@ -112,20 +117,20 @@ def fit_surge(
     delay: Literal["auto"] | float = "auto",
     along: AlongTrack | None = None,
 ) -> AxisFit:
-    """Identify surge from runs with ``X`` as a fraction of full throttle and ``u``.
+    """Identify surge from runs with ``u``, and with ``X`` as a fraction of full throttle.
 
-    along : the current from another source, for runs that do not show it themselves.
+    along : current from another source, used if the runs do not show it themselves.
 
     Returns
     -------
     AxisFit
-        ``extra["thrust_curve"]`` holds ``square`` and ``std``, the curve's uncertainty is in the other standard
-        errors. ``X`` of the model is thrust as a fraction of that at full throttle.
+        ``extra["thrust_curve"]`` contains ``square`` and ``std``. The other standard errors include the uncertainty of
+        the curve. ``X`` of the model is thrust as a fraction of that at full throttle.
 
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`gcs_autotune.identify.fit_axis`.
+        As for :func:`gcs_autotune.identify.fit_axis`.
     """
     along = along_track(trials) or along
     if along is None or not along.matters:
@@ -153,7 +158,7 @@ def _fit(trials: Sequence[Trial], structure: Structure | None, delay: Literal["a
 
 
 def _profile(at: Callable[[float], _Point]) -> list[_Point]:
-    """Return the points looked at: a grid, then the bottom of the valley and, a standard error away, its sides."""
+    """Return the points of the profile: a grid, then the minimum and a point one standard error to each side."""
     points: list[_Point] = []
 
     def look(square: float) -> None:
@@ -179,12 +184,18 @@ def _profile(at: Callable[[float], _Point]) -> list[_Point]:
 
 
 def _neighbours(away: float, std: float) -> bool:
-    """Whether a point at the distance *away* may replace one required at the distance *std*, on the same side."""
+    """Return whether a point at the distance *away* can be used instead of one at the distance *std*.
+
+    Both distances are signed, so the point must be on the same side.
+    """
     return NEAR < away / std < FAR
 
 
 def _parabola(points: Sequence[_Point]) -> Array | None:
-    """Return the parabola through the best point and one on either side (if there is); None if it is no valley."""
+    """Return the parabola through the best point and a neighbour on each side, if there are any.
+
+    Return None if the parabola has no minimum.
+    """
     best = min(points, key=lambda p: p.misfit)
     sides = [[p for p in points if way * (p.square - best.square) > 0.0] for way in (-1.0, 1.0)]
     near = [min(side, key=lambda p: abs(p.square - best.square)) for side in sides if side]
@@ -204,7 +215,7 @@ def _top(points: Sequence[_Point]) -> float | None:
 
 
 def _spread(points: Sequence[_Point], best: _Point) -> float:
-    """Return the standard error of ``q`` from the curvature of the profile; infinite without curvature."""
+    """Return the standard error of ``q`` from the curvature of the profile, infinite without curvature."""
     curve = _parabola(points)
     if curve is None:
         return math.inf
@@ -212,7 +223,7 @@ def _spread(points: Sequence[_Point], best: _Point) -> float:
 
 
 def _carried(fit: AxisFit, at: Callable[[float], _Point], square: float, std: float) -> Array:
-    """Return the change of the five parameters (5,) when ``q`` changes by its standard error."""
+    """Return the change of the five parameters (5,) if ``q`` increases by its standard error."""
     reach = min(std, UNKNOWN)
     if not reach > 0.0:
         return np.zeros(5)
@@ -228,14 +239,14 @@ def _carried(fit: AxisFit, at: Callable[[float], _Point], square: float, std: fl
 
 
 def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisFit:
-    """Return *fit* with the curve: ``q`` among the parameters, its error in all of them."""
+    """Return *fit* with the thrust curve: ``q`` is added to the parameters, and its error to all standard errors."""
     reach = np.append(slope, min(std, UNKNOWN))
     covariance = np.outer(reach, reach)
     covariance[:5, :5] += fit.covariance
     curve = EffectInstance("quadratic-actuator", fit.model.axis.force, {"share": min(square, 1.0)}, {"u_ref": 1.0})
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     known = {n: replace(p, std=float(s)) for (n, p), s in zip(fit.parameters.items(), stds, strict=False)}
-    label = label_of(curve, "share")
+    label = curve.label_of("share")
     known[label] = Parameter(label, curve["share"], "1", std)
     doubts = tuple(d for d in fit.doubts if d.slug not in BY_DESIGN)
     if not std <= UNKNOWN:
@@ -250,26 +261,29 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
 
 
 OPPOSITE = math.cos(math.radians(140.0))
-"""Cosine of the heading difference below which two runs count as out and back."""
+"""Limit for two runs to count as out and back: the cosine of their heading difference must be smaller."""
 LEAST_CURRENT = 0.04
-"""Smallest reported current [m/s]: about the error of a GPS speed averaged over seconds."""
+"""Smallest current that is reported [m/s]. It is about the error of a GPS speed averaged over seconds."""
 SHARE = 0.03
-"""Current relative to speed, below which no parameter shifts by more than the usual errors of the fit."""
+"""Largest ratio of current to speed that is ignored. It changes no parameter by more than the usual error of the fit.
+"""
 SURE = 3.0
-"""Standard errors that the current must exceed."""
+"""Number of standard errors that a current must exceed to be corrected."""
 AROUND = 1.5
-"""Seconds before a steady mark over which the speed was averaged."""
+"""Time [s] before a steady mark over which speed and heading are averaged."""
 BLOCK, LEAST_BLOCKS = 2.0, 4
-"""Averaging time [s], after which a receiver's filter has settled; minimum number of means to estimate their
-scatter."""
+"""Settings for the scatter of the speed.
+
+BLOCK: averaging time [s], over which the filter of a receiver settles. LEAST_BLOCKS: smallest number of means for the
+scatter.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class AlongTrack:
     """Speeds over ground [m/s] out and back, at the same throttles.
 
-    ``set`` [m/s] is the current along the track, half the difference of the speeds, with its standard error. It is
-    positive if the outward run was faster. ``heading`` [rad]: of the outward run.
+    ``error`` [m/s]: standard error of the current :attr:`set`. ``heading`` [rad]: that of the outward run.
     """
 
     out: float
@@ -279,30 +293,34 @@ class AlongTrack:
 
     @property
     def set(self) -> float:
-        """Current along the track [m/s], or the effect of wind: half the difference of the speeds."""
+        """Current along the track [m/s], or the effect of wind.
+
+        It is half the difference of the speeds, and positive if the outward run was faster.
+        """
         return 0.5 * (self.out - self.back)
 
     @property
     def matters(self) -> bool:
-        """Whether the current is significant and large enough to matter."""
+        """Whether the current is significant and large enough to be corrected."""
         speed = 0.5 * (self.out + self.back)
         return abs(self.set) > max(LEAST_CURRENT, SHARE * abs(speed), SURE * self.error)
 
     @property
     def is_none(self) -> bool:
-        """Whether the current is certainly negligible."""
+        """Whether the current is negligible with certainty."""
         speed = 0.5 * (self.out + self.back)
         return abs(self.set) + SURE * self.error <= max(LEAST_CURRENT, SHARE * abs(speed))
 
 
 def set_on_the_way_back(fit: AxisFit, out: Trial, back: Trial) -> AlongTrack | None:
-    """Return the current that *back* shows relative to the prediction by the *fit* of *out*.
+    """Return the current along the track, from the difference between *back* and its prediction by *fit*.
 
-    *back* is any run with X, u and psi. The current on the way out is part of the forces of its fit. On the way back
-    the boat is therefore slower than predicted by twice the current, whatever its throttle (for quadratic drag a sixth
-    less). The error is the scatter of the means over ``BLOCK`` seconds. It includes errors of the fit at other speeds.
+    *fit* is the fit of the run *out*, and *back* is any run with X, u and psi. The fit absorbs the current of *out* as
+    a constant force. On the way back the boat is therefore slower than predicted by twice the current, at any throttle
+    (for quadratic drag a sixth less). The error follows from the scatter of the means over :data:`BLOCK` seconds. It
+    includes errors of the fit at other speeds.
 
-    None if *back* is not in the opposite direction, too short, or cannot be simulated.
+    Return None if *back* is not in the opposite direction, is too short, or cannot be simulated.
     """
     course, _ = _steady(out)
     psi = back["psi"].values
@@ -325,7 +343,7 @@ def set_on_the_way_back(fit: AxisFit, out: Trial, back: Trial) -> AlongTrack | N
 
 
 def along_track(trials: Sequence[Trial]) -> AlongTrack | None:
-    """Compare the steady speeds of runs flown out and back; return None if no two were."""
+    """Return the speeds of two runs flown out and back at the same throttles, or None without such runs."""
     runs = [(heading, speeds) for heading, speeds in map(_steady, trials) if speeds]
     for i, (out, first) in enumerate(runs):
         for back, second in runs[i + 1 :]:
@@ -360,7 +378,7 @@ def _compared(heading: float, pairs: Sequence[tuple[list[float], list[float]]]) 
 
 
 def through_water(trial: Trial, found: AlongTrack) -> Trial:
-    """Return *trial* with the current's contribution subtracted from ``u``, heading by heading."""
+    """Return *trial* with the current subtracted from ``u``, according to the heading."""
     u, psi = trial["u"], trial["psi"]
     headings = np.interp(u.t, psi.t, psi.values)
     still = u.values - found.set * np.cos(headings - found.heading)

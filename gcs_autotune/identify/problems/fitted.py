@@ -1,4 +1,4 @@
-"""Result of a least-squares fit: the model, the residuals, and their Jacobian."""
+"""Result of a least-squares fit: the model, its residuals and their Jacobian."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
-from gcs_autotune.identify.free_numbers import ModelFit
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.likelihood import Residual
+from gcs_autotune.identify.problems.free_numbers import ModelFit
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.likelihood import Residual
 from gcs_autotune.models import CoupledModel
 
 __all__ = ["Fitted"]
@@ -21,15 +21,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted(ModelFit):
-    """A fitted model.
+    """A model fitted by least squares.
 
-    ``initial`` (n,) per segment. ``cost``: minus twice the log-likelihood, up to a constant of the data. ``levels``:
-    noise per signal. ``rests``: residuals; ``samples``: how many were used. ``jacobian`` (n, q): over the noise levels,
-    in the rows of the finite ``judged`` values of ``rests``. ``converged``: whether the fit converged.
+    ``initial`` (n,): initial states per segment. ``cost``: minus twice the log-likelihood, up to a constant of the
+    data. ``levels``: noise level per signal. ``rests``: residuals. ``samples``: number of samples used. ``jacobian``
+    (n, q): derivatives of the predictions, divided by the noise levels. Its rows are those of the finite ``judged``
+    values of ``rests``. ``converged``: whether the fit converged.
 
-    ``shift`` [s]: error of input stamps dated midway, by which they are too early. It is the last column of
-    ``jacobian`` if there is one. Its prior is 0 +- ``shift_std`` (0 for exact stamps). ``learnt``: noise per signal at
-    the last update of disturbances from the residuals; empty without disturbances.
+    ``shift`` [s]: time by which input stamps are too early, if they were dated midway between two messages. It is the
+    last column of ``jacobian`` if there is one. Its prior is 0 +- ``shift_std`` (0 for exact stamps). ``learnt``: noise
+    per signal at the last update of disturbances from the residuals, empty without disturbances.
     """
 
     initial: tuple[Array, ...]
@@ -45,40 +46,43 @@ class Fitted(ModelFit):
 
     @property
     def base(self) -> CoupledModel:
-        """The model without its effects."""
+        """Fitted model without its effects."""
         return CoupledModel(self.form, dict(zip(self.form.parameters, self.theta.tolist(), strict=True)))
 
     @property
     def model(self) -> ExtendedModel:
-        """The model."""
+        """Fitted model with its effects."""
         return ExtendedModel(self.base, self.effects)
 
     def value(self, name: str) -> float:
-        """Return a base parameter's value."""
+        """Return the value of a base parameter."""
         return float(self.theta[self.form.parameters.index(name)])
 
     @property
     def shared(self) -> Array:
-        """The fitted numbers (f,): base parameters, then those of the effects."""
+        """Fitted values (f,): base parameters, then those of the effects."""
         places = [self.form.parameters.index(n) for n in self.free]
         return np.concatenate([self.theta[places], [self.effects[i].values[n] for i, n in self.free_effects]])
 
     @property
     def parameters(self) -> int:
-        """Number of fitted numbers without initial states."""
+        """Number of fitted parameters, without initial states."""
         return len(self.free) + len(self.free_effects)
 
     @property
     def residual(self) -> Array:
-        """All finite judged residuals over their noise levels (n,), in the order of ``jacobian``."""
+        """All finite ``judged`` residuals, divided by their noise levels (n,), in the order of ``jacobian``."""
         return np.concatenate([r.judged[np.isfinite(r.judged)] / self.levels[r.signal] for r in self.rests])
 
     def covariance(self, raised: float = 1.0) -> Array:
-        """Return the covariance of the fitted numbers, times *raised* for coloured residuals."""
+        """Return the covariance of the fitted values, multiplied by *raised* for coloured residuals."""
         return raised * inverse_of(self.information(raised))
 
     def information(self, raised: float = 1.0) -> Array:
-        """Return the information matrix (q, q); the prior information on the shift is multiplied by *raised*."""
+        """Return the information matrix (q, q).
+
+        raised : factor of the prior information on the shift of stamps.
+        """
         information = np.asarray(self.jacobian.T @ self.jacobian)
         if self.shift_std:
             information[-1, -1] += raised / self.shift_std**2

@@ -1,4 +1,7 @@
-"""Gauss-Newton with Levenberg-Marquardt damping, for any cost with a gradient and a curvature >= 0."""
+"""Gauss-Newton search with Levenberg-Marquardt damping.
+
+It minimises any cost with a gradient and a curvature >= 0.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class Local(NamedTuple):
-    """A cost near one point: its value, half its gradient (p,) and half its (approximate) Hessian (p, p)."""
+    """Value of a cost at one point, half its gradient (p,), and half its approximate Hessian (p, p)."""
 
     cost: float
     gradient: Array
@@ -26,35 +29,38 @@ class Local(NamedTuple):
 
 
 ITERATIONS = 60
-"""Maximum number of trials. From a usable start five to ten suffice."""
+"""Default maximum number of trials of a descent. From a usable start, five to ten suffice."""
 
 TOLERANCE = 1e-9
-"""Relative decrease of the cost below which the search ends: far below statistical significance."""
+"""Relative decrease of the cost below which a descent ends. It is far below statistical significance."""
 
 
 class Place(Protocol):
-    """A cost near one point: :class:`Local`, or one that calculates its derivatives on demand."""
+    """Interface of a cost at one point.
+
+    It is a :class:`Local`, or an object that calculates its derivatives on demand.
+    """
 
     @property
     def cost(self) -> float:
-        """The cost."""
+        """Value of the cost."""
 
     @property
     def gradient(self) -> Array:
-        """Half its gradient (p,)."""
+        """Half the gradient of the cost (p,)."""
 
     @property
     def curvature(self) -> Array:
-        """Half its Hessian (p, p), approximately."""
+        """Half the approximate Hessian of the cost (p, p)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
     """Rules for the damping of steps and for the end of a descent.
 
-    With ``tolerance`` it ends at that relative decrease, and damping depends on how well the last decrease was
-    predicted (Nielsen1999). With ``enough`` it ends when a step lowers the cost by less. Damping then changes by fixed
-    factors, because derivatives are expensive.
+    With ``tolerance`` the descent ends at that relative decrease of the cost. Damping then depends on how well the last
+    decrease was predicted (Nielsen1999). With ``enough`` the descent ends when a step lowers the cost by less than
+    this. Damping then changes by fixed factors, because derivatives are expensive.
     """
 
     tolerance: float = TOLERANCE
@@ -62,27 +68,36 @@ class Rules:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The damping to begin with, and that at which the descent ends."""
+        """Initial damping, and the damping at which the descent ends."""
         return (1e-3, 1e8) if self.enough else (1e-6, 1e12)
 
     def eased(self, damping: float, foretold: float) -> float:
-        """Return the damping after a decrease; *foretold*: the actual decrease relative to the predicted one."""
+        """Return the damping after a decrease of the cost.
+
+        foretold : ratio of the actual to the predicted decrease.
+        """
         if self.enough:
             return max(0.2 * damping, 1e-6)
         return max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3))
 
     def raised(self, damping: float, refused: int) -> float:
-        """Return the damping after a step without a decrease; *refused*: number of such steps before it in a row."""
+        """Return the damping after a step without a decrease.
+
+        refused : number of such steps in a row before it.
+        """
         return max(6.0 * damping, 1e-3) if self.enough else max(1e-6, damping * 4.0 * 2.0**refused)
 
     def is_there(self, gain: float, expected: float, cost: float) -> bool:
-        """Whether a decrease by *gain* from *cost* is the last."""
+        """Return whether the descent has converged after a decrease by *gain* from *cost*."""
         if self.enough:
             return gain < self.enough
         return gain <= self.tolerance * cost and expected <= max(self.tolerance, 1e-6) * cost + 1e-300
 
     def is_in_vain(self, expected: float, here: Place, step: Array) -> bool:
-        """Whether no further decrease is possible, because *step* brought none."""
+        """Return whether the descent has converged although *step* brought no decrease.
+
+        It has if the expected decrease is negligible.
+        """
         if self.enough:
             # By size: one coordinate cut short may turn the sum, and shorter steps are still to be tried.
             return 2.0 * float(np.abs(here.gradient) @ np.abs(step)) < self.enough
@@ -90,14 +105,18 @@ class Rules:
 
 
 TO_THE_END = Rules()
-"""Rules for a search to full accuracy."""
+"""Rules for a descent until full convergence."""
 
 PlaceT = TypeVar("PlaceT", bound=Place)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum(Generic[PlaceT]):
-    """Where a search ended: parameters (p,), cost, trials, whether it converged, and the cost's ``place`` there."""
+    """End of a search.
+
+    ``x`` (p,): parameters. ``cost``: cost there. ``iterations``: number of trials. ``converged``: whether the search
+    converged. ``place``: cost and derivatives there.
+    """
 
     x: Array
     cost: float
@@ -117,15 +136,20 @@ def descend(
     rounds: float = math.inf,
     reach: Array | None = None,
 ) -> Minimum[PlaceT] | None:
-    """Minimise a cost within ``low <= x <= high``; None when *start* itself has no value.
+    """Minimise a cost within ``low <= x <= high``; return None if *start* has no value.
 
-    A parameter on its bound whose gradient points outwards is held for that step. *local* gives None where the
-    cost has no value. *trials* at most, of which *rounds* lower the cost. reach : (p,) longest steps.
+    A parameter on its bound whose gradient points outwards is held for that step.
+
+    local : returns the cost at a point, or None if it has no value there.
+    trials : largest number of steps tried.
+    rules : for damping and convergence.
+    rounds : largest number of steps that lower the cost.
+    reach : (p,) longest steps.
 
     Raises
     ------
     OutOfTime
-        Within an :class:`.Effort` that is used up, before the next trial.
+        The :class:`.Effort` is used up before the next trial.
     """
     x = np.clip(start, low, high)
     here = local(x)
@@ -159,7 +183,7 @@ def descend(
 def step_of(
     here: Place, x: Array, low: Array, high: Array, damping: float, reach: Array | None = None
 ) -> tuple[Array, float]:
-    """Return the damped Gauss-Newton step and the decrease it promises."""
+    """Return the damped Gauss-Newton step and the expected decrease of the cost."""
     gradient = here.gradient
     free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
     scale = np.sqrt(np.maximum(np.diag(here.curvature), 1e-300))[free]
@@ -174,7 +198,10 @@ def step_of(
 
 
 def inverse_of(information: Array) -> Array:
-    """Return the inverse of an information matrix, scaled against bad units; directions without any get 1e13."""
+    """Return the inverse of an information matrix, scaled against badly chosen units.
+
+    Directions without information get a variance of 1e13 in scaled units.
+    """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-100))  # its inverse can still be squared
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     inverse: Array = (vectors / np.maximum(values, 1e-13)) @ vectors.T / np.outer(scale, scale)

@@ -1,14 +1,15 @@
 """Likelihood of any fit: of parameters, effects, initial states and the shift of stamps.
 
 The vector contains the free base parameters, the free parameters of effects, and every segment's free initial states.
-If input changes are dated midway between two messages (decision 3), a common shift of all their stamps comes last. A
-wrong date is neither an effect nor inertia. It differs from a delay only by being small, which its prior states
-(:class:`.StampPrior`).
+If input changes are dated midway between two messages (decision 3), a common shift of all their stamps comes last. The
+shift must not be fitted as an effect or as inertia. It differs from a delay only by its small size, which its prior
+expresses (:class:`.StampPrior`).
 
-Noise has two forms. :meth:`Objective.at` takes :class:`.noise.NoiseModel` as given (Gaussian, robust, rounded), for
-fits that estimate noise and vector in turn (:mod:`.reweighting`). :meth:`Objective.concentrated` sets Gaussian levels
-to their optimum at every step, ``sum_s n_s log(RSS_s / n_s)``. Its Gauss-Newton step is that of least squares weighted
-with ``n_s / RSS_s``. Costs of models with different effects can then be compared.
+There are two ways to treat noise. :meth:`Objective.at` uses supplied noise models (:class:`.noise.NoiseModel`:
+Gaussian, robust or rounded). It is for fits that estimate noise and vector in turn (:mod:`.reweighting`).
+:meth:`Objective.concentrated` sets Gaussian levels to their optimum at every step. The cost is then ``sum_s n_s
+log(RSS_s / n_s)``. Its Gauss-Newton step is that of least squares weighted with ``n_s / RSS_s``. Costs of models with
+different effects can then be compared.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, EffectResidual
-from gcs_autotune.identify.free_numbers import FreeNumbers, StampedProblem
-from gcs_autotune.identify.least_squares import Local
-from gcs_autotune.identify.limits import Limits
-from gcs_autotune.identify.noise import NoiseModel
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import SegmentSimulator, free_states, simulator_of, typical_of
+from gcs_autotune.identify.problems.free_numbers import FreeNumbers, StampedProblem
+from gcs_autotune.identify.problems.least_squares import Local
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.identify.problems.noise import NoiseModel
+from gcs_autotune.identify.problems.simulators import SegmentSimulator, free_states, simulator_of, typical_of
+from gcs_autotune.identify.signals.segment import Segment
 
 __all__ = [
     "Limits",
@@ -40,20 +41,22 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 REMEMBERED = 3
-"""Number of vectors whose residuals are cached; every round of the noise starts where the last one ended."""
+"""Number of vectors whose residuals are cached. Each round of noise estimation starts at the vector where the last one
+ended."""
 
 LAGGED = 1.0
-"""Standard deviation of a lagged input's first value about the input itself, in units of that input's range."""
+"""Prior standard deviation of the first value of a lagged input. The unit is the range of that input."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residual:
-    """What is left of one signal of one segment: stamps, measured, predicted (n,), and the residual as ``judged``.
+    """Residual of one signal in one segment.
 
-    Without disturbances among the effects ``judged`` is measured minus predicted; they may explain some of it, and NaN
-    marks what they account for wholly. ``jacobian`` (n, k) of the prediction in the segment's own columns (none where
-    no sensitivities were asked for); ``step`` of the sensor's scale; ``penalty`` what a judging disturbance adds to
-    minus twice the log-likelihood, ``fold`` which part was left out.
+    ``t``, ``measured``, ``predicted`` (n,): stamps and values. ``judged`` (n,): measured minus predicted. A disturbance
+    among the effects may explain part of it; NaN marks samples that it explains completely. ``jacobian`` (n, k):
+    derivatives of the prediction in the segment's own columns, empty without sensitivities. ``step``: resolution of the
+    sensor. ``penalty``: contribution of a disturbance to minus twice the log-likelihood. ``fold``: which part of the
+    data was left out.
     """
 
     segment: int
@@ -69,19 +72,21 @@ class Residual:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which samples (n,) count."""
+        """Mask (n,) of the samples that are used."""
         return np.isfinite(self.judged)
 
 
 class Objective(FreeNumbers):
-    """The cost of one choice of free numbers, as a function of one packed vector.
+    """Cost of the free parameters, as a function of one packed vector.
 
     Parameters
     ----------
-    theta : (p,) all base parameters in the form's order: what is not free stays. initial : (n,) states per segment,
-        likewise. effects : in the order in which they act. shift [s] : where the shift of stamps begins.
-    fixed_effects, fixed_states : effects' parameters, initial states stay as given.
-    patience : steps per stamp of a simulation; what is stiffer is no craft whose samples these are.
+    theta : (p,) all base parameters in the form's order, with values for those not free.
+    initial : (n,) states per segment, with values for those not free.
+    effects : in the order in which they act.
+    shift : start value of the shift of stamps [s].
+    fixed_effects, fixed_states : whether the parameters of effects, and the initial states, are not fitted.
+    patience : maximum number of integration steps per stamp. A stiffer model does not fit the sampling.
     """
 
     def __init__(
@@ -137,12 +142,15 @@ class Objective(FreeNumbers):
         return [sizes[i][name] for i, name in self.free_effects]
 
     def pack(self) -> Array:
-        """Return the vector (q,) of the numbers given."""
+        """Return the vector (q,) of the current values of all free parameters and states."""
         states = [x_0[at] for x_0, at in zip(self.initial, self.state_places, strict=True)]
         return np.concatenate([self.pack_shared(), *states, [self.shift] if self.dated else []])
 
     def unpack(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...], tuple[Array, ...], float]:
-        """Undo :meth:`pack`: all parameters, effects, initial states per segment, the shift of stamps [s]."""
+        """Return all parameters, the effects, the initial states per segment, and the shift of stamps [s].
+
+        This is the inverse of :meth:`pack`.
+        """
         theta, effects = self.unpack_shared(x)
         initial = []
         for x_0, at, columns in zip(self.initial, self.state_places, self.columns, strict=True):
@@ -152,7 +160,7 @@ class Objective(FreeNumbers):
         return theta, effects, tuple(initial), float(x[-1]) if self.dated else 0.0
 
     def limits(self) -> tuple[Array, Array]:
-        """Return the smallest and the largest vector allowed."""
+        """Return the lower and the upper limits of the vector."""
         low, high = self.problem.edges(self.effects, self.free_effects)
         rest = np.full(self.size - self.shared, np.inf)
         if self.dated:
@@ -160,7 +168,10 @@ class Objective(FreeNumbers):
         return np.concatenate([low, -rest]), np.concatenate([high, rest])
 
     def residuals(self, x: Array) -> tuple[Residual, ...] | None:
-        """Return the residuals with Jacobians; None when a simulation diverges. The last places are remembered."""
+        """Return the residuals at *x* with Jacobians, or None if a simulation diverges.
+
+        Results of the last vectors are cached.
+        """
         key = x.tobytes()
         if key not in self._recent:
             while len(self._recent) >= REMEMBERED:
@@ -169,7 +180,10 @@ class Objective(FreeNumbers):
         return self._recent[key]
 
     def predicted(self, x: Array, *, sensitivities: bool) -> tuple[Residual, ...] | None:
-        """Return the residuals at *x*, with Jacobians if asked; None when a simulation diverges."""
+        """Return the residuals at *x*, or None if a simulation diverges.
+
+        sensitivities : whether to calculate the Jacobians.
+        """
         theta, effects, initial, shift = self.unpack(x)
         found = []
         for i, segment in enumerate(self.problem.segments):
@@ -190,7 +204,10 @@ class Objective(FreeNumbers):
         return self.levels.get(name, known)
 
     def at(self, x: Array, noise: Mapping[str, NoiseModel]) -> Local | None:
-        """Return cost, gradient and curvature at *x* with this *noise* per signal; None when a simulation diverges."""
+        """Return cost, gradient and curvature at *x*, or None if a simulation diverges.
+
+        noise : noise model per signal.
+        """
         found = self.residuals(x)
         if found is None:
             return None
@@ -208,7 +225,10 @@ class Objective(FreeNumbers):
         return Local(cost, gradient, curvature)
 
     def concentrated(self, x: Array, floors: Mapping[str, float]) -> Local | None:
-        """Return cost, gradient and curvature at *x* with every noise level at its best, above *floors* per signal."""
+        """Return cost, gradient and curvature at *x* with optimal noise levels, or None if a simulation diverges.
+
+        floors : smallest noise level per signal.
+        """
         found = self.residuals(x)
         if found is None:
             return None
@@ -233,7 +253,10 @@ class Objective(FreeNumbers):
         return Local(float(cost), gradient, curvature)
 
     def learn(self, x: Array, floors: Mapping[str, float]) -> None:
-        """Update disturbances from the residuals at *x*, which becomes the point of this objective."""
+        """Update disturbances from the residuals at *x*.
+
+        The values at *x* become the current values of this objective.
+        """
         theta, effects, initial, shift = self.unpack(x)
         craft = tuple(e for e in effects if not EFFECTS[e.slug].is_disturbance)
         plain = Objective(self.problem, theta, initial, craft, shift=shift, fixed_effects=True)
@@ -253,7 +276,7 @@ class Objective(FreeNumbers):
     def known(self) -> tuple[Array, Array]:
         """Return the prior of each element of the vector: expected value and information.
 
-        The prior of the shift of stamps is about zero. That of lagged inputs is near the input in force.
+        The shift of stamps is expected to be zero. A lagged input is expected to equal the input in force.
         """
         prior, weight = np.zeros(self.size), np.zeros(self.size)
         for segment, simulator, columns in zip(self.problem.segments, self.simulators, self.columns, strict=True):
@@ -268,7 +291,7 @@ class Objective(FreeNumbers):
         return prior, weight
 
     def wide(self, residual: Residual) -> Array:
-        """Return a residual's Jacobian (n, size) in the columns of the whole vector, of the samples that count."""
+        """Return the Jacobian (n, size) of a residual in the columns of the whole vector, for the samples used."""
         good = residual.known
         table = np.zeros((int(good.sum()), self.size))
         table[:, self.columns[residual.segment]] = residual.jacobian[good]
@@ -276,7 +299,7 @@ class Objective(FreeNumbers):
 
 
 def sums_of(residuals: Sequence[Residual]) -> tuple[dict[str, float], dict[str, int]]:
-    """Return sum of squares and number of the samples that count, per signal."""
+    """Return the sum of squares and the number of the samples used, per signal."""
     sums: dict[str, float] = {}
     counts: dict[str, int] = {}
     for residual in residuals:
@@ -287,7 +310,7 @@ def sums_of(residuals: Sequence[Residual]) -> tuple[dict[str, float], dict[str, 
 
 
 def judged_by(effects: Sequence[EffectInstance], left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-    """Return a residual (n,), its derivatives (n, k) and the penalty as all disturbances among *effects* leave them."""
+    """Return the residual (n,), its derivatives (n, k) and the penalty after all disturbances among *effects*."""
     fee = 0.0
     for own in effects:
         if EFFECTS[own.slug].is_disturbance:
@@ -301,16 +324,16 @@ def _with_error(left: EffectResidual, error: Array) -> EffectResidual:
 
 
 def first_input(segment: Segment) -> Array:
-    """Return the inputs (m,) in force at the segment's start."""
+    """Return the inputs (m,) in force at the start of the segment."""
     row = int(np.searchsorted(segment.t_in, segment.start, side="right")) - 1
     first: Array = segment.inputs[max(row, 0)]
     return first
 
 
 def information_of(residuals: Sequence[Residual], columns: Sequence[Array], noise: Mapping[str, NoiseModel]) -> Array:
-    """Return the expected information (p, p) of numbers whose Jacobians are *columns* (n, p) each.
+    """Return the expected information (p, p) on parameters whose Jacobians are *columns* (n, p) each.
 
-    The noise levels are unknown too; the information they take, ``I_ps I_ss^-1 I_sp``, is subtracted.
+    The noise levels are unknown too. The information they take, ``I_ps I_ss^-1 I_sp``, is subtracted.
     """
     p = columns[0].shape[1]
     total = np.zeros((p, p))

@@ -1,12 +1,12 @@
 """Decide at which autopilot loop an input changed, if the stamps allow several.
 
-Messages 40 ms apart on a 20 ms loop allow two. Such a change is dated between them and is wrong by 10 ms, while others
-of the same run are right. That colours the residuals and doubles the standard errors. On a precise gyro it looks like a
-sensor fault.
+For example, messages 40 ms apart on a 20 ms loop allow two. Such a change is dated between them and is wrong by 10 ms,
+while other stamps of the run are correct. This colours the residuals and doubles the standard errors. With a precise
+gyro it looks like a sensor fault.
 
-The record itself decides. Every doubtful change gets its own time shift in addition to the fitted numbers (one
-Gauss-Newton step of the joint fit). It is moved to the nearest loop if the next one is three standard errors less
-likely.
+The record itself can decide. Every uncertain change gets its own time shift in addition to the fitted parameters, in
+one Gauss-Newton step of the joint fit. The change is moved to the nearest loop if that one is clearly more likely than
+the next, by three standard errors.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EffectInstance
-from gcs_autotune.identify.least_squares import inverse_of
-from gcs_autotune.identify.preparation import WITHIN_LOOP
-from gcs_autotune.identify.segment import Segment
-from gcs_autotune.identify.simulators import simulator_of
-from gcs_autotune.identify.solution import Solution
+from gcs_autotune.identify.problems.least_squares import inverse_of
+from gcs_autotune.identify.problems.simulators import simulator_of
+from gcs_autotune.identify.problems.solution import Solution
+from gcs_autotune.identify.signals.preparation import WITHIN_LOOP
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.models import Form
 
 __all__ = ["Switches", "corrected", "switches_of"]
@@ -31,25 +31,29 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST = 120
-"""Maximum number of doubtful changes. With more the run is not a relay, and each change costs a simulation."""
+"""Maximum number of uncertain changes. A run with more is not a relay experiment, and each change costs a simulation.
+"""
 
 WIDE = 2.0
-"""Prior standard deviation of a shift, in units of what the stamps allow; wide, as for the common shift."""
+"""Prior standard deviation of a shift, in units of the range that the stamps allow. It is wide, as for the common
+shift."""
 
 SURELY = 9.0
-"""Difference of squared standard errors by which a loop must be likelier than the next: three standard errors."""
+"""Smallest difference, in squared standard errors, between the nearest loop and the next. It corresponds to three
+standard errors."""
 
 ROUNDS = 5
 
 NUDGE = 1e-4
-"""Time shift [s] of a change for its derivative: short compared with a loop, long compared with rounding."""
+"""Time shift [s] for the derivative by a change's stamp. It is short compared with a loop, and long compared with
+rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Switches:
-    """Response of every signal of a segment (n,) to a later stamp of each doubtful change.
+    """Response of the signals of a segment to a later stamp of each uncertain change.
 
-    ``by`` (n, k) per signal; ``which`` (k,): the changes.
+    ``by``: derivatives (n, k) per signal. ``which`` (k,): indices of the changes.
     """
 
     by: dict[str, Array]
@@ -57,7 +61,7 @@ class Switches:
 
     @property
     def finite(self) -> bool:
-        """Whether no simulation diverged."""
+        """Whether all simulations for the derivatives succeeded."""
         return all(bool(np.isfinite(table).all()) for table in self.by.values())
 
 
@@ -69,7 +73,10 @@ def switches_of(
     shift: float = 0.0,
     effects: Sequence[EffectInstance] = (),
 ) -> Switches:
-    """Return the derivatives of the motion from *initial*, the state at ``segment.start``."""
+    """Return the derivatives of the signals by the stamp of each uncertain change.
+
+    initial : state at ``segment.start``.
+    """
     delay = float(theta[form.parameters.index("delay")]) if "delay" in form.parameters else 0.0
     at = segment.t_in + delay + shift
     which = np.flatnonzero((segment.slack > 0.0) & (at > segment.start) & (at < segment.stamps[-1]))
@@ -94,9 +101,10 @@ def switches_of(
 
 
 def corrected(segments: Sequence[Segment], fitted: Sequence[Segment], solution: Solution) -> tuple[Segment, ...] | None:
-    """Return *segments* with those changes moved whose loop follows clearly from *solution*; None if there are none.
+    """Return *segments* with those input changes moved whose loop is clear from *solution*.
 
-    *fitted*: the segments of *solution*. They may begin later and contain fewer signals; otherwise they are the same.
+    Return None if there are none. *fitted* are the segments of *solution*. They may begin later and contain fewer
+    signals, but are otherwise the same.
     """
     if not any(s.slack.any() for s in fitted):
         return None
@@ -117,7 +125,7 @@ def corrected(segments: Sequence[Segment], fitted: Sequence[Segment], solution: 
 
 
 def _moves(segments: Sequence[Segment], solution: Solution, tables: Sequence[Switches]) -> Array:
-    """Return the move [s] of every doubtful change, NaN for those that stay doubtful."""
+    """Return the shift [s] of every uncertain change, NaN for those that remain uncertain."""
     offsets = np.concatenate([[0], np.cumsum([len(t.which) for t in tables])])
     slack = np.concatenate([s.slack[t.which] for s, t in zip(segments, tables, strict=True)])
     loop = np.concatenate([np.full(len(t.which), s.loop) for s, t in zip(segments, tables, strict=True)])
@@ -145,7 +153,7 @@ def _moves(segments: Sequence[Segment], solution: Solution, tables: Sequence[Swi
 
 
 def _posterior(J: Array, S: Array, score: Array, wide: Array, solution: Solution) -> tuple[Array, Array]:
-    """Return the shifts and their standard errors, everything that was fitted left free to move with them."""
+    """Return the shifts and their standard errors, with all fitted parameters free too."""
     p, table = J.shape[1], np.hstack([J, S])
     known = np.zeros(len(wide) + p)
     known[p:] = wide**-2.0
@@ -159,7 +167,10 @@ def _posterior(J: Array, S: Array, score: Array, wide: Array, solution: Solution
 
 
 def _nearest(mean: Array, std: Array, slack: Array, loop: Array) -> Array:
-    """Return the loop each shift points to, relative to the stamp, NaN where two are about as likely."""
+    """Return the time of the most likely loop relative to each stamp.
+
+    It is NaN if two loops are about equally likely.
+    """
     found = np.full(len(mean), np.nan)
     for i in range(len(mean)):
         places = np.arange(-slack[i], slack[i] + 0.5 * loop[i], loop[i])

@@ -1,7 +1,8 @@
-"""Common base of all fits: segments, a form with limits, and the vector of a model's free numbers.
+"""Common base of all fits: segments, a form with limits, and the vector of free parameters.
 
-Both problems (:class:`.Problem`, :class:`.NoisyProblem` with process noise) and their objectives build on these.
-Nothing here simulates or fits. An objective takes the data of a problem; a problem's ``fit`` takes an objective.
+:class:`.Problem`, :class:`.NoisyProblem` (with process noise) and their objectives build on these. This module contains
+no simulation and no fit. An objective takes the data of a problem. The ``fit`` method of a problem minimises an
+objective.
 """
 
 from __future__ import annotations
@@ -14,27 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance
-from gcs_autotune.identify.limits import Limits
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.limits import Limits
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.kept_results import fingerprint
 from gcs_autotune.models import Form
 
-__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem", "label_of"]
+__all__ = ["DIAGNOSTIC", "WEAK", "FreeNumbers", "ModelFit", "ModelProblem", "StampPrior", "StampedProblem"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 Held = tuple[str, str, str]
-"""Slug, place and name of an effect's number that stays fixed."""
+"""Slug, place and name of an effect's parameter that stays fixed."""
 
 
 class ModelProblem:
-    """Segments and a form, ready to be fitted with any effects.
+    """Segments and a form, to be fitted with any effects.
 
     Parameters
     ----------
-    data_summary : what effects are told of the runs; None where none will be fitted. limits : of the base's parameters.
-    free : base parameters to fit (all free ones when None). held : numbers of effects that stay as they are.
+    data_summary : summary of the runs for effects; None if no effects are fitted. limits : of the base parameters.
+    free : base parameters to fit (None: all free ones). held : parameters of effects that stay fixed.
     """
 
     def __init__(
@@ -55,22 +56,22 @@ class ModelProblem:
 
     @property
     def data_summary(self) -> DataSummary:
-        """Data summary that effects receive."""
+        """Data summary passed to the effects."""
         assert self.summary is not None, "effects cannot be fitted without it"
         return self.summary
 
     @property
     def known(self) -> tuple[object, ...]:
-        """All that the problem is made of."""
+        """All data that define the problem, from which :attr:`fingerprint` is calculated."""
         return self.form, self.segments, self.summary, self.limits, self.free, self.held
 
     @cached_property
     def fingerprint(self) -> str:
-        """Identification of this problem, for cached results."""
+        """Hash of the problem, used to look up cached results."""
         return fingerprint(*self.known)
 
     def edges(self, effects: Sequence[EffectInstance], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
-        """Return the limits (f,) of the base parameters fitted, then of the effects' parameters *free_effects*."""
+        """Return the limits (f,) of the fitted parameters: those of the base, then those of *free_effects*."""
         low, high = self.limits.of(self.free)
         if not free_effects:
             return low, high
@@ -81,34 +82,38 @@ class ModelProblem:
 
 @dataclass(frozen=True, slots=True)
 class StampPrior:
-    """Standard deviation of the shift of stamps, and how far it may go, in units of ``Segment.dating``."""
+    """Prior for the shift of stamps.
+
+    ``std``: standard deviation. ``reach``: largest shift. Both are in units of ``Segment.dating``.
+    """
 
     std: float
     reach: float
 
 
 WEAK = StampPrior(2.0, 8.0)
-"""For an identification: twice what the stamps allow, because the shift may be at the limit.
+"""Prior of an identification: twice the range that the stamps allow, because the true shift may be at its limit.
 
-This prior is weak enough to move the shift by less than a tenth of its standard error.
+This prior is weak. It moves the shift by less than a tenth of its standard error.
 """
 
 DIAGNOSTIC = StampPrior(1.0, 1.5)
-"""For a diagnosis: just above what the messages allow, for an autopilot that acts on its next loop only.
+"""Prior of a diagnosis: just above the range that the stamps allow. It assumes that the autopilot acts on its next
+loop.
 
-A delay is among the causes, so the shift must not absorb it.
+A delay is among the possible causes, so the shift must not absorb it.
 """
 
 
 class StampedProblem(ModelProblem):
-    """A problem in which the stamps of all inputs may be off by one shift.
+    """A problem in which the stamps of all inputs may have a common shift.
 
     Parameters
     ----------
-    As of :class:`ModelProblem`, and
+    As for :class:`ModelProblem`, and
 
-    stamps : prior of the shift of input stamps; by default as for a diagnosis if there is a *data_summary*.
-        With a free delay there is no shift: the two are one number.
+    stamps : prior of the shift of input stamps. The default with a *data_summary* is that of a diagnosis.
+        If the delay is free, there is no shift, because both have the same effect.
     """
 
     def __init__(
@@ -128,22 +133,25 @@ class StampedProblem(ModelProblem):
 
     @property
     def known(self) -> tuple[object, ...]:
-        """All that the problem is made of."""
+        """All data that define the problem, including the prior of the stamps."""
         return *super().known, self.stamps
 
     @property
     def shift_std(self) -> float:
-        """Prior standard deviation [s] of the shift of stamps; 0 for exact stamps."""
+        """Prior standard deviation [s] of the shift of stamps; 0 if stamps are exact."""
         return self.stamps.std * self.dating
 
 
 class FreeNumbers:
-    """Vector of the numbers that segments share: free base parameters, then those of effects.
+    """Vector of the parameters common to all segments: free base parameters, then those of effects.
 
     Parameters
     ----------
-    theta : base parameters: what is not free stays. places : of the free ones in it. effects : in the order in which
-    they act. held : numbers of effects that stay, besides the problem's; fixed_effects : all of them do.
+    theta : all base parameters, with values for those not free.
+    places : indices of the free ones in *theta*.
+    effects : in the order in which they act.
+    held : parameters of effects that stay fixed, in addition to those of the problem.
+    fixed_effects : whether all parameters of effects stay fixed.
     """
 
     def __init__(
@@ -167,11 +175,11 @@ class FreeNumbers:
         self.shared = len(places) + len(self.free_effects)
 
     def pack_shared(self) -> Array:
-        """Return these numbers (f,)."""
+        """Return the free parameters (f,) as a vector."""
         return np.concatenate([self.theta[self.places], [self.effects[i].values[n] for i, n in self.free_effects]])
 
     def unpack_shared(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...]]:
-        """Return all base parameters, and the effects, of a vector that begins with these numbers."""
+        """Return all base parameters, and the effects, for a vector *x* that begins with the free parameters."""
         p = len(self.places)
         theta = self.theta.copy()
         theta[self.places] = x[:p]
@@ -183,10 +191,11 @@ class FreeNumbers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFit:
-    """A model fitted to a problem: :class:`.Fitted` by least squares, :class:`.NoisyFit` with process noise.
+    """A model fitted to a problem: :class:`.Fitted` by least squares, or :class:`.NoisyFit` with process noise.
 
-    ``theta`` (p,) base parameters, ``free`` names of those that were fitted; ``effects`` with their values,
-    ``free_effects``: (index, name) of their numbers that were fitted, in the order of :class:`FreeNumbers`.
+    ``theta`` (p,): base parameters. ``free``: names of the fitted ones. ``effects``: effects with their values.
+    ``free_effects``: (index of the effect, name) of each fitted parameter of an effect. The order is that of
+    :class:`FreeNumbers`.
     """
 
     form: Form
@@ -198,24 +207,22 @@ class ModelFit:
     @property
     def names(self) -> tuple[str, ...]:
         """Names (f,) of the fitted numbers: base parameters, then those of the effects as a fit calls them."""
-        return (*self.free, *(label_of(self.effects[i], n) for i, n in self.free_effects))
+        return (*self.free, *(self.effects[i].label_of(n) for i, n in self.free_effects))
 
     def own(self, effect: EffectInstance) -> EffectInstance:
-        """Return the effect of the same slug and place with this fit's values."""
+        """Return the effect with the slug and place of *effect* and the values of this fit."""
         return next(e for e in self.effects if (e.slug, e.place) == (effect.slug, effect.place))
 
     def without(self, effect: EffectInstance) -> tuple[EffectInstance, ...]:
-        """Return the effects but that of the same slug and place."""
+        """Return all effects except the one with the slug and place of *effect*."""
         return tuple(e for e in self.effects if (e.slug, e.place) != (effect.slug, effect.place))
 
     def errors_in(self, covariance: Array, effect: EffectInstance) -> dict[str, float]:
-        """Return the standard errors of those of an effect's numbers that were fitted. covariance : (q, q)."""
+        """Return the standard errors of the fitted parameters of *effect*.
+
+        covariance : (q, q), of the fit.
+        """
         i = self.effects.index(self.own(effect))
         variances = np.diag(covariance)[len(self.free) :]
         found = zip(self.free_effects, variances, strict=False)
         return {name: float(np.sqrt(max(v, 0.0))) for (k, name), v in found if k == i}
-
-
-def label_of(own: EffectInstance, name: str) -> str:
-    """Return what a fit calls a parameter of an effect: ``dead-zone@N.width``."""
-    return f"{own.slug}@{own.place}.{name}"

@@ -1,4 +1,7 @@
-"""Doubt about thrust that is weaker in one direction, because a model has one gain for both."""
+"""Report thrust that is weaker in one direction.
+
+A model of one degree of freedom has one gain for both directions.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs_autotune.identify.result import AxisFit, Doubt
-from gcs_autotune.identify.thrust_curve import effect_number, fit_with_actuator, unexplained
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.result import AxisFit
+from gcs_autotune.identify.thrust.thrust_curve import effect_number, fit_with_actuator
 from gcs_autotune.trial import Trial
 
 __all__ = ["with_doubt_of_thrust"]
 
 _LOPSIDED = "asymmetric-thrust"
 _USED = 0.1
-"""Share of full beyond which a force was used that way."""
+"""Fraction of full output above which a direction of thrust counts as used."""
 _STDS, _EVIDENCE = 5.0, 10.0
-"""Standard errors and BIC difference by which thrust is reported to differ between directions."""
+"""Standard errors and BIC difference above which thrust is reported to differ between directions."""
 _WAYS: Mapping[str, tuple[str, str]] = {
     "X": ("ahead", "astern"),
     "Y": ("to starboard", "to port"),
@@ -30,7 +34,7 @@ _WAYS: Mapping[str, tuple[str, str]] = {
 
 
 def with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -> AxisFit:
-    """Return *fit* with a doubt if thrust is clearly weaker in one direction; the model has one gain for both."""
+    """Return *fit* with a doubt if thrust is clearly weaker in one direction."""
     force = fit.model.axis.force
     shares = np.concatenate([run[force].values for run in used])
     if not (shares.min() < -_USED and shares.max() > _USED):
@@ -39,7 +43,7 @@ def with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -
     if other is None:
         return fit
     ratio, size = effect_number(other, _LOPSIDED), len(shares)
-    evidence = -2.0 * size * math.log(max(unexplained(other), 1e-9) / unexplained(fit)) - math.log(size)
+    evidence = -2.0 * size * math.log(max(other.unexplained, 1e-9) / fit.unexplained) - math.log(size)
     if evidence < _EVIDENCE or not abs(1.0 - ratio.value) > _STDS * ratio.std:
         return fit
     one, way = _WAYS[force]

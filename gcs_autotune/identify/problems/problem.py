@@ -1,7 +1,7 @@
-"""Definition of a fit before any numbers: segments and a form, ready for any effects.
+"""Define a fit: segments and a form, to be fitted with any effects.
 
-In :meth:`Problem.fit` every noise level is optimal at every step (:meth:`.Objective.concentrated`), so that costs of
-models with different effects can be compared. Initial states are fitted per segment.
+In :meth:`Problem.fit` every noise level is optimal at every step (:meth:`.Objective.concentrated`). The costs of models
+with different effects can therefore be compared. Initial states are fitted per segment.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, in_order
-from gcs_autotune.identify.fitted import Fitted
-from gcs_autotune.identify.free_numbers import StampedProblem
-from gcs_autotune.identify.initial_guess import initial_guess_of
-from gcs_autotune.identify.least_squares import Rules, descend
-from gcs_autotune.identify.likelihood import Objective, sums_of
-from gcs_autotune.identify.segment import Segment
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.free_numbers import StampedProblem
+from gcs_autotune.identify.problems.initial_guess import initial_guess_of
+from gcs_autotune.identify.problems.least_squares import Rules, descend
+from gcs_autotune.identify.problems.likelihood import Objective, sums_of
+from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.kept_results import recalled
 
 __all__ = ["Problem"]
@@ -28,46 +28,53 @@ __all__ = ["Problem"]
 Array = NDArray[np.float64]
 
 FLOOR = 1e-3
-"""Smallest noise level, relative to a signal's standard deviation; smaller errors do not matter on the water."""
+"""Smallest noise level, relative to a signal's standard deviation. Smaller errors do not matter in practice."""
 
 ANGLES, TURN = ("phi", "theta", "psi"), 2.0
-"""Heading signals, and the spread [rad] up to which their motion counts for the noise floor.
+"""Names of the angles, and largest spread [rad] of them that is used for the noise floor.
 
-A heading that turns several times is not measured less accurately.
+The spread is limited because an angle that turns several times is not measured less accurately.
 """
 
 WAYS = {"x": ("u", "v"), "y": ("u", "v"), "z": ("w",)}
 STRIDE = 20
-"""Number of samples over which a position's change counts for the noise floor; a long distance covered does not."""
+"""Number of samples over which a position's change counts as its spread for the noise floor. The whole distance covered
+would be too large."""
 
 TOLERANCE = 1e-8
-"""Relative decrease of the cost that ends a search; the cost is some ten times the number of samples."""
+"""Relative decrease of the cost that ends a search. The cost is about ten times the number of samples."""
 
 LESSONS = 3
-"""Rounds of fitting and learning if a disturbance is learnt from the residuals."""
+"""Number of rounds of fitting and updating, if a disturbance is learnt from the residuals."""
 
 
 class Problem(StampedProblem):
-    """Segments and a form, ready to fit with any effects; parameters as of :class:`.StampedProblem`."""
+    """Segments and a form, to be fitted with any effects.
+
+    Parameters are those of :class:`.StampedProblem`.
+    """
 
     @cached_property
     def motion(self) -> Mapping[str, float]:
-        """Spread of every signal, up to what counts of it."""
+        """Spread of every signal, with the limits for the noise floor."""
         spread = {} if self.summary is None else self.summary.spread
         return {name: min(s, _way(name, self.data_summary)) for name, s in spread.items()}
 
     @cached_property
     def floors(self) -> Mapping[str, float]:
-        """Least noise level of every signal."""
+        """Smallest noise level of every signal."""
         return {name: FLOOR * s for name, s in self.motion.items()}
 
     def on(self, segments: Sequence[Segment], free: Sequence[str] | None = None) -> Problem:
-        """Return the same problem on other segments (or with other base parameters free)."""
+        """Return the same problem on other segments, or with other base parameters free."""
         chosen = self.free if free is None else free
         return Problem(self.form, segments, self.summary, self.limits, chosen, self.held, self.stamps)
 
     def holding(self, free: Sequence[str], held: Collection[tuple[str, str, str]]) -> Problem:
-        """Return the same problem with the base parameters *free* only, and the numbers *held* of effects known."""
+        """Return the same problem with only the base parameters *free*.
+
+        held : parameters of effects that are fixed.
+        """
         return Problem(self.form, self.segments, self.summary, self.limits, free, held, self.stamps)
 
     def fit(
@@ -81,9 +88,9 @@ class Problem(StampedProblem):
         learn: bool = True,
         shift: float = 0.0,
     ) -> Fitted | None:
-        """Fit from these values; return None if the motion diverges at the start.
+        """Fit from these start values; return None if the motion diverges there.
 
-        Within :func:`.keeping` a known fit is only evaluated.
+        Within :func:`.keeping` the result of a known fit is reused and only evaluated.
         """
         effects = in_order(effects)
 
@@ -100,7 +107,7 @@ class Problem(StampedProblem):
         )
 
     def _refit(self, kept: dict[str, Any] | None, *, fixed_effects: bool) -> Fitted | None:
-        """Return the fit that was kept as :func:`_plain_fit` has it."""
+        """Return a fit from the cached data of :func:`_plain_fit`."""
         if kept is None:
             return None
         effects = in_order([EffectInstance(**e) for e in kept["effects"]])
@@ -141,26 +148,31 @@ class Problem(StampedProblem):
         return _fitted(self, objective, minimum.x, minimum.converged)
 
     def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[EffectInstance, ...], tuple[Array, ...]]:
-        """Return parameters, effects and initial states of a fit moved *by* (q,), in the order of its Jacobian."""
+        """Return parameters, effects and initial states of a fit, changed by *by* (q,).
+
+        The order of *by* is that of the fit's Jacobian.
+        """
         objective = Objective(self, fitted.theta, fitted.initial, fitted.effects, shift=fitted.shift)
         theta, effects, initial, _ = objective.unpack(np.clip(objective.pack() + by, *objective.limits()))
         return theta, effects, initial
 
     def first_states(self, segments: Sequence[Segment]) -> tuple[Array, ...]:
-        """Return initial states of any segments, read off their first samples."""
+        """Return initial states of *segments*, estimated from their first samples."""
         return initial_guess_of(self.form, segments).initial
 
     def states(
         self, theta: Array, effects: Sequence[EffectInstance], initial: Sequence[Array], shift: float = 0.0
     ) -> Fitted | None:
-        """Fit only the initial states (and the shift of input stamps), to see how a given model predicts these
-        segments."""
+        """Fit only the initial states and the shift of input stamps.
+
+        The result shows how well a model predicts these segments.
+        """
         alone = self.on(self.segments, free=())
         return alone.fit(theta, effects, initial, fixed_effects=True, learn=False, trials=15, shift=shift)
 
 
 def _fitted(problem: Problem, objective: Objective, x: Array, converged: bool) -> Fitted | None:
-    """Return the fit that ended at *x*."""
+    """Return the fit with the parameters *x*, at which the search ended."""
     residuals = objective.residuals(x)
     if residuals is None:
         return None
@@ -191,7 +203,10 @@ def _fitted(problem: Problem, objective: Objective, x: Array, converged: bool) -
 
 
 def _plain_fit(fitted: Fitted | None) -> dict[str, Any] | None:
-    """Return a fit in JSON's own types: its numbers, from which all else follows."""
+    """Return the parameters of a fit as data for JSON.
+
+    All other results can be calculated from them.
+    """
     if fitted is None:
         return None
     return {
@@ -205,7 +220,7 @@ def _plain_fit(fitted: Fitted | None) -> dict[str, Any] | None:
 
 
 def _way(signal: str, data_summary: DataSummary) -> float:
-    """Return up to where the spread of a signal counts."""
+    """Return the largest spread of a signal that is used for its noise floor."""
     if signal in ANGLES:
         return TURN
     speed = float(np.hypot.reduce([data_summary.spread.get(v, 0.0) for v in WAYS.get(signal, ())]))

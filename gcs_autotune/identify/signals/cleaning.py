@@ -1,20 +1,21 @@
 """Clean one channel: invalid numbers, repeated or reversed stamps, wrapped angles, clipping, gaps in an input.
 
-Clipping shows as runs of identical extreme values that the motion enters and leaves at speed. A craft at rest, or a
-coarse sensor, also stays at an extreme, but enters and leaves slowly. Samples at the limit of the range only give a
-lower bound and are left out. Nothing else is changed, so no gap appears while the input still acts.
+A clipped signal stays at its extreme value for several samples, and changes fast just before and after. A craft at
+rest, or a coarse sensor, also repeats an extreme value, but changes slowly before and after. Samples at the limit of
+the range are left out, because they are only a bound on the true value. No other samples are removed, so that no gap
+appears while the input acts.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune.errors import BadFile
-from gcs_autotune.identify.result import Doubt
+from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.sensor import quantum
 from gcs_autotune.trial import Channel, Trial
 
 __all__ = [
@@ -24,11 +25,8 @@ __all__ = [
     "continuous",
     "holes_of",
     "jumps_back",
-    "moves",
-    "noise_of",
     "noted",
     "outside",
-    "quantum",
     "unwrap",
     "within_range",
 ]
@@ -37,40 +35,42 @@ Array = NDArray[np.float64]
 
 
 JUMP_SAMPLES = 3
-"""Number of consecutive samples older than an earlier one that count as a clock jump; fewer are late samples."""
+"""Number of consecutive samples older than an earlier one that count as a jump of the clock. Fewer are late samples."""
 
 LATE = 0.05
-"""Largest fraction of late samples that may be left out. Above it the clock is not reliable."""
+"""Largest fraction of late samples that may be left out. With more, the clock is not reliable."""
 
 FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
-"""Size of an angle's jump by a full turn, in either unit."""
+"""Size of a full turn in each unit of an angle. Jumps of this size are removed from headings."""
 
 OVERTAKEN = 5.0
-"""Largest lateness of an accepted sample, in median steps."""
+"""Largest lateness of a late sample that is kept, in median time steps."""
 
 DWELL = 3
-"""Minimum number of identical extreme samples in a row that count as clipping."""
+"""Smallest number of identical extreme samples in a row that counts as clipping."""
 
 SPEED = 0.3
-"""Least step next to identical samples, relative to the usual step of the signal."""
+"""Smallest change next to identical extreme samples that counts as fast, relative to the signal's usual change per
+sample."""
 
 QUANTA = 3.0
-"""The same in steps of the sensor's resolution."""
+"""Smallest change next to identical extreme samples that counts as fast, in steps of the sensor's resolution."""
 
 STEADY = 0.9
-"""Fraction of the time steps near the usual one, from which an input counts as regularly recorded."""
+"""Fraction of time steps near the usual one, above which an input counts as regularly recorded."""
 
 LONGEST, STEPS = 1.0, 10.0
-"""Limits (seconds, usual steps) that a silence must both exceed to be a gap in a regularly recorded input."""
+"""Limits (seconds, usual time steps) of an interval without samples. If it exceeds both, it is a gap in a regularly
+recorded input."""
 
 
 def noted(trial: Trial) -> list[Doubt]:
-    """Return the doubts noted earlier about a run, from its ``meta["notes"]``."""
+    """Return the doubts about a run that were stored in its ``meta["notes"]``."""
     return [Doubt(*(str(part) for part in note)) for note in trial.meta.get("notes", ()) if len(note) == 3]
 
 
 def jumps_back(t: Array) -> NDArray[np.intp]:
-    """Return the indices of the samples at which the clock restarts at an earlier time."""
+    """Return the indices of the samples at which the clock jumps to an earlier time."""
     known = np.flatnonzero(np.isfinite(t))
     stamps = t[known]
     found = []
@@ -82,7 +82,9 @@ def jumps_back(t: Array) -> NDArray[np.intp]:
 
 
 def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Drop invalid numbers and repeated stamps (the first stays); sort late samples.
+    """Return *channel* without invalid numbers and repeated stamps, with late samples sorted.
+
+    Of samples with the same stamp, the first is kept.
 
     Raises
     ------
@@ -125,7 +127,7 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
 
 
 def _note_repeats(count: int, name: str, run: str, notes: list[Doubt]) -> None:
-    """Note repeated stamps, once for all columns of *run* that share them."""
+    """Add a doubt about repeated stamps, one for all columns of *run* with the same repeats."""
     start, end = f"{count} stamps of ", f" in run '{run}' are repeated"
     for i, note in enumerate(notes):
         if note.slug == "repeated-stamps" and note.cause.startswith(start) and note.cause.endswith(end):
@@ -138,7 +140,7 @@ def _note_repeats(count: int, name: str, run: str, notes: list[Doubt]) -> None:
 
 
 def _in_order(t: Array, values: Array, late: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Put late samples where their stamps say; leave out those too late to have been merely overtaken."""
+    """Return the samples sorted by stamp, without those later than :data:`OVERTAKEN` allows."""
     if not late.any():
         return t, values
     behind = np.maximum.accumulate(t) - t
@@ -148,7 +150,10 @@ def _in_order(t: Array, values: Array, late: NDArray[np.bool_]) -> tuple[Array, 
 
 
 def unwrap(t: Array, angle: Array, rate: Channel | None) -> Array:
-    """Make *angle* [rad] continuous; over gaps the turn continues at the measured or the last rate."""
+    """Return *angle* [rad] without jumps of a full turn.
+
+    Over a gap the turn continues at the measured rate or, without one, at the last rate.
+    """
     step = np.diff(angle)
     turns = np.round(step / (2.0 * np.pi))
     dt = np.diff(t)
@@ -170,38 +175,11 @@ def _turn_expected(t: Array, angle: Array, rate: Channel | None, i: int) -> floa
     return float((recent[-1] - recent[0]) / (t[i] - t[first]) * (t[i + 1] - t[i]))
 
 
-def noise_of(values: Array) -> float:
-    """Return the standard deviation of the noise of *values* (n,), from second differences, which suppress slow
-    motion."""
-    second = np.diff(values, n=2)
-    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
-
-
-MOVES = 2.0
-"""Ratio of a velocity's standard deviation to that of its noise, above which the craft moved."""
-
-
-def moves(values: Array) -> bool:
-    """Return whether a measured velocity (n,) varies by more than its own noise."""
-    noise = float(np.std(np.diff(values))) / math.sqrt(2.0)
-    return float(np.std(values)) > MOVES * noise
-
-
-def quantum(values: Array) -> float:
-    """Return the step of a coarsely quantised signal, 0 if its values have no common grid."""
-    levels = np.unique(values)
-    span = float(levels[-1] - levels[0]) if len(levels) else 0.0
-    if len(levels) < 3 or len(levels) > len(values) / 2 or span <= 0.0:
-        return 0.0
-    gaps = np.diff(levels)
-    gaps = gaps[gaps > 1e-6 * span]
-    step = float(gaps.min())
-    multiples = gaps / step
-    return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02) else 0.0
-
-
 def clipped(channel: Channel) -> NDArray[np.bool_]:
-    """Return which samples (n,) are at the limit of the range; none if the signal is not clipped."""
+    """Return which samples (n,) are at the limit of the sensor's range.
+
+    Without clipping, no sample is.
+    """
     x = channel.values
     none = np.zeros(len(x), dtype=bool)
     if len(x) < 10 * DWELL or np.ptp(x) == 0.0:
@@ -223,7 +201,10 @@ def clipped(channel: Channel) -> NDArray[np.bool_]:
 
 
 def _breaks_off(x: Array, start: int, length: int, least: float) -> bool:
-    """Whether the signal comes to a dwell and leaves it at speed: the second steps before and after are not small."""
+    """Return whether the signal changes fast both before and after a stretch of identical values.
+
+    The second step before and the second step after must exceed *least*.
+    """
     before, after = start - 2, start + length + 1
     if before < 0 or after >= len(x):
         return False
@@ -232,15 +213,18 @@ def _breaks_off(x: Array, start: int, length: int, least: float) -> bool:
 
 
 def _levels_off(x: Array, extreme: float, least: float) -> bool:
-    """Whether as many samples lie just short of the extreme as at it: a craft at its steady speed."""
+    """Return whether at least as many samples are within *least* of the extreme as at it.
+
+    This is so for a craft at its steady speed.
+    """
     short = np.abs(x - extreme)
     return bool(np.sum((short > 0.0) & (short <= least)) >= np.sum(short == 0.0))
 
 
 def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Return *channel* without its samples at the limit of the sensor's range, and note what was left out.
+    """Return *channel* without its samples at the limit of the sensor's range, and note their number.
 
-    A heading has no limits: it may turn back quickly anywhere.
+    A heading has no such limits: it may reverse quickly anywhere.
     """
     if channel.name == "psi":
         return channel
@@ -260,7 +244,7 @@ def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
 
 
 def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, float]]:
-    """Return the times [s] between which a regularly recorded input is unknown, and note them."""
+    """Return the start and end [s] of each gap in a regularly recorded input, and note them."""
     dt = np.diff(drive.t)
     if len(dt) < 20:
         return []
@@ -282,7 +266,7 @@ def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, 
 
 
 def outside(channel: Channel, holes: list[tuple[float, float]]) -> Channel:
-    """Return *channel* without its samples in the gaps *holes*."""
+    """Return *channel* without its samples in the gaps *holes* (start and end [s])."""
     if not holes:
         return channel
     keep = np.ones(len(channel), dtype=bool)
@@ -292,7 +276,7 @@ def outside(channel: Channel, holes: list[tuple[float, float]]) -> Channel:
 
 
 def continuous(angle: Channel) -> Channel:
-    """Return *angle* without jumps of a full turn, whatever its real unit."""
+    """Return *angle* without jumps of a full turn, whether its values are radians or degrees."""
     values = angle.values
     good = values[np.isfinite(values)]
     if not len(good):

@@ -1,4 +1,4 @@
-"""Estimates from measured signals before any fit: noise levels, steps of coarse sensors, first states of one axis."""
+"""Estimate noise levels, sensor resolution and initial states from measured signals before any fit."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.identify.segment import Segment, Signal
+from gcs_autotune.identify.signals.segment import Segment, Signal
 
 __all__ = ["first_levels", "first_states", "quanta_of", "roughness"]
 
 Array = NDArray[np.float64]
 
 SAME_GRID = 0.02
-"""Largest deviation, in steps, of one segment's grid from another's."""
+"""Largest deviation between the grids of sensor values in two segments, in sensor steps, for both to count as one grid.
+"""
 
 
 def first_levels(segments: Sequence[Segment]) -> dict[str, float]:
-    """Return noise levels to begin with, per signal: the scatter about a parabola through neighbours."""
+    """Return initial noise levels per signal: the scatter about a parabola through neighbouring samples."""
     names = dict.fromkeys(n for s in segments for n in s.signals)
     rough = {n: [roughness(s.signals[n]) for s in segments if n in s.signals] for n in names}
     return {n: max(float(np.mean(levels)), 1e-9) for n, levels in rough.items()}
 
 
 def quanta_of(segments: Sequence[Segment]) -> dict[str, float]:
-    """Return the steps of those signals whose rounding is too coarse to pass for Gaussian noise.
+    """Return the steps of signals whose rounding is too coarse to be treated as Gaussian noise.
 
-    Coarse means a step above the signal's own roughness, ``sqrt(sigma**2 + q**2/12)``, that is ``q > 1.04 sigma``;
-    below it mean and variance of the rounding error are those of independent noise to 1e-7, whatever the truth
-    (Widrow2008, the quantisation theorems). All segments must share one grid.
+    Coarse means a step above the signal's roughness ``sqrt(sigma**2 + q**2/12)``, that is, ``q > 1.04 sigma``. Below
+    this, mean and variance of the rounding error equal those of independent noise to 1e-7, whatever the true value
+    (Widrow2008, the quantisation theorems). All segments must share one grid of values.
     """
     quanta = {}
     for name, level in first_levels(segments).items():
@@ -42,7 +43,7 @@ def quanta_of(segments: Sequence[Segment]) -> dict[str, float]:
 
 
 def roughness(signal: Signal) -> float:
-    """Return the scatter of *signal* about a parabola through its neighbours."""
+    """Return the scatter of *signal* about a parabola through neighbouring samples."""
     third = np.diff(signal.values, n=3)
     return max(
         float(np.sqrt(np.mean(third**2) / 20.0)),
@@ -52,7 +53,7 @@ def roughness(signal: Signal) -> float:
 
 
 def first_states(segments: Sequence[Segment]) -> tuple[Array, ...]:
-    """Return initial position and velocity (2,) per segment of one axis, read off the first samples."""
+    """Return the initial position and velocity (2,) per segment of one axis, estimated from the first samples."""
     states = []
     for segment in segments:
         own = np.zeros(2)

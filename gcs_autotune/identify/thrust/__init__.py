@@ -1,0 +1,39 @@
+"""Actuators that are weak for small commands, dead near neutral, or weaker one way, identified together with the craft.
+
+=================  =================================================================================
+thrust_curve       an ROV's thrusters, from oscillations of two sizes and a step
+surge              a boat's throttle, inertia and drag, from throttle steps
+asymmetric_thrust  the doubt that thrust is weaker one way
+=================  =================================================================================
+"""
+
+from __future__ import annotations
+
+from gcs_autotune.identify.coupled.one_axis import with_actuator
+from gcs_autotune.identify.thrust.asymmetric_thrust import with_doubt_of_thrust
+from gcs_autotune.identify.thrust.surge import CURVE, fit_surge, set_on_the_way_back, square_of
+from gcs_autotune.identify.thrust.thrust_curve import (
+    DEAD_ZONE,
+    QUADRATIC,
+    effect_number,
+    fit_thrust_curve,
+    fit_with_actuator,
+    pays,
+    thrust_curve_told,
+)
+
+__all__ = [
+    "CURVE",
+    "DEAD_ZONE",
+    "QUADRATIC",
+    "effect_number",
+    "fit_surge",
+    "fit_thrust_curve",
+    "fit_with_actuator",
+    "pays",
+    "set_on_the_way_back",
+    "square_of",
+    "thrust_curve_told",
+    "with_actuator",
+    "with_doubt_of_thrust",
+]
