@@ -283,7 +283,11 @@ def _curve_for_constant(search: NoiseSearch, slugs: Sequence[str], say: Say) -> 
     structural = [s for s in slugs if EFFECTS[s].is_structural]
     choices = choices_of(search.problem.data_summary, structural, without.effects)
     scorer = _scorer_of(search, without, max(search.tried, len(choices)), say)
-    step = judge(scorer, fits_of(scorer, choices))
+    ends = []
+    for own, fit in fits_of(scorer, choices):  # without the constant the other values may have moved far
+        again = search.problem.fit(search.fit.theta, (*rest, own), search.fit.noise)
+        ends.append((own, again if again is not None and again.total > fit.total else fit))
+    step = judge(scorer, ends)
     won = step.accepted
     if won is None or won.fit.total - won.fit.price(won.fit.unknowns - search.fit.unknowns) <= search.fit.total:
         return search

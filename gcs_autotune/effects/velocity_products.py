@@ -364,7 +364,7 @@ class SpeedDamping(NamedProduct):
     slug = "speed-damping"
     derivative = "N_|u|r"
     meaning = "turning gets harder with speed, ahead or astern: yaw damping grows with the flow"
-    plain = "The resistance of your {craft} to turning changes with its speed; that of {simulation} does not."
+    plain = "Your {craft}'s turning resistance grows with speed; {simulation}'s does not."
     parameters = (Quantity("N_|u|r", "moment s^2/(m rad)", "yaw moment per speed ahead or astern and turn rate"),)
     shown_by = "yaw residual against |u| times r: turns fade sooner under way than at rest"
     mistaken_for = ("quadratic-drag", "speed-dependent-steering", "sway-moment", "munk-moment", "velocity-product")
