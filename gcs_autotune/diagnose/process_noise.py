@@ -88,7 +88,7 @@ class NoiseSearch:
     own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     """Held-out gain of each cause over the model without it."""
     interval: str = ""
-    """Description of how the result changes with the interval between the judged samples; empty if it does not."""
+    """Description of how the result changes with the sampling interval of the thinned runs; empty if it does not."""
 
     @property
     def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
@@ -111,7 +111,7 @@ class NoiseSearch:
         return {name for group in self.alike() for name in group} | {name_of(a.effect) for a in self.accepted}
 
     def stopped(self, over: OutOfTime) -> NoiseSearch:
-        """Return the search in its present state, marked as stopped."""
+        """Return the search so far, marked as stopped."""
         return replace(self, cut=(*self.cut, str(over)))
 
     @property
@@ -197,7 +197,7 @@ def form_alone(form: Form, dof: str) -> Form | None:
     if not inputs or form.coriolis or damping not in form.parameters:
         return None
     rigid = {"u": "m", "v": "m", "w": "m", "p": "I_x", "q": "I_y", "r": "I_z"}[d.velocity]
-    title = f"{dof} alone, per unit of inertia"
+    title = f"model of {dof} alone, per unit of inertia"
     free = (gain, damping)
     return Form("plain", title, (dof,), free, {rigid: 1.0}, inputs, coriolis=False, per_inertia=(d.force,))
 
@@ -261,7 +261,7 @@ def search_with_process_noise(
 
 
 def _reconsidered(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearch:
-    """Return the search with the gain of the drifting force over its causes, and without superfluous causes."""
+    """Reconsider the earlier causes, and calculate the gain of the drifting force beside the remaining ones."""
     search = _without_idle(_curve_for_constant(search, slugs, say))
     return replace(search, still=_over_constants(search.problem, search.fit))
 
@@ -488,15 +488,15 @@ def _folds(segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: b
             own = tuple(b for blocks in pieces for b in blocks[k : k + 1])
             rest = tuple(b for blocks in pieces for b in (*blocks[:k], *blocks[k + 1 :]))
             folds.append((rest, own))
-        words = f"{len(folds)} blocks of every run left out in turn"
+        words = f"{len(folds)} blocks of every run held out in turn"
     elif len(runs) > 1:
         for run in runs:
             folds.append((tuple(s for s in segments if s.run != run), tuple(s for s in segments if s.run == run)))
-        words = f"each of {len(runs)} runs left out in turn"
+        words = f"each of {len(runs)} runs held out in turn"
     else:
         blocks = [b for s in segments for b in s.pieces(MOST_BLOCKS)]
         folds = [(tuple(b for b in blocks if b is not own), (own,)) for own in blocks]
-        words = f"{len(blocks)} blocks of the run left out in turn"
+        words = f"{len(blocks)} blocks of the run held out in turn"
     if held:
         folds.append((tuple(segments), tuple(held)))
         words += ", and the held-out runs"

@@ -1,15 +1,15 @@
-"""The strategies of a search, each ``SearchState -> SearchState | None``: None where it has nothing to add.
+"""The strategies of a search, each ``SearchState -> SearchState | None``; None means that nothing was added.
 
-:data:`SEARCH` looks for causes over the runs as they are, :func:`follow` goes through them in order. If that finds
-nothing, those of ``retries`` search again.
+:data:`SEARCH` lists the strategies for whole runs, and :func:`follow` applies them in order. If they find nothing, the
+strategies of ``retries`` search again.
 
-===========================  ==========================================================================================
-``add_causes``               one cause after the other; each earlier one is compared with its rivals again
-``start_at_segments``        if the base diverged: again, with causes fitted in short pieces of the runs
+===========================  =========================================================================================
+``add_causes``               add one cause after the other; compare each earlier one with its rivals again
+``start_at_segments``        if the base diverged, start again with causes fitted in short pieces of the runs
 ``tie_break``                of causes that explain the runs equally well, report the most common
-``drop_explained_moments``   drop causes at a moment that a recorded command explains as well
+``drop_explained_moments``   drop causes at one time that a recorded command explains as well
 ``drop_insignificant``       drop causes whose intervals include no effect
-===========================  ==========================================================================================
+===========================  =========================================================================================
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ __all__ = [
 Strategy = Callable[[SearchState], SearchState | None]
 
 MOST_CAUSES = 6
-"""Maximum number of causes; an instrumented craft has three or four of its own."""
+"""Maximum number of causes; an instrumented craft usually has three or four."""
 
 DONE = 0.5
 """Whiteness p-value above which only disturbances are still tried."""
@@ -222,7 +222,7 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
     Disturbances are excluded: a filter that learns from the residual predicts any ringing of a wrong model.
     """
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, step = state.step(f"{stage} and one more", path.taken[-1].fit, slugs=slugs, quick=True)
+    state, step = state.step(f"{stage} with one more cause", path.taken[-1].fit, slugs=slugs, quick=True)
     if not step.judged or step.judged[0].evidence <= 0.0:
         return state, None
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
@@ -271,7 +271,7 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     if not is_needed(likelihood, kept, without, state.tried):
         return state.with_model(without)
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, again = state.step(f"is {slug} still needed", without, slugs=slugs, quick=True, most=RIVALS)
+    state, again = state.step(f"check whether {slug} is still needed", without, slugs=slugs, quick=True, most=RIVALS)
     rivals = [j for j in again.judged if j.effect.slug != slug and not EFFECTS[j.effect.slug].happens_at]
     fits = [_likelier_fit(state.problem, kept, rest, j) for j in rivals]
     rival = min(fits, key=lambda f: f.cost + bic_penalty(f, kept), default=kept)
@@ -320,7 +320,8 @@ def plain_constants(state: SearchState) -> SearchState | None:
 
 
 def drop_explained_moments(state: SearchState) -> SearchState | None:
-    """Remove a cause at a moment if, with all others present, a recorded command explains the runs as well."""
+    """Remove a cause that happens at one time if, with all others present, a recorded command explains the runs as
+    well."""
     effect = next((e for e in state.causes if state.scorer().follows_a_command(e, state.fitted)), None)
     rest = tuple(e for e in state.fitted.effects if e is not effect)
     fit = state.fitted

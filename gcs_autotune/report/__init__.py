@@ -1,16 +1,16 @@
-"""The only package that formats for people: pages, terminal tables, live lines, wording.
+"""The only package that formats results for users: pages, terminal tables, live lines, wording.
 
 Each report is a :class:`Document`, built by the function named after it and shown by :func:`to_html`,
-:func:`print_document` or :func:`to_json`. A new section is one function beside those of its report.
+:func:`print_document` or :func:`to_json`. To add a section, add a function to the module of its report.
 
 =========  ======================================================================
-toolkit    the document model, its three renderers, and what reports share
+toolkit    the document model, its three renderers, and common parts
 plots      figures of results, for pages and notebooks
 tune       the report of a tune, and its run directory
 study      the report of an identification or experiment
 flight     the report of a manoeuvre, and of its preview
 diagnosis  the report of what a simulation gets wrong
-summaries  the reports of the commands without a page
+summaries  reports of the commands that write no page
 =========  ======================================================================
 """
 

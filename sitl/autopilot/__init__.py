@@ -1,7 +1,7 @@
 """The simulated autopilot: the parts of ArduRover and ArduSub that a tuner uses.
 
-``autopilot`` is what both share; ``rover*`` and ``sub*`` are the two firmwares; ``pid`` and ``shaping`` the blocks
-their loops are built of; ``parameters`` the store, ``*_parameters`` the tables.
+``autopilot`` is the common part. ``rover*`` and ``sub*`` are the two firmwares. ``pid`` and ``shaping`` contain the
+blocks of their loops, ``parameters`` the parameter store, and ``*_parameters`` the tables.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ FIRMWARE: Mapping[str, tuple[type[Autopilot], Sequence[Definition]]] = {
 """Name in a vehicle's data file -> the autopilot and its parameters."""
 
 _MOST_RATE = 1000
-"""Highest loop rate [Hz]: time is reported in whole milliseconds."""
+"""Highest loop rate [Hz], because time is reported in whole milliseconds."""
 
 
 def loop_rate(parameters: ParameterStore) -> int:

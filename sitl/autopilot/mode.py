@@ -10,7 +10,7 @@ __all__ = ["Mode"]
 class Mode(ABC):
     """One flight mode: ``run`` is called every loop while armed.
 
-    ``flags`` are the MAV_MODE_FLAG bits the heartbeat shows besides custom-mode and armed.
+    ``flags`` are the MAV_MODE_FLAG bits in the heartbeat in addition to custom-mode and armed.
     """
 
     number: int
@@ -19,8 +19,8 @@ class Mode(ABC):
     needs_position = False
 
     def enter(self) -> None:  # noqa: B027 - most modes need no preparation
-        """Prepare; called once when the mode is taken up."""
+        """Prepare the mode. It is called once on the change to the mode."""
 
     @abstractmethod
     def run(self) -> None:
-        """Convert sticks or targets into demands on the motors."""
+        """Convert sticks or targets to demands on the motors."""

@@ -21,7 +21,7 @@ _STEERING_FULL, _THROTTLE_FULL = 4500, 100
 
 
 class Rover(Autopilot):
-    """The Rover firmware. Boots in INITIAL_MODE if that mode is simulated, else in MANUAL."""
+    """The Rover firmware. It boots in INITIAL_MODE if that mode is simulated, else in MANUAL."""
 
     firmware = "ArduRover"
     mav_type = 11
@@ -41,7 +41,7 @@ class Rover(Autopilot):
 
     @property
     def guided(self) -> RoverGuidedMode:
-        """The GUIDED mode, for targets from the ground."""
+        """The GUIDED mode, for targets from the ground station."""
         mode = self.modes[RoverGuidedMode.number]
         assert isinstance(mode, RoverGuidedMode)
         return mode
@@ -85,13 +85,13 @@ class Rover(Autopilot):
         self.motors.output(self.rail, self.estimate.speed, armed=self.armed)
 
     def stick(self, channel: int, full: int) -> int:
-        """Return a stick's position within -full..full, in the firmware's whole steps."""
+        """Return a stick's position within -full..full, in whole steps as in the firmware."""
         return self.rc.angle(channel, full, self.parameters[f"RC{channel}_DZ"])
 
     def pilot_sticks(self) -> tuple[float, float]:
-        """Return (steering, throttle) as fractions -1..1; neutral when the radio is lost.
+        """Return (steering, throttle) as fractions -1..1; neutral if the radio is lost.
 
-        Going astern the steering is turned round (PILOT_STEER_TYPE 0).
+        Astern the steering is reversed (PILOT_STEER_TYPE 0).
         """
         if self._failsafe.radio_lost:
             return 0.0, 0.0
@@ -102,17 +102,17 @@ class Rover(Autopilot):
         return steering, throttle
 
     def steer_rate(self, rate: float) -> None:
-        """Let the rate loop steer at *rate* [rad/s]."""
+        """Use the rate loop to steer at *rate* [rad/s]."""
         estimate = self.estimate
         out = self.steering.run(self.ms, rate, estimate.yaw_rate, estimate.speed, self.motors.limit_steer)
         self.motors.set_steering(out, scaled=True)
 
     def steer_heading(self, heading: float) -> None:
-        """Let the heading loop steer to *heading* [rad]."""
+        """Use the heading loop to steer to *heading* [rad]."""
         self.steer_rate(self.steering.rate_for_heading(wrap_pi(heading - self.estimate.yaw)))
 
     def drive_speed(self, speed: float) -> None:
-        """Let the speed loop drive at *speed* [m/s]."""
+        """Use the speed loop to drive at *speed* [m/s]."""
         out = self.speed.run(self.ms, speed, self.estimate.speed, self.motors.limit_throttle)
         self.motors.set_throttle(100.0 * out)
 
@@ -122,7 +122,7 @@ class Rover(Autopilot):
         return 0.0 if percent <= 0.0 else throttle * self.parameters["CRUISE_SPEED"] * 100.0 / percent
 
     def turn_rate_for(self, lateral_acceleration: float) -> float:
-        """Return the turn rate [rad/s] that gives *lateral_acceleration* [m/s^2] at the present speed."""
+        """Return the turn rate [rad/s] that results in *lateral_acceleration* [m/s^2] at the present speed."""
         speed = self.estimate.speed
         return lateral_acceleration / math.copysign(max(abs(speed), 1.0), speed)
 
@@ -155,7 +155,7 @@ class RoverManualMode(_RoverMode):
 
 
 class AcroMode(_RoverMode):
-    """Steering stick is a turn rate up to ACRO_TURN_RATE, throttle stick a speed."""
+    """The steering stick commands a turn rate up to ACRO_TURN_RATE, the throttle stick a speed."""
 
     number, name, flags = 1, "ACRO", _MANUAL_INPUT | _STABILIZE
 
@@ -168,7 +168,7 @@ class AcroMode(_RoverMode):
 
 
 class SteeringMode(_RoverMode):
-    """Steering stick is a lateral acceleration (up to what TURN_RADIUS and ATC_TURN_MAX_G allow)."""
+    """The steering stick commands a lateral acceleration, up to the limit of TURN_RADIUS and ATC_TURN_MAX_G."""
 
     number, name, flags = 3, "STEERING", _MANUAL_INPUT | _STABILIZE
 
@@ -184,19 +184,19 @@ class SteeringMode(_RoverMode):
 
 
 class HoldMode(_RoverMode):
-    """All outputs neutral."""
+    """Keeps all outputs neutral."""
 
     number, name, flags = 4, "HOLD", _STABILIZE
 
     def run(self) -> None:
-        """Demand zero."""
+        """Demand zero from all outputs."""
         self.rover.motors.set_steering(0.0, scaled=False)
         self.rover.motors.set_throttle(0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class GuidedTarget:
-    """A target speed [m/s] with a heading [rad] or, if None, a turn rate [rad/s]; ``ms``: arrival time."""
+    """A target speed [m/s] with a heading [rad] or, if that is None, a turn rate [rad/s]. ``ms``: arrival time."""
 
     ms: int
     speed: float
@@ -205,7 +205,7 @@ class GuidedTarget:
 
 
 class RoverGuidedMode(_RoverMode):
-    """Follows targets from the ground; after 3 s without one the boat loiters."""
+    """Follows targets from the ground station. After 3 s without one the boat loiters."""
 
     number, name, flags = 15, "GUIDED", _STABILIZE | _GUIDED
     needs_position = True
@@ -216,7 +216,7 @@ class RoverGuidedMode(_RoverMode):
         self._place = (0.0, 0.0)
 
     def enter(self) -> None:
-        """Stay here until the first target comes."""
+        """Loiter here until the first target arrives."""
         self.target = None
         self._loiter_here()
 

@@ -20,7 +20,10 @@ _LEAST_RATE = math.radians(1.0)
 
 
 class RoverSteering:
-    """Heading P, then turn-rate FF + PID. Angles in radians, output a fraction of full steering (not clipped)."""
+    """Heading P, then turn-rate FF + PID.
+
+    Angles are in radians; the output is a fraction of full steering, not clipped.
+    """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
         self._values = parameters.values
@@ -74,7 +77,7 @@ class RoverSpeedController:
         self._last_ms = -_STALE_MS
 
     def run(self, ms: int, wanted: float, speed: float, limited: bool) -> float:
-        """Return the throttle for *wanted* at the measured *speed*."""
+        """Return the throttle for the speed *wanted* at the measured *speed*."""
         if ms - self._last_ms > _STALE_MS:
             self.pid.reset()
             self._wanted = speed

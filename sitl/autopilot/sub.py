@@ -21,11 +21,11 @@ _TARGET_LIFE_MS = 5000
 _STOPPING_MS = 250
 _CM = 100.0
 _DEPTH_CUTOFF = 2.0
-"""Hz, of the low-pass on the depth loop's throttle; fixed in the firmware."""
+"""Cutoff frequency [Hz] of the low-pass on the depth loop's throttle. It is fixed in the firmware."""
 
 
 class Sub(Autopilot):
-    """The Sub firmware. Boots in MANUAL. ``gain`` is the joystick gain, read from JS_GAIN_DEFAULT at boot only."""
+    """The Sub firmware. It boots in MANUAL. ``gain`` is the joystick gain, read from JS_GAIN_DEFAULT only at boot."""
 
     firmware = "ArduSub"
     mav_type = 12
@@ -53,7 +53,7 @@ class Sub(Autopilot):
 
     @property
     def throttle_percent(self) -> int:
-        """The throttle demand [%]; 50 is neutral."""
+        """Throttle demand [%]; 50 is neutral."""
         return round(100.0 * self.motors.throttle)
 
     def check_failsafes(self) -> None:
@@ -79,18 +79,18 @@ class Sub(Autopilot):
         self.motors.output(self.rail, armed=self.armed)
 
     def note_pilot(self) -> None:
-        """Record sticks from the ground."""
+        """Record stick commands from the ground station."""
         self._failsafe.last_pilot_ms = self.ms
 
     def reset_loops(self) -> None:
-        """Hold the present heading and depth."""
+        """Reset the loops to hold the present heading and depth."""
         estimate = self.estimate
         self._hold_heading = estimate.yaw
         self.yaw.reset(estimate.yaw)
         self.depth.reset(-_CM * estimate.z, _CM * estimate.climb, self.motors.throttle)
 
     def set_heading_target(self, heading: float) -> None:
-        """Hold *heading* [rad]; a target from the ground rules over the sticks for 5 s."""
+        """Hold *heading* [rad]. A target from the ground station has priority over the sticks for 5 s."""
         self._target_ms = self.ms
         self._hold_heading = heading
 
@@ -99,25 +99,28 @@ class Sub(Autopilot):
         self.depth.target = _CM * altitude
 
     def pass_horizontal_sticks(self) -> None:
-        """Pass forward and lateral sticks to the motors (no dead zone)."""
+        """Pass the forward and lateral sticks to the motors, without a dead zone."""
         self.motors.forward = self.rc.fraction(_FORWARD)
         self.motors.lateral = self.rc.fraction(_LATERAL)
 
     def pass_yaw_stick(self) -> None:
-        """Pass the yaw stick to the motors (no dead zone)."""
+        """Pass the yaw stick to the motors, without a dead zone."""
         self.motors.yaw = self.rc.fraction(_YAW)
 
     def pass_throttle_stick(self) -> None:
-        """Pass the throttle stick to the motors, past the depth loop."""
+        """Pass the throttle stick to the motors, bypassing the depth loop."""
         self.motors.set_throttle(0.5 * (1.0 + self._throttle_stick()), 0.0)
 
     def _throttle_stick(self) -> float:
-        """Return the throttle stick as -1..1; before RCMAP_* (4.7) it counted from its trim, at its low end."""
+        """Return the throttle stick as -1..1.
+
+        Before 4.7, which added RCMAP_*, it was relative to its trim, which is at its low end.
+        """
         stick = self.rc.fraction(_THROTTLE)
         return stick if self.parameters["RCMAP_THROTTLE"] else 2.0 * stick - 1.0
 
     def steer(self) -> None:
-        """Turn by the yaw stick, else hold the heading after 250 ms to come to rest."""
+        """Turn as commanded by the yaw stick. If it is centred, hold the heading after 250 ms to come to rest."""
         estimate, ms = self.estimate, self.ms
         stick = self.rc.angle(_YAW, _YAW_STICK_FULL, self.parameters["RC4_DZ"] * self.gain)
         if ms - self._target_ms < _TARGET_LIFE_MS:
@@ -133,7 +136,7 @@ class Sub(Autopilot):
         self.motors.yaw = self.yaw.run(estimate.yaw, estimate.yaw_rate, self.motors.limit_yaw)
 
     def hold_depth(self) -> None:
-        """Climb by the throttle stick, else hold the depth."""
+        """Climb as commanded by the throttle stick. If it is centred, hold the depth."""
         estimate, depth = self.estimate, self.depth
         rate = self._climb_stick()
         altitude = -_CM * estimate.z
@@ -148,7 +151,7 @@ class Sub(Autopilot):
         self.motors.set_throttle(throttle, _DEPTH_CUTOFF)
 
     def _climb_stick(self) -> float:
-        """Return the wanted climb rate [cm/s, up], zero within THR_DZ (scaled by the gain)."""
+        """Return the commanded climb rate [cm/s, up], zero within THR_DZ (scaled by the gain)."""
         stick = self._throttle_stick()
         dead = self.parameters["THR_DZ"] * self.gain / 500.0
         if abs(stick) <= dead:
@@ -183,7 +186,7 @@ class SubManualMode(_SubMode):
 
 
 class StabilizeMode(_SubMode):
-    """Holds the heading; throttle follows the stick."""
+    """Holds the heading. The throttle follows the stick."""
 
     number, name, flags = 0, "STABILIZE", _MANUAL_INPUT | _STABILIZE
 
@@ -195,7 +198,7 @@ class StabilizeMode(_SubMode):
 
 
 class AltHoldMode(_SubMode):
-    """Heading and depth are held."""
+    """Holds heading and depth."""
 
     number, name, flags = 2, "ALT_HOLD", _MANUAL_INPUT | _STABILIZE
 
@@ -207,13 +210,16 @@ class AltHoldMode(_SubMode):
 
 
 class SubGuidedMode(_SubMode):
-    """Heading and depth follow targets from the ground; no horizontal thrust (position is not simulated)."""
+    """Heading and depth follow targets from the ground station.
+
+    There is no horizontal thrust, because position is not simulated.
+    """
 
     number, name, flags = 4, "GUIDED", _STABILIZE | _GUIDED
     needs_position = True
 
     def run(self) -> None:
-        """Run the yaw and depth loops; yaw and throttle sticks still count, the horizontal ones do not."""
+        """Run the yaw and depth loops. Yaw and throttle sticks act, the horizontal ones do not."""
         self.sub.steer()
         self.sub.hold_depth()
         self.sub.motors.forward = self.sub.motors.lateral = 0.0

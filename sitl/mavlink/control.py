@@ -1,4 +1,4 @@
-"""Sticks and targets from the ground: overrides, MANUAL_CONTROL, attitude and position targets."""
+"""Sticks and targets from the ground station: overrides, MANUAL_CONTROL, attitude and position targets."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 
 
 def handle_override(port: Port, message: Message) -> None:
-    """Process RC_CHANNELS_OVERRIDE from the ground station; it also counts as a sign of life."""
+    """Process RC_CHANNELS_OVERRIDE from the ground station. It also resets the ground station's time-out."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
@@ -45,7 +45,7 @@ def handle_override(port: Port, message: Message) -> None:
 
 
 def handle_manual_control(port: Port, message: Message) -> None:
-    """Process joystick axes from the ground station; they become overrides."""
+    """Process joystick axes from the ground station, which become overrides."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
@@ -87,7 +87,7 @@ def _yaw_of(q: Sequence[float]) -> float | None:
 
 
 def handle_attitude_target(port: Port, message: Message) -> None:
-    """Take SET_ATTITUDE_TARGET: heading (or turn rate) and speed on Rover, heading on Sub."""
+    """Process SET_ATTITUDE_TARGET: heading (or turn rate) and speed on Rover, heading on Sub."""
     autopilot, mask = port.vehicle.autopilot, message.type_mask
     yaw = _yaw_of(message.q)
     if isinstance(autopilot, Sub):
@@ -106,7 +106,7 @@ def handle_attitude_target(port: Port, message: Message) -> None:
 
 
 def handle_local_target(port: Port, message: Message) -> None:
-    """Take SET_POSITION_TARGET_LOCAL_NED on Rover in GUIDED: velocity, with yaw, yaw rate or neither."""
+    """Process SET_POSITION_TARGET_LOCAL_NED on Rover in GUIDED: velocity, with yaw, yaw rate or neither."""
     rover, mask = port.vehicle.autopilot, message.type_mask
     if not isinstance(rover, Rover) or rover.mode is not rover.guided:
         return
@@ -129,7 +129,7 @@ def handle_local_target(port: Port, message: Message) -> None:
 
 
 def handle_global_target(port: Port, message: Message) -> None:
-    """Take SET_POSITION_TARGET_GLOBAL_INT on Sub in ALT_HOLD or GUIDED: ``alt`` [m], negative under water."""
+    """Process SET_POSITION_TARGET_GLOBAL_INT on Sub in ALT_HOLD or GUIDED: ``alt`` [m], negative under water."""
     sub = port.vehicle.autopilot
     if not isinstance(sub, Sub) or sub.mode.number not in (_ALT_HOLD, _GUIDED_SUB):
         return

@@ -211,7 +211,7 @@ def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() ->
     nothing = cast(Any, SimpleNamespace(accepted=(), steps=()))
     missing = MissingForce("yaw", "1", 0.1, 20.0, math.nan, {}, (), None, (0.082, 0.122), (5.07, 78.9), 60.0)
     assert words_of(nothing, missing)[0].endswith(
-        "its correlation time is 20 s (95 %: size 0.082 to 0.12, time 5.1 s to 78.9 s); these runs do not "
+        "Its correlation time is 20 s (95 % intervals: size 0.082 to 0.12, time 5.1 s to 78.9 s). These runs do not "
         "distinguish it from a constant force"
     )
     assert words_of(nothing, replace(missing, longest=600.0))[0].endswith("78.9 s)")

@@ -137,15 +137,17 @@ def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
     assert found.verdict == "unexplained"
     assert found.missing is not None
     assert 0.05 < found.missing.size < 0.3
-    assert any("is missing in yaw" in line for line in found.left.findings)
+    assert any("acts in yaw and is not in the model" in line for line in found.left.findings)
     assert found.to_dict()["missing"]["curves"]
 
 
 def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> None:
     missing = MissingForce("yaw", "1", 0.0445, 0.4, math.nan, {})
     nothing = cast(NoiseSearch, SimpleNamespace(accepted=(), steps=()))
-    assert words_of(nothing, missing)[0].startswith("a moment of 0.0445 of full output (standard deviation)")
-    assert words_of(nothing, replace(missing, unit="N m"))[0].startswith("a moment of 0.0445 N m (standard deviation)")
+    assert words_of(nothing, missing)[0].startswith("a drifting moment of 0.0445 of full output (standard deviation)")
+    assert words_of(nothing, replace(missing, unit="N m"))[0].startswith(
+        "a drifting moment of 0.0445 N m (standard deviation)"
+    )
 
 
 def test_what_couples_two_motions_is_not_judged_in_one_alone() -> None:
@@ -257,10 +259,9 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
     assert missing.to_dict()["waves"]["period"] == missing.waves.period
     told = next(w for w in words_of(found, missing) if "waves" in w)
-    assert told.startswith(
-        "it also oscillates with a period of 4.2 s, as from waves or a loose sensor mount: the heading by "
-    )
-    assert "N m (standard deviations)" in told
+    assert told.startswith("the heading also oscillates by ")
+    assert " with a period of 4.2 s, as from waves or a loose sensor mount. The moment behind it is " in told
+    assert "N m. Both sizes are standard deviations." in told
 
 
 def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:

@@ -263,7 +263,7 @@ def fit_by_steps(case: Case) -> AxisFit:
     if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
             f"run '{case.names[0]}' contains no usable step. The input must be constant before the step. After it, "
-            "the input must be constant for at least five time constants, until the velocity has settled. For "
+            "the input must stay constant for at least five time constants, until the velocity has settled. For "
             "other inputs use method='output-error'"
         )
     models = _candidates(readings, case.structure)
@@ -359,7 +359,8 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
         found.append(
             Doubt(
                 "not-settled",
-                f"{short} of {len(everything)} step(s) had not settled when the input changed and were left out",
+                f"{short} of {len(everything)} step(s) were left out, because they had not settled when the input "
+                "changed",
                 "hold each step for at least five time constants",
             )
         )
@@ -368,15 +369,16 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
             Doubt(
                 "no-disturbance",
                 "one input level cannot separate drag from a constant force. No constant force was assumed",
-                "fly steps to both sides",
+                "fly steps in both directions",
             )
         )
     if model.spare > 0 and model.scatter > 2.0:
         found.append(
             Doubt(
                 "steps-disagree",
-                f"the steps differ {model.scatter:.1f} times more than their noise. The standard errors were increased",
-                "try the other structure; check whether load, battery or current changed between the steps",
+                f"the steps differ {model.scatter:.1f} times more than their noise explains. The standard errors "
+                "were increased",
+                "try the other structure. Check whether load, battery or current changed between the steps",
             )
         )
     return found
@@ -406,4 +408,4 @@ def _plain(r: StepReading) -> dict[str, float | str | bool]:
     }
 
 
-METHOD = Method("step", "settled responses to steps of the input (Miskovic2010, table 4.1)", axis=fit_by_steps)
+METHOD = Method("step", "settled responses to input steps (Miskovic2010, table 4.1)", axis=fit_by_steps)

@@ -140,7 +140,7 @@ def plan_doubts(
                 "runs-of-no-step",
                 f"{', '.join(unused)} belong{'s' if len(unused) == 1 else ''} to no step of plan '{plan.name}' and "
                 "were not used",
-                f'give the side file a "manoeuvre" of the plan ({manoeuvres}), or name the runs in the plan',
+                f'set "manoeuvre" in the side file to one of the plan\'s ({manoeuvres}), or list the runs in the plan',
             )
         )
     if skipped:
@@ -149,19 +149,19 @@ def plan_doubts(
         found.append(
             Doubt(
                 "steps-without-runs",
-                f"no runs for {', '.join(skipped)}" + (f"; not identified: {', '.join(lost)}" if lost else ""),
-                "fly these runs, with the manoeuvre's name in the side file",
+                f"no runs for {', '.join(skipped)}" + (f". Not identified: {', '.join(lost)}" if lost else ""),
+                "fly these runs, and set the manoeuvre's name in the side file",
             )
         )
     for row in rows:
         if row.probability < SURE / len(rows):
-            told = ", ".join(
+            estimates = ", ".join(
                 f"{s}: {format_value(v, e)}" for s, v, e in zip(row.steps, row.values, row.stds, strict=True)
             )
             found.append(
                 Doubt(
                     "steps-disagree",
-                    f"{row.name} differs between steps by more than their errors ({told})",
+                    f"{row.name} differs between steps by more than its standard errors ({estimates})",
                     "look for a missing term in a step's equations, or a change of load or trim between the steps",
                 )
             )
@@ -173,8 +173,9 @@ def plan_doubts(
         found.append(
             Doubt(
                 "joint-misfit",
-                f"all runs together fit {joint.misfit:.2f} times worse than each step alone",
-                "one set of parameters does not explain all steps: check the steps that disagree",
+                f"all runs together fit {joint.misfit:.2f} times worse than each step alone. One set of parameters "
+                "does not explain all steps",
+                "check the steps that disagree",
             )
         )
     found.extend(_together(parameters, covariance))
@@ -183,14 +184,16 @@ def plan_doubts(
         found.append(
             Doubt(
                 "validated-on-itself",
-                f"only one run for {', '.join(fitted_on)}, so no held-out run for validation",
+                f"steps with only one run have no held-out run for validation: {', '.join(fitted_on)}",
                 "repeat",
             )
         )
     if plan.final is not None and final is None:
         found.append(
             Doubt(
-                "no-final-validation", f"no usable run {plan.final.chosen}", "record a run of free driving and add it"
+                "no-final-validation",
+                f"there is no usable run {plan.final.chosen}",
+                "record a run of free driving and add it",
             )
         )
     return tuple(found)
@@ -209,7 +212,7 @@ def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Do
     return [
         Doubt(
             "move-together",
-            f"{a} and {b} are correlated ({r:.3f}). The runs determine a combination of both better than each one",
+            f"{a} and {b} are correlated ({r:.3f}). The runs determine a combination of the two better than each one",
             "fly a manoeuvre that excites one without the other, or measure one of them ashore",
         )
         for a, b, r in pairs
@@ -255,7 +258,7 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
         }
     if not done:
         wanted = "; ".join(f"'{s.name}': runs {s.chosen}" for s in plan.steps)
-        raise NotInformative(f"no run given belongs to a step of plan '{plan.name}' ({wanted})")
+        raise NotInformative(f"none of the runs belongs to a step of plan '{plan.name}' ({wanted})")
     seen = {n for step, _ in used for n in (*step.isolated, *step.shared)}
     parts = [_part(step, runs, r.fit, values, seen) for (step, runs), r in zip(used, done, strict=True)]
     joint = fit_jointly(parts, values)
@@ -284,8 +287,8 @@ def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> t
     lost = [n for n in step.held if n not in values and n not in step.form.start]
     if lost:
         raise NotInformative(
-            f"step '{step.name}' holds {', '.join(lost)}, but the step that identifies it has no runs; fly that one, "
-            "or give an a-priori value in the plan's [start]"
+            f"step '{step.name}' holds {', '.join(lost)}, but the step that identifies it has no runs. Fly that "
+            "step, or supply an a-priori value in the plan's [start]"
         )
     kept = min(step.validate, len(runs) - 1)
     own = tuple(runs[: len(runs) - kept])
