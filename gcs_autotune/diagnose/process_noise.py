@@ -261,7 +261,7 @@ def search_with_process_noise(
 
 
 def _reconsidered(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearch:
-    """Return the search with the gain of the drifting force over its causes, and without superfluous causes."""
+    """Reconsider the earlier causes, and calculate the gain of the drifting force beside the remaining ones."""
     search = _without_idle(_curve_for_constant(search, slugs, say))
     return replace(search, still=_over_constants(search.problem, search.fit))
 
