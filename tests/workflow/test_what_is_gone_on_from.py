@@ -78,7 +78,7 @@ def test_without_an_earlier_run_there_is_nothing(tmp_path: Path) -> None:
 def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"step 0.5 then, 0.25 now"):
         Earlier(settings(tmp_path, step=0.25))
-    with pytest.raises(UsageError, match="axis heading there, yaw here"):
+    with pytest.raises(UsageError, match="axis heading then, yaw now"):
         Earlier(settings(tmp_path, axis="yaw", step=None))
     assert Earlier(settings(tmp_path, step=0.25), alike=False).names == ["step-before", "relay-1"]
 
