@@ -56,10 +56,11 @@ class Craft:
         self.actuators = data.make_actuators()
         if plant is not None and model is not None:
             raise BadModel("a model replaces the vehicle's own hull. Supply either plant or model, not both")
-        hull = data.make_plant()
-        self.plant: Plant = plant or hull
+        self.plant = plant or data.make_plant()
         if model is not None:
-            self.actuators = _fit_model(model, hull, self.actuators)
+            if not isinstance(self.plant, PlanarHull):
+                raise BadModel(f"a model replaces a planar hull, and {data.name} is another plant. Omit the model")
+            self.actuators = _fit_model(model, self.plant, self.actuators)
         self._wrench = Wrench()
         self._plain = dict(self.plant.parameters)
 

@@ -135,7 +135,7 @@ VehicleFile: type[Struct] = defstruct(
     "VehicleFile",
     [
         ("title", Annotated[str, Meta(min_length=1, max_length=200)] | None, None),
-        *((name, str | None, None) for name in ("firmware", "actuators", "like")),
+        *((name, str | None, None) for name in ("firmware", "actuators", "plant", "like")),
         *((heading, _struct(heading, rows) | None, None) for heading, rows in HEADINGS.items()),
         ("parameters", dict[Annotated[str, Meta(pattern="^[A-Za-z_][A-Za-z0-9_]{0,15}$")], ParameterEntry], {}),
         ("coupling", dict[Annotated[str, Meta(max_length=20)], Derivative], {}),

@@ -92,7 +92,7 @@ def surrogate_of(
                     "simulation-not-understood",
                     f"the model fitted to the simulation does not reproduce {100 * share:.0f} % of the simulated "
                     f"{name}",
-                    "supply its equations as a model file (--model) instead of its output",
+                    "supply the equations as a model file (--model) instead of the output",
                 )
             )
     given = ModelInQuestion(fitted.model, theirs=(problem, fitted), records=records.rows)

@@ -381,8 +381,8 @@ def _scaled(command: MatchedCommand, run: str) -> Doubt:
         "command-scaled",
         f"{command.theirs} in the simulation of '{run}' changes {command.factor:.4g} times as much as {command.ours} "
         "of the run",
-        "if the units differ, write it in the unit of the run. The gain was compared for the command as it is in the "
-        "file",
+        "if the units differ, write the command in the unit of the run. The gain was compared for the command as it "
+        "is in the file",
     )
 
 

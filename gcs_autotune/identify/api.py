@@ -15,13 +15,13 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.form import FREE, Structure, axis_form, structure_of
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.cramer_rao import with_bounds
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.extended.by_output_error import fit_with_effects
 from gcs_autotune.identify.extended.effect_spec import effect_spec_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.problems.base_model import by_thrusters, plain_form
-from gcs_autotune.identify.problems.information import with_bounds
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Fit, LimitCycle, Model
 from gcs_autotune.identify.signals.cleaning import noted

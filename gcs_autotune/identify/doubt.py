@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-__all__ = ["Doubt"]
+__all__ = ["Doubt", "once"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,3 +15,8 @@ class Doubt:
     slug: str
     cause: str
     cure: str
+
+
+def once(doubts: Iterable[Doubt]) -> tuple[Doubt, ...]:
+    """Return *doubts* in their order, without repeats of the same slug and cause."""
+    return tuple({(d.slug, d.cause): d for d in doubts}.values())

@@ -44,7 +44,7 @@ def test_a_search_that_is_stopped_says_where_and_what_is_left(monkeypatch: pytes
     found = diagnosed(monkeypatch, "search for cause 1: fitting", jobs=jobs)
     assert (found.verdict, found.causes, found.gain) == ("unfinished", (), None)
     doubt = next(d for d in found.doubts if d.slug == "out-of-time")
-    assert "stopped during: search for cause 1: fitting, 0 of " in doubt.cause
+    assert "stopped during: cause 1: fitting, 0 of " in doubt.cause
     assert "completed: nothing" in doubt.cause
     assert "model process noise" in doubt.cause.partition("not begun: ")[2]
     assert "--resume" in doubt.cure

@@ -14,7 +14,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, Structure
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.doubts import Findings, doubts_about
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, run_freely
 from gcs_autotune.identify.method import Method
@@ -62,7 +62,7 @@ def fit_by_iso(case: Case) -> AxisFit:
     runs = [run_freely(model, record)[0] for record in case.records]
     motion = Motion(tuple(runs), fit_percent_of(runs), rms_of(runs))
     findings = Findings(case, model, structure, table.parameters, decision, motion.rms, motion.fit_percent)
-    doubts = [*collect(findings), _first_harmonic(), *([_undecided()] if undecided else [])]
+    doubts = [*doubts_about(findings), _first_harmonic(), *([_undecided()] if undecided else [])]
     main = case.records[0].main.name
     return fit_of(
         case,

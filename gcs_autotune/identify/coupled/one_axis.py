@@ -18,7 +18,8 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.doubts import OF_THE_RUNS, once
+from gcs_autotune.identify.doubt import once
+from gcs_autotune.identify.doubts import OF_THE_RUNS
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, Table, axis_table, fit_of
 from gcs_autotune.identify.free_run import rms_of
 from gcs_autotune.identify.result import AxisFit, Fit, Model, Status, StructureFit

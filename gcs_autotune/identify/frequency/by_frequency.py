@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.doubts import Findings, doubts_about
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
@@ -140,7 +140,7 @@ def fit_by_frequency(case: Case) -> AxisFit:
     states: list[Status] = ["fitted", "fitted", "absent", "fitted", _delay_status(case, model)]
     table = axis_table(model, covariance, states)
     motion = _motion(model, case)
-    doubts = collect(Findings(case, model, "linear", table.parameters, None, motion.rms, motion.fit_percent))
+    doubts = doubts_about(Findings(case, model, "linear", table.parameters, None, motion.rms, motion.fit_percent))
     main = case.records[0].main.name
     return fit_of(
         case,
