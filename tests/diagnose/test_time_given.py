@@ -41,7 +41,7 @@ def diagnosed(monkeypatch: pytest.MonkeyPatch, last: str, *, jobs: int = 1) -> D
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_search_that_is_stopped_says_where_and_what_is_left(monkeypatch: pytest.MonkeyPatch, jobs: int) -> None:
-    found = diagnosed(monkeypatch, "search for cause 1: fitting", jobs=jobs)
+    found = diagnosed(monkeypatch, "cause 1: fitting", jobs=jobs)
     assert (found.verdict, found.causes, found.gain) == ("unfinished", (), None)
     doubt = next(d for d in found.doubts if d.slug == "out-of-time")
     assert "stopped during: cause 1: fitting, 0 of " in doubt.cause
@@ -53,7 +53,7 @@ def test_a_search_that_is_stopped_says_where_and_what_is_left(monkeypatch: pytes
 def test_a_cause_found_before_the_search_was_stopped_is_reported_as_tried_and_not_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    found = diagnosed(monkeypatch, "search for cause 2")
+    found = diagnosed(monkeypatch, "cause 2")
     assert (found.verdict, found.causes) == ("unfinished", ())
     assert found.extended_model.effects == ()
     assert "dead-zone" in {r.cause for r in found.ranking}
