@@ -25,12 +25,19 @@ __all__ = ["Case"]
 class Case:
     """One identification task: segments of runs, a form, and assumptions.
 
-    ``names``, ``trials``: the runs as supplied. ``records``: their segments. ``form``: None for one degree of freedom.
-    ``structure``: its damping, None to choose one. ``delay`` [s]: None to fit one and keep it only on strong evidence.
-    ``use``: signals to fit, None to choose them. ``robust``: whether to use soft-L1 weights. ``cycles``: limit cycles
-    of the runs. ``dropped_rows``: number of rows dropped from the run files. ``notes``: doubts about the runs.
-    ``effects``: effects to fit with the form. ``start``: model to start from, if any. ``options``: those of one method
-    only.
+    - ``names``, ``trials``: the runs as supplied.
+    - ``records``: their segments.
+    - ``form``: None for one degree of freedom.
+    - ``structure``: its damping, None to choose one.
+    - ``delay`` [s]: None to fit one and keep it only on strong evidence.
+    - ``use``: signals to fit, None to choose them.
+    - ``robust``: whether to use soft-L1 weights.
+    - ``cycles``: limit cycles of the runs.
+    - ``dropped_rows``: number of rows dropped from the run files.
+    - ``notes``: doubts about the runs.
+    - ``effects``: effects to fit with the form.
+    - ``start``: model to start from, if any.
+    - ``options``: those of one method only.
     """
 
     records: tuple[Segment, ...]

@@ -97,8 +97,8 @@ PUSHES_BOTH_WAYS: Mapping[str, str] = {
 class Findings:
     """What any method knows of one axis.
 
-    ``noise``: standard deviation of the noise in the main signal. ``white``: whether the residuals are white, so that
-    nothing is left to explain.
+    - ``noise``: standard deviation of the noise in the main signal.
+    - ``white``: whether the residuals are white, so that nothing is left to explain.
     """
 
     case: Case

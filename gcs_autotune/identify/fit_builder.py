@@ -119,8 +119,11 @@ def axis_table(model: SingleDof, covariance: Array, status: Sequence[Status], bo
 class Motion:
     """Motion of a model on the runs it was fitted to, compared with the measured motion.
 
-    ``traces``: measured and fitted motion. ``fit_percent``: 100 (1 - rms/std). ``rms``: of the residual of the main
-    signal, or of all signals. ``noise``: standard deviation per signal. ``doubts``: a doubt if the motion diverges.
+    - ``traces``: measured and fitted motion.
+    - ``fit_percent``: 100 (1 - rms/std).
+    - ``rms``: of the residual of the main signal, or of all signals.
+    - ``noise``: standard deviation per signal.
+    - ``doubts``: a doubt if the motion diverges.
     """
 
     traces: tuple[Trace, ...]
@@ -168,8 +171,9 @@ def solution_extra(solution: Solution, **more: float) -> dict[str, Any]:
 class AxisDetails:
     """Further results for one degree of freedom.
 
-    ``main``: name of the main signal. ``iso``: readings of limit cycles. ``decision``, ``candidates``: how the drag
-    structure was chosen.
+    - ``main``: name of the main signal.
+    - ``iso``: readings of limit cycles.
+    - ``decision``, ``candidates``: how the drag structure was chosen.
     """
 
     main: str

@@ -66,8 +66,10 @@ class ResidualStatistics:
     """Statistics of residuals (measured minus simulated).
 
     Number ``n``, ``mean``, ``rms``, mean absolute value (Miskovic2010, eq. (7.3)), and largest magnitude ``worst``.
-    ``fit_percent`` as in :class:`Fit`. ``lag_one``: autocorrelation at lag 1. ``whiteness_p``: probability that white
-    noise is at least this coloured.
+    ``fit_percent`` as in :class:`Fit`.
+
+    - ``lag_one``: autocorrelation at lag 1.
+    - ``whiteness_p``: probability that white noise is at least this coloured.
     """
 
     n: int

@@ -24,10 +24,12 @@ effects in addition to the form's terms. ``lever arm``: a sensor away from the c
 class Method:
     """One row of ``METHODS``.
 
-    ``summary``: line for ``--help``. ``axis``: fits one degree of freedom (:class:`SingleDof`). ``coupled``: fits
-    several (:class:`gcs_autotune.models.coupled.CoupledModel`). None: the method does not support that kind.
-    ``options``: keyword arguments of ``fit`` for this method only, each with one line of help. ``bears``: supported
-    features. A missing feature raises a doubt if a run needs it.
+    - ``summary``: line for ``--help``.
+    - ``axis``: fits one degree of freedom (:class:`SingleDof`).
+    - ``coupled``: fits several (:class:`gcs_autotune.models.coupled.CoupledModel`). None: the method does not support
+      that kind.
+    - ``options``: keyword arguments of ``fit`` for this method only, each with one line of help.
+    - ``bears``: supported features. A missing feature raises a doubt if a run needs it.
     """
 
     name: str

@@ -44,9 +44,11 @@ INSIDE = ("model", "extended_model", "base_model")
 class ModelFile:
     """A model read from a file, with its uncertainty.
 
-    ``model``: always in the form with effects. ``axis``: the model of one degree of freedom in the file, if it is one.
-    ``inputs``: unit per input. ``noise``: standard deviation per signal. ``names`` and ``covariance`` (p, p): of the
-    fitted parameters, empty if the file does not contain them.
+    - ``model``: always in the form with effects.
+    - ``axis``: the model of one degree of freedom in the file, if it is one.
+    - ``inputs``: unit per input.
+    - ``noise``: standard deviation per signal.
+    - ``names`` and ``covariance`` (p, p): of the fitted parameters, empty if the file does not contain them.
     """
 
     name: str

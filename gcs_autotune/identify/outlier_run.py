@@ -64,8 +64,9 @@ class CraftEstimate:
 class OutlierRun:
     """A run that differs from the others, as if it were of another craft.
 
-    ``sigmas``: difference in standard errors. ``change``: relative change of the parameter that differs most. ``pair``:
-    both names if there are only two runs, because either may be the outlier.
+    - ``sigmas``: difference in standard errors.
+    - ``change``: relative change of the parameter that differs most.
+    - ``pair``: both names if there are only two runs, because either may be the outlier.
     """
 
     run: str

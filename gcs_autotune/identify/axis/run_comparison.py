@@ -28,10 +28,11 @@ are exceeded."""
 class RunComparison:
     """How the runs of a fit differ.
 
-    ``outliers``: runs whose parameters differ from the others. ``lacks_term``: whether the model does not explain most
-    runs down to noise, so that outliers are no sign of another craft. ``moved_too``, ``option``: other motions of the
-    craft, and the value of ``--dof`` that includes them. ``other_inertia``: without outliers, runs whose inertia,
-    fitted separately, differs from the common one.
+    - ``outliers``: runs whose parameters differ from the others.
+    - ``lacks_term``: whether the model does not explain most runs down to noise, so that outliers are no sign of
+      another craft.
+    - ``moved_too``, ``option``: other motions of the craft, and the value of ``--dof`` that includes them.
+    - ``other_inertia``: without outliers, runs whose inertia, fitted separately, differs from the common one.
     """
 
     outliers: tuple[OutlierRun, ...] = ()

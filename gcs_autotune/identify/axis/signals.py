@@ -150,9 +150,12 @@ Array = NDArray[np.float64]
 class VelocityConsistency:
     """Differences between the measured velocities and the fitted motion.
 
-    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s]. ``std``: their standard errors, including those of the fit.
-    ``rms`` [rad/s or m/s]: of the fitted motion. ``step`` [s]: sampling interval of the densest velocity. ``errors``:
-    per stretch, after correction of the motion by velocity and position together.
+    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s].
+
+    - ``std``: their standard errors, including those of the fit.
+    - ``rms`` [rad/s or m/s]: of the fitted motion.
+    - ``step`` [s]: sampling interval of the densest velocity.
+    - ``errors``: per stretch, after correction of the motion by velocity and position together.
     """
 
     gain: float
@@ -168,9 +171,10 @@ class VelocityConsistency:
 class _Compared:
     """Comparison of one stretch.
 
-    ``error`` (n,): measured minus simulated velocity. ``nu``, ``acceleration`` (n,): simulated motion. ``J`` (n,
-    packed): derivatives by the vector of the fit. ``shifts`` (n, k): derivatives by the uncertain stamps of the input,
-    times their uncertainty.
+    - ``error`` (n,): measured minus simulated velocity.
+    - ``nu``, ``acceleration`` (n,): simulated motion.
+    - ``J`` (n, packed): derivatives by the vector of the fit.
+    - ``shifts`` (n, k): derivatives by the uncertain stamps of the input, times their uncertainty.
     """
 
     error: Array

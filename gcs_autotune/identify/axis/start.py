@@ -52,8 +52,8 @@ LINEAR = [Explicit._fields.index(n) for n in ("b", "d")]
 class Bounds:
     """Limits of what the sampling can resolve.
 
-    ``rate`` [1/s]: largest drag rate, for ``a`` and for ``c`` at the typical velocity ``speed`` [rad/s or m/s].
-    ``delay`` [s]: the largest delay.
+    - ``rate`` [1/s]: largest drag rate, for ``a`` and for ``c`` at the typical velocity ``speed`` [rad/s or m/s].
+    - ``delay`` [s]: the largest delay.
     """
 
     rate: float

@@ -31,10 +31,12 @@ Array = NDArray[np.float64]
 class Selection:
     """The chosen structure and the fits it was chosen from.
 
-    ``solutions``: fit per structure. ``correlation``: correlation time of the residuals [samples]. ``undecided``:
-    whether the choice was close. ``records``: the fitted ones, without their start if there is a delay. ``with_delay``:
-    the fit with a delay that was tried, whether kept or not. ``rival``: the fit of both drags if the record does not
-    exclude it.
+    - ``solutions``: fit per structure.
+    - ``correlation``: correlation time of the residuals [samples].
+    - ``undecided``: whether the choice was close.
+    - ``records``: the fitted ones, without their start if there is a delay.
+    - ``with_delay``: the fit with a delay that was tried, whether kept or not.
+    - ``rival``: the fit of both drags if the record does not exclude it.
     """
 
     structure: Structure

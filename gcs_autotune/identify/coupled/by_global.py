@@ -70,7 +70,9 @@ class Box:
 class Searched:
     """Result of the better of two searches.
 
-    ``theta`` (p,): parameters. ``winner``: name of the optimiser. ``costs``, ``evaluations``: by name of the optimiser.
+    - ``theta`` (p,): parameters.
+    - ``winner``: name of the optimiser.
+    - ``costs``, ``evaluations``: by name of the optimiser.
     """
 
     theta: Array

@@ -39,10 +39,11 @@ EVIDENCE = 10.0
 class NomotoFit:
     """A Nomoto model fitted to a frequency response.
 
-    ``std``: standard errors by name (``K``, ``T`` or ``T_1 T_2 T_3``, ``delay``), 0 if not fitted. ``physical``:
-    ``1/K``, the other coefficients of the denominator over K, ``T_3``, and the delay. ``covariance``: that of
-    ``physical``. ``misfit``: the model's own error, which is the fraction of the motion that neither model nor noise
-    explains. ``bic``: Bayesian information criterion, comparable between models of the same response.
+    - ``std``: standard errors by name (``K``, ``T`` or ``T_1 T_2 T_3``, ``delay``), 0 if not fitted.
+    - ``physical``: ``1/K``, the other coefficients of the denominator over K, ``T_3``, and the delay.
+    - ``covariance``: that of ``physical``.
+    - ``misfit``: the model's own error, which is the fraction of the motion that neither model nor noise explains.
+    - ``bic``: Bayesian information criterion, comparable between models of the same response.
     """
 
     model: Nomoto1 | Nomoto2

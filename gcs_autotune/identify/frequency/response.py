@@ -36,9 +36,13 @@ With eight averages the gain is then known to 20 %. Pure noise exceeds this valu
 class FrequencyResponse:
     """Frequency response from input to *velocity*, as arrays (k,).
 
-    ``omega`` [rad/s]: frequencies, ascending. ``value``: complex gain [velocity unit per input unit]. ``std``: standard
-    deviation of the real and of the imaginary part. ``coherence``: squared, 0 to 1. ``averages``: number of independent
-    averages per point. ``input_power``: relative to the strongest point. ``source``: how the response was measured.
+    - ``omega`` [rad/s]: frequencies, ascending.
+    - ``value``: complex gain [velocity unit per input unit].
+    - ``std``: standard deviation of the real and of the imaginary part.
+    - ``coherence``: squared, 0 to 1.
+    - ``averages``: number of independent averages per point.
+    - ``input_power``: relative to the strongest point.
+    - ``source``: how the response was measured.
     """
 
     omega: Array

@@ -100,8 +100,11 @@ def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
 class _Ended:
     """State of the filter after its last pass.
 
-    ``result``: the pass. ``covariance``: that of the parameters from the data alone. ``levels``: noise levels.
-    ``moved``: last move of each parameter in standard errors. ``count``: number of passes.
+    - ``result``: the pass.
+    - ``covariance``: that of the parameters from the data alone.
+    - ``levels``: noise levels.
+    - ``moved``: last move of each parameter in standard errors.
+    - ``count``: number of passes.
     """
 
     result: FilterResult

@@ -46,11 +46,13 @@ class FilterRecord:
 class Levels:
     """Noise levels of a filter.
 
-    ``noise`` (m,): variance of every signal. ``drive`` (n,): intensity of the white noise that drives every state
-    [unit^2/s]. ``walk`` (p,): the same for the free parameters. ``decay`` (p,) [1/s]: rate at which each parameter
-    returns to zero; 0 or empty for constants. A decaying parameter is an Ornstein-Uhlenbeck process that restarts in
-    every record; it models a drifting force. ``waves`` (4,): see :mod:`.waves`, zeros for none. Waves restart in every
-    record, appear in the first signal, and act as the first free parameter does.
+    - ``noise`` (m,): variance of every signal.
+    - ``drive`` (n,): intensity of the white noise that drives every state [unit^2/s].
+    - ``walk`` (p,): the same for the free parameters.
+    - ``decay`` (p,) [1/s]: rate at which each parameter returns to zero; 0 or empty for constants. A decaying parameter
+      is an Ornstein-Uhlenbeck process that restarts in every record; it models a drifting force.
+    - ``waves`` (4,): see :mod:`.waves`, zeros for none. Waves restart in every record, appear in the first signal, and
+      act as the first free parameter does.
     """
 
     noise: Array
@@ -82,7 +84,8 @@ class Prior:
 class FilterResult:
     """Result of one pass over all records.
 
-    ``parameters`` (p,), ``covariance`` (p, p): free parameters at the end. ``histories``: one per record.
+    - ``parameters`` (p,), ``covariance`` (p, p): free parameters at the end.
+    - ``histories``: one per record.
     """
 
     parameters: Array
@@ -100,8 +103,9 @@ class FilterResult:
 class Smoothed:
     """Result of the smoother for all records.
 
-    ``trajectories``, ``variances`` (s, N): of states, free parameters and waves, per record. ``by_noise`` (2, m),
-    ``by_drive`` (2, n): score of the noise levels. A level maximises the likelihood if its two rows agree.
+    - ``trajectories``, ``variances`` (s, N): of states, free parameters and waves, per record.
+    - ``by_noise`` (2, m), ``by_drive`` (2, n): score of the noise levels. A level maximises the likelihood if its two
+      rows agree.
     """
 
     trajectories: tuple[Array, ...]

@@ -33,7 +33,8 @@ Term = tuple[str, float, tuple[tuple[str, bool], ...]]
 class LinearTerms:
     """Terms of an equation that is linear in its own velocity.
 
-    ``forces``: terms that add up to the force. ``dampings``: terms multiplied by the velocity.
+    - ``forces``: terms that add up to the force.
+    - ``dampings``: terms multiplied by the velocity.
     """
 
     forces: tuple[Term, ...]

@@ -29,9 +29,11 @@ WIDEST = 10.0
 class NoisyFit(ModelFit):
     """Result of a fit with process noise. ``theta`` (p,): free parameters of the form only.
 
-    ``noise``: fitted process noise. ``log_likelihood`` (records,): of each record. ``covariance`` (q, q): of the base
-    parameters, then those of the effects, then the logarithms of the noise parameters. ``innovations``: stamps,
-    innovations and variances per record.
+    - ``noise``: fitted process noise.
+    - ``log_likelihood`` (records,): of each record.
+    - ``covariance`` (q, q): of the base parameters, then those of the effects, then the logarithms of the noise
+      parameters.
+    - ``innovations``: stamps, innovations and variances per record.
     """
 
     noise: ProcessNoise

@@ -47,9 +47,12 @@ sensor noise."""
 class Point:
     """Innovations at one point ``x`` (q,), and their cost.
 
-    The cost is minus twice the log-likelihood. ``innovations``: stamps, innovations and variances of every segment.
-    ``total``: their log-likelihood. ``each``: that of each segment. The derivatives are calculated on demand, by
-    differences of filter passes. If an earlier trial made the filter's steps finer, the point is first evaluated again.
+    The cost is minus twice the log-likelihood.
+
+    - ``innovations``: stamps, innovations and variances of every segment.
+    - ``total``: their log-likelihood.
+    - ``each``: that of each segment. The derivatives are calculated on demand, by differences of filter passes. If an
+      earlier trial made the filter's steps finer, the point is first evaluated again.
     """
 
     def __init__(self, objective: NoisyObjective, x: Array, innovations: Innovations, each: Array) -> None:

@@ -33,9 +33,10 @@ fits 0.1 to 0.26 to usual sea states.
 class ProcessNoise:
     """The disturbances that drive a craft in addition to its commands, and the noise of its sensor.
 
-    ``size``: standard deviation of the force per inertia [m/s^2, rad/s^2] (:data:`NO_FORCE` for none). ``memory`` [s]:
-    its time constant. ``sensor``: noise of the measured position [m, rad]. ``freedom``: degrees of freedom of the
-    innovations' distribution, inf for normal.
+    - ``size``: standard deviation of the force per inertia [m/s^2, rad/s^2] (:data:`NO_FORCE` for none).
+    - ``memory`` [s]: its time constant.
+    - ``sensor``: noise of the measured position [m, rad].
+    - ``freedom``: degrees of freedom of the innovations' distribution, inf for normal.
 
     ``wave_swing`` [as sensor], ``wave_force`` [as size]: standard deviations of what waves add to the measured position
     and to the force. ``wave_frequency`` [rad/s] and ``wave_damping`` ratio describe their band (:mod:`.waves`); 0 for

@@ -33,9 +33,11 @@ MOST_POINTS = 200
 class Found:
     """Result of a method, from which a ``Fit`` is built.
 
-    ``parameters`` (p,), ``covariance`` (p, p), ``bounds`` (p,): of the free parameters. ``levels``: noise levels.
-    ``last``: the last pass. ``moved`` (p,): last move of each parameter in standard errors. ``extra``: further entries
-    for the fit.
+    - ``parameters`` (p,), ``covariance`` (p, p), ``bounds`` (p,): of the free parameters.
+    - ``levels``: noise levels.
+    - ``last``: the last pass.
+    - ``moved`` (p,): last move of each parameter in standard errors.
+    - ``extra``: further entries for the fit.
     """
 
     parameters: Array

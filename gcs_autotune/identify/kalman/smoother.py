@@ -53,9 +53,12 @@ noise levels."""
 class Ended:
     """State at the end of the rounds.
 
-    ``result``: the last pass. ``smoothed``: the smoothed states. ``levels``: noise levels. ``moved`` (p,): last move of
-    each parameter in standard errors. ``count``: number of rounds. ``settled``: whether parameters and levels have
-    settled.
+    - ``result``: the last pass.
+    - ``smoothed``: the smoothed states.
+    - ``levels``: noise levels.
+    - ``moved`` (p,): last move of each parameter in standard errors.
+    - ``count``: number of rounds.
+    - ``settled``: whether parameters and levels have settled.
     """
 
     result: FilterResult

@@ -44,11 +44,14 @@ ROUNDS = 12
 class Start:
     """Initial values of a filter.
 
-    ``theta`` (all,): parameters. ``scale`` (p,): value of each free parameter at which its term is as large as all
-    others together. ``states`` (records, n): states at every start, with standard deviations ``spread``. ``levels``:
-    noise levels, with a high intensity of the drive. ``floors`` (m,): smallest variances of the signals. ``paths`` (s,
-    n): smoothed states. ``cautious`` (all,): start that cannot diverge, in case ``theta`` does. Its inertia is input
-    divided by acceleration, and it has no drag.
+    - ``theta`` (all,): parameters.
+    - ``scale`` (p,): value of each free parameter at which its term is as large as all others together.
+    - ``states`` (records, n): states at every start, with standard deviations ``spread``.
+    - ``levels``: noise levels, with a high intensity of the drive.
+    - ``floors`` (m,): smallest variances of the signals.
+    - ``paths`` (s, n): smoothed states.
+    - ``cautious`` (all,): start that cannot diverge, in case ``theta`` does. Its inertia is input divided by
+      acceleration, and it has no drag.
     """
 
     theta: Array

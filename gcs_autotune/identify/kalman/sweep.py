@@ -33,10 +33,11 @@ Index = NDArray[np.int64]
 class FilterHistory(NamedTuple):
     """Results of a forward pass, for s stamps, m signals, n states, N = n + free parameters.
 
-    ``mean`` (s, N), ``covariance`` (s, N, N): after each stamp's samples. ``F`` (s, n, N), ``late`` (s, n, n): the
-    transition into each stamp. ``e``, ``S`` (s, m): innovations and their variances (NaN without a sample). ``K``,
-    ``H`` (s, m, N): gains and output derivatives, those of :func:`measure`. With waves (:mod:`.waves`) their two states
-    come last, and N is larger by two.
+    - ``mean`` (s, N), ``covariance`` (s, N, N): after each stamp's samples.
+    - ``F`` (s, n, N), ``late`` (s, n, n): the transition into each stamp.
+    - ``e``, ``S`` (s, m): innovations and their variances (NaN without a sample).
+    - ``K``, ``H`` (s, m, N): gains and output derivatives, those of :func:`measure`. With waves (:mod:`.waves`) their
+      two states come last, and N is larger by two.
     """
 
     mean: Array

@@ -40,9 +40,10 @@ linearisation."""
 class Task:
     """Input of every method of this package.
 
-    ``form``: the form to fit. If input stamps are not exact (decision 3), the form of ``bank`` has their shift as its
-    ``delay``. ``stamps`` [s] is then the start value of that delay. ``tune_noise``, ``tune_drive``: whether levels are
-    estimated. ``loose`` (n,): a high intensity of the drive, which ties the states to the samples.
+    - ``form``: the form to fit. If input stamps are not exact (decision 3), the form of ``bank`` has their shift as its
+      ``delay``. ``stamps`` [s] is then the start value of that delay.
+    - ``tune_noise``, ``tune_drive``: whether levels are estimated.
+    - ``loose`` (n,): a high intensity of the drive, which ties the states to the samples.
     """
 
     case: Case

@@ -39,9 +39,12 @@ Array = NDArray[np.float64]
 class StepModel:
     """Model fitted to the step responses.
 
-    ``theta`` (4,): alpha, beta, beta_quadratic and Delta. ``fitted``: which of them were fitted. ``covariance`` (4, 4):
-    multiplied by chi2/spare if this exceeds 1, because the steps then differ by more than their noise. ``chi2``: sum of
-    squared residuals, each divided by its standard error. ``spare``: number of readings minus number of parameters.
+    - ``theta`` (4,): alpha, beta, beta_quadratic and Delta.
+    - ``fitted``: which of them were fitted.
+    - ``covariance`` (4, 4): multiplied by chi2/spare if this exceeds 1, because the steps then differ by more than
+      their noise.
+    - ``chi2``: sum of squared residuals, each divided by its standard error.
+    - ``spare``: number of readings minus number of parameters.
     """
 
     structure: Structure

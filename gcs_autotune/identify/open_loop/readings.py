@@ -38,8 +38,9 @@ class Reading:
 class LocalFit:
     """Local polynomial about the time ``at`` [s].
 
-    ``coefficients`` (d+1,): for rising powers of (t - at). ``covariance``: their covariance. ``sigma``: noise of one
-    sample.
+    - ``coefficients`` (d+1,): for rising powers of (t - at).
+    - ``covariance``: their covariance.
+    - ``sigma``: noise of one sample.
     """
 
     at: float
@@ -130,7 +131,8 @@ LONGER = 3.0
 class Hold:
     """Interval in which the input is held.
 
-    ``level``: value of the input. ``start``, ``end`` [s]. ``before`` [s]: end of the previous hold.
+    - ``level``: value of the input. ``start``, ``end`` [s].
+    - ``before`` [s]: end of the previous hold.
     """
 
     start: float

@@ -33,8 +33,10 @@ STEEPEST_RUDDER = math.pi / 2.0
 class ShipLog:
     """Heading and steering of one run.
 
-    ``steering``: the input (rudder angle [rad] or yaw moment). ``t`` (n,): stamps of the continuous heading ``psi``
-    (n,) [rad]. ``others``: all other cleaned channels of the run. ``step`` [rad]: resolution of the compass, 0 if none.
+    - ``steering``: the input (rudder angle [rad] or yaw moment).
+    - ``t`` (n,): stamps of the continuous heading ``psi`` (n,) [rad].
+    - ``others``: all other cleaned channels of the run.
+    - ``step`` [rad]: resolution of the compass, 0 if none.
     """
 
     name: str

@@ -174,9 +174,12 @@ class Unevenness:
     """One way in which ``parameter`` depends on the step.
 
     ``kind`` ``sign``: the means of both signs differ. ``size+``/``size-``: it changes with the size of the input of
-    that sign. ``small``: the smallest third of the inputs has another mean. ``small-scatter``: that third scatters
-    more. ``effect``, relative to the mean: a difference, the change over the range of inputs, or the ratio of scatters
-    less 1. ``p``: probability of a chance result.
+    that sign.
+
+    - ``small``: the smallest third of the inputs has another mean. ``small-scatter``: that third scatters more.
+      ``effect``, relative to the mean: a difference, the change over the range of inputs, or the ratio of scatters less
+      1.
+    - ``p``: probability of a chance result.
     """
 
     parameter: str

@@ -41,11 +41,15 @@ constant."""
 class StepReading:
     """Readings of one step, at which the input changed from ``before`` to ``tau`` at ``t`` [s].
 
-    ``k_ss``: steady velocity [rad/s or m/s]. ``nu_0``: velocity at the step. ``lag``: eta_0 - eps_v [rad or m], for a
-    measured position. ``knee`` [s]: time to the velocity ``level``, for a measured velocity. Of the last two, the one
-    not measured is NaN. ``shared``: covariance of k_ss and lag. ``settled``: whether the transient was over.
-    ``steady_only``: whether only ``k_ss`` is known, because the record does not contain the start of the step.
-    ``window``: interval [s] after the step over which ``k_ss`` and ``lag`` were read.
+    - ``k_ss``: steady velocity [rad/s or m/s].
+    - ``nu_0``: velocity at the step.
+    - ``lag``: eta_0 - eps_v [rad or m], for a measured position.
+    - ``knee`` [s]: time to the velocity ``level``, for a measured velocity. Of the last two, the one not measured is
+      NaN.
+    - ``shared``: covariance of k_ss and lag.
+    - ``settled``: whether the transient was over.
+    - ``steady_only``: whether only ``k_ss`` is known, because the record does not contain the start of the step.
+    - ``window``: interval [s] after the step over which ``k_ss`` and ``lag`` were read.
     """
 
     run: str

@@ -180,8 +180,9 @@ Wider windows flatten the corners of r. With 0.6 the nonlinear drag is a sixth t
 class IntegralRows:
     """Integrated equations of one run.
 
-    ``table`` (m, 4): differences of r and of psi, integral of |r| r, and minus the time. ``impulse`` (m,): integral of
-    the input. ``ends`` (m + 1, 2, 2): covariance of (r, psi) at the ``instants``.
+    - ``table`` (m, 4): differences of r and of psi, integral of |r| r, and minus the time.
+    - ``impulse`` (m,): integral of the input.
+    - ``ends`` (m + 1, 2, 2): covariance of (r, psi) at the ``instants``.
     """
 
     table: Array

@@ -52,9 +52,10 @@ class StepEstimate:
 class Agreement:
     """Comparison of the steps' estimates of one shared parameter.
 
-    ``values``, ``stds``: by step. ``combined``, ``std``: their information-weighted mean and its standard error.
-    ``mean``: the plain mean of Erunsal2017. ``probability``: that one true value leads to estimates this far apart
-    (chi-square).
+    - ``values``, ``stds``: by step.
+    - ``combined``, ``std``: their information-weighted mean and its standard error.
+    - ``mean``: the plain mean of Erunsal2017.
+    - ``probability``: that one true value leads to estimates this far apart (chi-square).
     """
 
     name: str
@@ -111,7 +112,8 @@ def agreements(estimates: Sequence[StepEstimate]) -> tuple[Agreement, ...]:
 class Part:
     """One step in the joint fit, with all identified parameters of its form free.
 
-    ``names`` (f,): names in the joint fit of the parameters ``form.free``. ``noise``: standard deviation per signal.
+    - ``names`` (f,): names in the joint fit of the parameters ``form.free``.
+    - ``noise``: standard deviation per signal.
     """
 
     form: Form
@@ -124,8 +126,8 @@ class Part:
 class Joint:
     """Result of the joint fit.
 
-    ``values`` (k,), ``covariance`` (k, k): of the parameters ``names``. ``misfit``: per sample, 1 if the noise equals
-    that of the steps.
+    - ``values`` (k,), ``covariance`` (k, k): of the parameters ``names``.
+    - ``misfit``: per sample, 1 if the noise equals that of the steps.
     """
 
     names: tuple[str, ...]

@@ -119,9 +119,10 @@ class Chosen:
 class PlanStep:
     """One kind of experiment and the parameters it identifies.
 
-    ``isolated``, ``shared``, ``local``: the free parameters of ``form``, in this order. ``held``: parameters that an
-    earlier step identified and this step keeps fixed. ``validate``: number of runs kept for local validation.
-    ``delay``: [s].
+    - ``isolated``, ``shared``, ``local``: the free parameters of ``form``, in this order.
+    - ``held``: parameters that an earlier step identified and this step keeps fixed.
+    - ``validate``: number of runs kept for local validation.
+    - ``delay``: [s].
     """
 
     name: str
@@ -157,7 +158,8 @@ class Final:
 class Plan:
     """A plan with its steps in order.
 
-    ``known``: constants of the craft. ``start``: a-priori values. Both are by name, in SI units.
+    - ``known``: constants of the craft.
+    - ``start``: a-priori values. Both are by name, in SI units.
     """
 
     name: str

@@ -57,10 +57,13 @@ class StepResult:
 class PlanResult:
     """Result of a plan.
 
-    ``parameters``: after the joint fit of all runs. ``covariance`` (k, k): in their order. ``combined``: values before
-    the joint fit, from the steps' estimates weighted by information. ``agreements``: comparison of the steps per shared
-    parameter. ``model``: final form with the values. ``final``: its free run on runs that were not fitted. ``skipped``:
-    steps without runs.
+    - ``parameters``: after the joint fit of all runs.
+    - ``covariance`` (k, k): in their order.
+    - ``combined``: values before the joint fit, from the steps' estimates weighted by information.
+    - ``agreements``: comparison of the steps per shared parameter.
+    - ``model``: final form with the values.
+    - ``final``: its free run on runs that were not fitted.
+    - ``skipped``: steps without runs.
     """
 
     plan: Plan

@@ -37,8 +37,10 @@ SEARCHED_DELAYS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
 class DelayVerdict:
     """Result of the decision on a delay.
 
-    ``kept``: whether the delay is kept. ``evidence``: difference of the criterion. ``margin`` [s]: time left out at the
-    beginning. ``plain``, ``lagged``: fits without and with a delay, None if they failed or ended on a bound.
+    - ``kept``: whether the delay is kept.
+    - ``evidence``: difference of the criterion.
+    - ``margin`` [s]: time left out at the beginning.
+    - ``plain``, ``lagged``: fits without and with a delay, None if they failed or ended on a bound.
     """
 
     kept: bool

@@ -23,14 +23,18 @@ Array = NDArray[np.float64]
 class Fitted(ModelFit):
     """A model fitted by least squares.
 
-    ``initial`` (n,): initial states per segment. ``cost``: minus twice the log-likelihood, up to a constant of the
-    data. ``levels``: noise level per signal. ``rests``: residuals. ``samples``: number of samples used. ``jacobian``
-    (n, q): derivatives of the predictions, divided by the noise levels. Its rows are those of the finite ``judged``
-    values of ``rests``. ``converged``: whether the fit converged.
+    - ``initial`` (n,): initial states per segment.
+    - ``cost``: minus twice the log-likelihood, up to a constant of the data.
+    - ``levels``: noise level per signal.
+    - ``rests``: residuals.
+    - ``samples``: number of samples used.
+    - ``jacobian`` (n, q): derivatives of the predictions, divided by the noise levels. Its rows are those of the finite
+      ``judged`` values of ``rests``.
+    - ``converged``: whether the fit converged.
 
-    ``shift`` [s]: time by which input stamps are too early, if they were dated midway between two messages. It is the
-    last column of ``jacobian`` if there is one. Its prior is 0 +- ``shift_std`` (0 for exact stamps). ``learnt``: noise
-    per signal at the last update of disturbances from the residuals, empty without disturbances.
+    - ``shift`` [s]: time by which input stamps are too early, if they were dated midway between two messages. It is the
+      last column of ``jacobian`` if there is one. Its prior is 0 +- ``shift_std`` (0 for exact stamps).
+    - ``learnt``: noise per signal at the last update of disturbances from the residuals, empty without disturbances.
     """
 
     initial: tuple[Array, ...]

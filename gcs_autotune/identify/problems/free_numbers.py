@@ -84,7 +84,8 @@ class ModelProblem:
 class StampPrior:
     """Prior for the shift of stamps.
 
-    ``std``: standard deviation. ``reach``: largest shift. Both are in units of ``Segment.dating``.
+    - ``std``: standard deviation.
+    - ``reach``: largest shift. Both are in units of ``Segment.dating``.
     """
 
     std: float
@@ -193,9 +194,11 @@ class FreeNumbers:
 class ModelFit:
     """A model fitted to a problem: :class:`.Fitted` by least squares, or :class:`.NoisyFit` with process noise.
 
-    ``theta`` (p,): base parameters. ``free``: names of the fitted ones. ``effects``: effects with their values.
-    ``free_effects``: (index of the effect, name) of each fitted parameter of an effect. The order is that of
-    :class:`FreeNumbers`.
+    - ``theta`` (p,): base parameters.
+    - ``free``: names of the fitted ones.
+    - ``effects``: effects with their values.
+    - ``free_effects``: (index of the effect, name) of each fitted parameter of an effect. The order is that of
+      :class:`FreeNumbers`.
     """
 
     form: Form

@@ -38,9 +38,12 @@ Array = NDArray[np.float64]
 class FittedModel:
     """A fitted model together with its runs.
 
-    ``theta`` (q,): all parameters in the order of ``form.parameters``. ``free``: names in the form of the fitted ones.
-    ``names``: their names in the fit (``alpha_r`` for ``N_rdot``). ``signs`` (p,): value in the fit = sign * value in
-    the form. ``initial`` (n,): fitted states per record. ``noise``: standard deviation per signal, SI units.
+    - ``theta`` (q,): all parameters in the order of ``form.parameters``.
+    - ``free``: names in the form of the fitted ones.
+    - ``names``: their names in the fit (``alpha_r`` for ``N_rdot``).
+    - ``signs`` (p,): value in the fit = sign * value in the form.
+    - ``initial`` (n,): fitted states per record.
+    - ``noise``: standard deviation per signal, SI units.
     """
 
     form: Form
@@ -181,7 +184,8 @@ Sensitivities are exact to about 1e-12. Singular values of practical runs are no
 class Information:
     """Fisher information of runs on parameters.
 
-    ``names``, ``values`` (p,): the parameters. ``root`` (p, p): triangular root of the information, ``F = root' root``.
+    - ``names``, ``values`` (p,): the parameters.
+    - ``root`` (p, p): triangular root of the information, ``F = root' root``.
     """
 
     names: tuple[str, ...]

@@ -121,8 +121,10 @@ value for a thruster [s]. The reach of the bottom effect starts at 1 m, because 
 class RecordedMotion:
     """States of a record at some of its stamps.
 
-    ``t`` (s,): stamps. ``X`` (s, n): states in the order of ``states_of(form)``, 0 if not measured. ``nu_dot`` (s, k):
-    accelerations. ``inputs`` (s, m). ``known`` (k,): whether a velocity was measured or derived.
+    - ``t`` (s,): stamps.
+    - ``X`` (s, n): states in the order of ``states_of(form)``, 0 if not measured.
+    - ``nu_dot`` (s, k): accelerations. ``inputs`` (s, m).
+    - ``known`` (k,): whether a velocity was measured or derived.
     """
 
     t: Array
@@ -194,9 +196,11 @@ def _local(signal: Signal, t: Array, order: int) -> tuple[Array, Array, Array]:
 class Regression:
     """Linear equations for the start values: ``base + J @ values`` are the force imbalances (s, k).
 
-    ``names`` (f,): parameters to regress. ``theta`` (p,): all parameters, with known and start values, and 0 for those
-    to regress. ``usable`` (k,): equations whose velocity was measured. ``driven`` (k,): usable equations with a known
-    force. ``force`` (k,): rms of the known forces; for equations without any, that of the largest.
+    - ``names`` (f,): parameters to regress.
+    - ``theta`` (p,): all parameters, with known and start values, and 0 for those to regress.
+    - ``usable`` (k,): equations whose velocity was measured.
+    - ``driven`` (k,): usable equations with a known force.
+    - ``force`` (k,): rms of the known forces; for equations without any, that of the largest.
     """
 
     form: Form
@@ -292,9 +296,9 @@ def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
 class InitialGuess:
     """Information available before any simulation: smoothed motions, regression and initial states.
 
-    ``rough``: scatter of each signal about its neighbours, which is the smallest noise a fit can reach. ``levels``:
-    initial noise levels, as a fraction of the motion. They are larger because an inexact model leaves far more than
-    scatter.
+    - ``rough``: scatter of each signal about its neighbours, which is the smallest noise a fit can reach.
+    - ``levels``: initial noise levels, as a fraction of the motion. They are larger because an inexact model leaves far
+      more than scatter.
     """
 
     form: Form

@@ -114,8 +114,11 @@ PlaceT = TypeVar("PlaceT", bound=Place)
 class Minimum(Generic[PlaceT]):
     """End of a search.
 
-    ``x`` (p,): parameters. ``cost``: cost there. ``iterations``: number of trials. ``converged``: whether the search
-    converged. ``place``: cost and derivatives there.
+    - ``x`` (p,): parameters.
+    - ``cost``: cost there.
+    - ``iterations``: number of trials.
+    - ``converged``: whether the search converged.
+    - ``place``: cost and derivatives there.
     """
 
     x: Array

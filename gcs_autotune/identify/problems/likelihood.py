@@ -52,11 +52,13 @@ LAGGED = 1.0
 class Residual:
     """Residual of one signal in one segment.
 
-    ``t``, ``measured``, ``predicted`` (n,): stamps and values. ``judged`` (n,): measured minus predicted. A disturbance
-    among the effects may explain part of it; NaN marks samples that it explains completely. ``jacobian`` (n, k):
-    derivatives of the prediction in the segment's own columns, empty without sensitivities. ``step``: resolution of the
-    sensor. ``penalty``: contribution of a disturbance to minus twice the log-likelihood. ``fold``: which part of the
-    data was left out.
+    - ``t``, ``measured``, ``predicted`` (n,): stamps and values.
+    - ``judged`` (n,): measured minus predicted. A disturbance among the effects may explain part of it; NaN marks
+      samples that it explains completely.
+    - ``jacobian`` (n, k): derivatives of the prediction in the segment's own columns, empty without sensitivities.
+    - ``step``: resolution of the sensor.
+    - ``penalty``: contribution of a disturbance to minus twice the log-likelihood.
+    - ``fold``: which part of the data was left out.
     """
 
     segment: int

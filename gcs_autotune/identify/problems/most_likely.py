@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 class MostLikely:
     """A fitted model at its maximum of likelihood.
 
-    ``subject``: the model and its runs. ``noise_models``: noise model per signal. ``cost``: minus twice the
-    log-likelihood at the maximum.
+    - ``subject``: the model and its runs.
+    - ``noise_models``: noise model per signal.
+    - ``cost``: minus twice the log-likelihood at the maximum.
     """
 
     subject: FittedModel

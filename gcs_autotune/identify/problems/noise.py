@@ -49,7 +49,9 @@ SMALLEST = 1e-250
 class Terms(NamedTuple):
     """Values per sample, each (n,), for a descent.
 
-    ``deviance``: ``-2 log p``. ``slope``: derivative of ``log p`` by the true value. ``curvature``: >= 0.
+    - ``deviance``: ``-2 log p``.
+    - ``slope``: derivative of ``log p`` by the true value.
+    - ``curvature``: >= 0.
     """
 
     deviance: Array

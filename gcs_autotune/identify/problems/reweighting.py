@@ -42,9 +42,10 @@ LOOSE = 1e-4
 class Effort:
     """Limits for a fit with an expensive cost.
 
-    ``trials``: maximum per round. These rounds end with low accuracy. ``exact``: whether the last round has no such
-    limit and continues to convergence. ``astray``: multiple of its start value that the noise of a signal may have
-    after two rounds. Above it the fit ends.
+    - ``trials``: maximum per round. These rounds end with low accuracy.
+    - ``exact``: whether the last round has no such limit and continues to convergence.
+    - ``astray``: multiple of its start value that the noise of a signal may have after two rounds. Above it the fit
+      ends.
     """
 
     trials: int
