@@ -136,7 +136,9 @@ class Motion:
     def freely(
         cls, model: SingleDof | CoupledModel, segments: Sequence[Segment], noise: Mapping[str, float] | None = None
     ) -> Motion:
-        """Return the free run of *model* on all *segments*. If the model diverges, there is a doubt instead of traces.
+        """Return the free run of *model* on all *segments*.
+
+        If the model diverges, the result has a doubt instead of traces.
         """
         traces, runaway = runs_or_doubt(model, segments)
         return cls(traces, fit_percent_of(traces), rms_of(traces), noise or {}, runaway)

@@ -38,8 +38,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Structure = Literal["linear", "nonlinear", "affine"]
-"""Names of the drag structures, as in Miskovic2010: ``linear`` = linear damping, ``nonlinear`` = quadratic damping
-(``|nu| nu``), ``affine`` = both.
+"""Names of the drag structures, as in Miskovic2010.
+
+``linear`` = linear damping, ``nonlinear`` = quadratic damping (``|nu| nu``), ``affine`` = both.
 """
 
 FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
@@ -146,8 +147,7 @@ def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bo
 
 
 def as_extended(axis: SingleDof) -> ExtendedModel:
-    """Return *axis* as a coupled model with effects, in which its delay is the effect ``input-delay``.
-    """
+    """Return *axis* as a coupled model with effects, in which its delay is the effect ``input-delay``."""
     dof = axis.axis
     channel = "delta" if axis.input_unit == "rad" else dof.force
     structure: Structure = "affine" if axis.beta_quadratic else "linear"

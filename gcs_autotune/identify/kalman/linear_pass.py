@@ -41,7 +41,9 @@ class LinearTerms:
     dampings: tuple[Term, ...]
 
     def rows(self, values: Mapping[str, float], channels: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Return force and damping rate per inertia (j,) for the parameters *values* and the inputs *channels* (j,)."""
+        """Return the force per inertia and the damping rate (j,) for the parameters *values* and the inputs *channels*
+        (j,).
+        """
         return _added_up(self.forces, values, channels), -_added_up(self.dampings, values, channels)
 
     def share_of(self, name: str, values: Mapping[str, float], channels: Mapping[str, Array]) -> Array:
@@ -60,10 +62,13 @@ def _added_up(terms: Sequence[Term], values: Mapping[str, float], channels: Mapp
 
 
 def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
-    """Return the terms of *form*, which has one degree of freedom, including the derivatives *added*.
+    """Return the terms of *form*, which has one degree of freedom, or None if they are not linear in its velocity.
 
-    Return None in three cases: a term is not linear in the velocity, a term depends on a position, or an input has no
-    free gain. The form uses every input it has.
+    The terms include the derivatives *added*. *form* must use all of its inputs. The result is None if
+
+    - a term is not linear in the velocity,
+    - a term depends on a position, or
+    - an input has no free gain.
     """
     d, inputs = DOFS[form.dofs[0]], list(form.inputs)
     own = STATES.index(d.velocity)  # velocities come first among a term's factors
@@ -115,7 +120,7 @@ def linear_pass(
     e: Array,
     S: Array,
 ) -> bool:
-    """Filter one record; return whether the motion stayed finite.
+    """Filter one record in place, and return whether the motion stayed finite.
 
     The first row of *force* drives the craft. For each further row the pass returns the response of the innovations to
     that force, from rest and with all samples zero. The innovations are linear in it (DeJong1991).
