@@ -123,14 +123,14 @@ def linear_pass(
     """Filter one record in place, and return whether the motion stayed finite.
 
     The first row of *force* drives the craft. For each further row the pass returns the response of the innovations to
-    that force, from rest and with all samples zero. The innovations are linear in it (DeJong1991).
+    that force, from rest and with all samples zero. The innovations are linear in each force (DeJong1991).
 
     t_in, force (c, j), damping (j,) : stamps, forces and damping rates per inertia, each held until the next stamp.
     y : (s,) position at *stamps* (s,), NaN for a missing sample.
     of_velocity : whether *y* is the velocity instead.
     size, memory : standard deviation and time constant [s] of the drifting force (Ornstein-Uhlenbeck).
     noise : standard deviation of *y*.
-    waves : (4,), see :mod:`.waves`; zero size for none.
+    waves : (4,) parameters of the waves, see :mod:`.waves`. Zero size means no waves.
     start, spread : (2,) velocity and position at the first stamp, and their standard deviations.
     e (c, s), S (s,) : filled with innovations and their variances, unchanged without a sample.
     """

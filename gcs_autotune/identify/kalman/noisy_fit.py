@@ -75,7 +75,7 @@ class NoisyFit(ModelFit):
         return 0.5 * more * math.log(max(self.samples, 2))
 
     def errors_of(self, effect: EffectInstance) -> dict[str, float]:
-        """Return name -> standard error of the fitted parameters of *effect*. Names with an unknown error are omitted."""
+        """Return name -> standard error of the fitted parameters of *effect*, without those of unknown error."""
         return {n: std for n, std in self.errors_in(self.covariance, effect).items() if not math.isnan(std)}
 
     def interval_of(self, name: str) -> tuple[float, float]:
