@@ -151,7 +151,10 @@ def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
 
 
 def settled(before: Levels, after: Levels, smoothed: Smoothed) -> bool:
-    """Return whether the noise levels have settled between *before* and *after*, ignoring levels too small to matter."""
+    """Return whether the noise levels have settled between *before* and *after*.
+
+    Levels that are too small to matter are ignored.
+    """
     for old, new, rows in (
         (before.noise, after.noise, smoothed.by_noise),
         (before.drive, after.drive, smoothed.by_drive),

@@ -129,7 +129,13 @@ FEWEST = 4
 
 @dataclass(frozen=True, slots=True)
 class StepRow:
-    """Result of Miskovic2010, table 4.1, for one step: both drags, and the inertia for each structure (NaN if unknown)."""
+    """Result of Miskovic2010, table 4.1, for one step.
+
+    - ``tau``: input after the step.
+    - ``k_ss``: steady velocity.
+    - ``lag``: eta_0 - eps_v.
+    - The two drags, and the inertia for each drag structure, NaN if unknown.
+    """
 
     tau: float
     k_ss: float
