@@ -59,7 +59,7 @@ class NoisyProblem(NoiseFilter):
         """Return the likelihood of the constant force and the thrust change of each run at *fit*, or None if the filter
         fails.
         """
-        full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
+        full = abs(fit.gain) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
         noise = replace(fit.noise, day_force=float(wide[0]), day_thrust=float(wide[1]))
         done = self.run(fit.theta, fit.effects, noise, full=True)

@@ -122,17 +122,7 @@ MISFIT = 1.3
 """Misfit per sample of the joint fit above which the steps' equations are reported as contradictory. Project choice."""
 
 
-def plan_doubts(
-    plan: Plan,
-    done: Sequence[StepResult],
-    rows: Sequence[Agreement],
-    joint: Joint | None,
-    parameters: Mapping[str, Parameter],
-    covariance: Array,
-    skipped: Sequence[str],
-    final: Validation | None,
-    unused: Sequence[str] = (),
-) -> tuple[Doubt, ...]:
+def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] = ()) -> tuple[Doubt, ...]:
     """Return the doubts about the whole plan. Doubts about a single step are in the fit of that step.
 
     joint : the fit of all runs. unused : names of runs that belong to no step.
