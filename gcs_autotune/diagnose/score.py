@@ -19,6 +19,7 @@ from gcs_autotune.identify.problems import Fitted
 
 __all__ = [
     "ALIKE",
+    "FAR_MORE",
     "HALF",
     "LUCK",
     "MATERIAL",

@@ -56,10 +56,8 @@ def list_logs(session: Session) -> tuple[OnboardLog, ...]:
                     return tuple(entries[n] for n in sorted(entries))
     finally:
         stop()
-    raise NoReply(
-        f"{session.vehicle} listed only {len(entries)} of {told[-1] if told else 'unknown'} logs. "
-        "Disarm the vehicle: it sends logs only when disarmed"
-    )
+    listed = f"listed only {len(entries)} of its {told[-1]} logs" if told else "did not list its logs"
+    raise NoReply(f"{session.vehicle} {listed}. Disarm the vehicle: it sends logs only when disarmed")
 
 
 def _more(entries: dict[int, OnboardLog], told: list[int]) -> Callable[[], bool | None]:

@@ -49,7 +49,7 @@ class SteadyCurrent(HiddenEffect):
         EffectParameter("V_x", "m/s", "towards north", 0.0),
         EffectParameter("V_y", "m/s", "towards east", 0.0),
     )
-    on_vehicles = "over ground (default), through water"
+    on_vehicles = "reference of the recorded u and v: 'over ground' (default) or 'through water'"
 
     def begin(self, setting: Setting) -> None:
         """Set the water's velocity to that of the current, and what the speed sensor measures."""

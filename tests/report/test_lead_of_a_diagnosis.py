@@ -63,7 +63,7 @@ def test_every_effect_has_a_sentence_for_the_owner_of_the_boat(slug: str) -> Non
 def test_the_lead_says_what_differs_and_how_far_the_prediction_errs_with_and_without_it() -> None:
     told = with_gain(ahead(math.radians(35.2), math.radians(8.1), 0.18, 0.3))
     assert lead_sentence(told) == (
-        "The resistance of your boat to turning changes with its speed, unlike that of a plain simulation. "
+        "Your boat's turning resistance grows with speed; a plain simulation's does not. "
         "With this cause in the simulation, the predicted heading 5 s ahead is wrong by 8.1 degrees instead of 35."
     )
 

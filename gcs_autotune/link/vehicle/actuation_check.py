@@ -147,9 +147,12 @@ def check_outputs_follow(
 
 def _deaf_outputs(level: float, streamer: SetpointStreamer, telemetry: Telemetry, mode: str) -> PreconditionFailed:
     output = telemetry.outputs.get("N", math.nan)
-    what = "RC_CHANNELS shows the overrides, but" if streamer.is_obeyed else "neither RC_CHANNELS nor"
+    seen = f"{output:+.0%} in {mode}"
+    if streamer.is_obeyed:
+        what = f"RC_CHANNELS shows the overrides, but SERVO_OUTPUT_RAW shows {seen}"
+    else:
+        what = f"neither RC_CHANNELS nor SERVO_OUTPUT_RAW shows it ({seen})"
     return PreconditionFailed(
-        f"the steering output does not follow: {level:+.0%} was sent, {what} SERVO_OUTPUT_RAW shows it "
-        f"({output:+.0%} in {mode}). Check SERVOn_FUNCTION and the motor directions, the safety switch "
-        "(BRD_SAFETY_DEFLT), and that no failsafe is active"
+        f"the steering output does not follow: {level:+.0%} was sent, {what}. Check SERVOn_FUNCTION and the "
+        "motor directions, the safety switch (BRD_SAFETY_DEFLT), and that no failsafe is active"
     )
