@@ -94,7 +94,7 @@ def load_runs(
     Raises
     ------
     BadFile, NotInformative
-        It cannot be read, or nothing can be identified from it. UsageError: a name in *columns* does not exist.
+        The source cannot be read, or nothing can be identified from it. UsageError: a name in *columns* does not exist.
 
     Examples
     --------
@@ -131,7 +131,7 @@ def fit(
     start: ExtendedModel | Mapping[str, float] | None = None,
     **options: Any,
 ) -> Fit[Model]:
-    """Identify a model from runs; parameters and errors as in :func:`gcs_autotune.identify.fit`.
+    """Return a model identified from runs. Parameters and errors are those of :func:`gcs_autotune.identify.fit`.
 
     The result is displayed as a table; see :func:`simulate`, :func:`validate` and :func:`plot`. It has
     ``to_pandas()`` and ``doubts``.
@@ -152,7 +152,7 @@ def fit(
 
 
 def validate(found: Fit[Model], runs: Runs) -> Validation:
-    """Simulate *runs* that *found* was not fitted to; only their initial states are fitted.
+    """Return how well *found* predicts *runs* to which it was not fitted. Only the initial states are fitted.
 
     Raises
     ------
@@ -182,10 +182,10 @@ def diagnose(
     horizon: float | None = None,
     jobs: int = 1,
 ) -> Diagnosis:
-    """Identify what a simulation gets wrong and the cause: :func:`gcs_autotune.diagnose.diagnose`.
+    """Return what a simulation gets wrong, and the cause, by :func:`gcs_autotune.diagnose.diagnose`.
 
     model : the simulation to examine, also as a :class:`Fit` of other runs; default the plain model fitted to the
-    runs. The other parameters and errors are those of that function.
+    runs. The other parameters and errors are those of :func:`gcs_autotune.diagnose.diagnose`.
 
     Examples
     --------
@@ -231,8 +231,8 @@ def design(
     NoGainsMeetSpec
         No gains inside the documented ranges are acceptable.
     UsageError, UnknownName, ParameterMissing
-        The model is of another degree of freedom; full scale or speed is missing; the axis is unknown; a gain of it
-        is not in *present*.
+        The model is of another degree of freedom; full scale or speed is missing; the axis is unknown; a gain of the
+        axis is not in *present*.
 
     Examples
     --------

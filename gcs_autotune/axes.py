@@ -32,8 +32,8 @@ _PULSES = "a small pulse in each direction to check the response, then "
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """How one degree of freedom is identified. The numbers are project choices for craft of half a metre to a few
-    metres.
+    """Settings by which one degree of freedom is identified. The numbers are project choices for craft of half a metre
+    to a few metres.
 
     Attributes
     ----------
@@ -41,8 +41,9 @@ class Excitation:
     title : name of the oscillating motion, for texts.
     check : announcement of the actuator check.
     check_reach, check_time : a pulse of the check ends at this fraction of ``least_hysteresis``, or after this time
-    [s]. by_throttle : whether throttle drives it, so that a craft under way is identified by throttle steps.
-    below_surface : whether it can only be excited under water. turns : whether its force steers the craft.
+    [s]. by_throttle : whether throttle drives the degree of freedom, so that a craft under way is identified by
+    throttle steps.
+    below_surface : whether it can only be excited under water. turns : whether the force along it steers the craft.
     """
 
     dof: str
@@ -57,7 +58,7 @@ class Excitation:
 
     @property
     def names(self) -> Dof:
-        """Names of its signals and parameters."""
+        """The degree of freedom, with the names of its signals and parameters."""
         return DOFS[self.dof]
 
     @property
@@ -76,18 +77,18 @@ EXCITATIONS: Mapping[str, Excitation] = {
         Excitation("sway", 0.3, "sideways speed", ""),
     )
 }
-"""Degree of freedom -> how it is identified."""
+"""Degree of freedom -> settings by which it is identified."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisKind:
-    """One axis of the commands.
+    """One axis that commands can tune or identify.
 
     Attributes
     ----------
     dof : name of its degree of freedom. stepped : the signal of the step that proves its gains.
     step, step_duration : size [SI, rad] and duration [s] of the step, each way; NaN if chosen for the craft.
-    rates : messages that contain it, in addition to ATTITUDE, with the rates its experiments need [Hz].
+    rates : message that contains the signal, in addition to ATTITUDE -> rate [Hz] that its experiments need.
     calmed : width of the centred mean that smooths the noisy stepped signal [s].
     guessed_duration : expected duration of a step, each way, if chosen for the craft [s]; for the announcement.
     example : the simulated vehicle used by default.
@@ -105,22 +106,24 @@ class AxisKind:
 
     @property
     def excitation(self) -> Excitation:
-        """How its degree of freedom is identified."""
+        """Settings by which the axis' degree of freedom is identified."""
         return EXCITATIONS[self.dof]
 
     @property
     def names(self) -> Dof:
-        """Names of its signals and parameters."""
+        """The axis' degree of freedom, with the names of its signals and parameters."""
         return DOFS[self.dof]
 
     @property
     def angular(self) -> bool:
-        """Whether its steps and hystereses are typed in degrees."""
+        """Whether steps and hystereses of the axis are typed in degrees."""
         return self.names.angular
 
     @property
     def controls_velocity(self) -> bool:
-        """Whether its loop controls a speed or a turn rate. Its step is then flown about the measured steady value."""
+        """Whether the axis' loop controls a speed or a turn rate. The step is then flown about the measured
+        steady value.
+        """
         return self.stepped != self.names.position
 
 
@@ -133,7 +136,7 @@ AXES: Mapping[str, AxisKind] = {
         AxisKind("yaw", "yaw", "r", guessed_duration=8.0),
     )
 }
-"""Name -> axis. To add one, add a line here, and its law and gains in the firmwares that have it."""
+"""Name -> axis. To add an axis, add a line here, and its law and gains in the firmwares that have it."""
 
 OTHER_NAMES: Mapping[str, str] = {"surge": "speed"}
 """Alias -> name of an axis."""
@@ -153,5 +156,5 @@ def position_axis(dof: str) -> AxisKind:
 
 
 def excitation_of(dof: str) -> Excitation:
-    """Return how a degree of freedom is identified."""
+    """Return the settings by which the degree of freedom *dof* is identified."""
     return EXCITATIONS[dof]

@@ -58,11 +58,11 @@ class ManualClock:
         return self._now
 
     def advance_to(self, t: float) -> None:
-        """Move forward to *t* [s]; moving backwards is ignored."""
+        """Set the clock forward to *t* [s]; an earlier time is ignored."""
         self._now = max(self._now, t)
 
     def advance(self, dt: float) -> None:
-        """Move forward by *dt* [s]."""
+        """Set the clock forward by *dt* [s]."""
         self.advance_to(self._now + dt)
 
 
@@ -80,7 +80,7 @@ class Deadline:
 
     @property
     def remaining(self) -> float:
-        """Seconds left; never negative."""
+        """Time left [s]; never negative."""
         return max(0.0, self.at - self.clock.now())
 
     @property
@@ -101,7 +101,7 @@ class OutOfWork(OutOfTime):
 class Budget:
     """The resources of a computation, and their use.
 
-    work : limit of samples processed by simulations and filters. deadline : latest end; None: none.
+    work : largest number of samples processed by simulations and filters. deadline : latest end; None: none.
     done : samples processed so far. stopped : the step that was interrupted, empty while running.
     by_work : whether it was stopped by *work* and not by the deadline.
     """
@@ -124,7 +124,7 @@ class Budget:
             self.stop()
 
     def stop(self) -> NoReturn:
-        """Stop the computation with the matching error.
+        """Record the interrupted step, and raise the error for the limit reached.
 
         Raises
         ------
@@ -155,7 +155,7 @@ def limited_to(effort: Budget | None) -> Iterator[None]:
 
 
 def current_effort() -> Budget | None:
-    """Return the budget of this computation; None without a limit."""
+    """Return the budget of this computation; None if it has no limit."""
     return _effort.get()
 
 

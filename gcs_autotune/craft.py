@@ -37,7 +37,7 @@ class Observation:
     (continuous from the first one); ``d`` is the distance to a wall ahead [m]; ``d_starboard`` that of a second
     rangefinder. ``output`` holds the *measured* actuator
     demand per force name (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
-    ``output_t`` its stamp. ``age`` is seconds of link-clock time since the last message.
+    ``output_t`` [s] is its time stamp. ``age`` is seconds of link-clock time since the last message.
     """
 
     t: float
@@ -63,7 +63,7 @@ class Observation:
     age: float = 0.0
 
     def value(self, name: str) -> float:
-        """Return the signal called *name* (``psi``, ``z``, ``speed``...)."""
+        """Return the value [SI] of the signal called *name* (``psi``, ``z``, ``speed``...)."""
         return float(getattr(self, name))
 
 
@@ -146,7 +146,7 @@ class Intervention:
 
     @property
     def stands(self) -> bool:
-        """Whether any part of the change must not be undone."""
+        """Whether the change of mode or of armed state must not be undone."""
         return self.mode_stands or self.armed_stands
 
 
@@ -165,12 +165,12 @@ class Craft(Protocol):
 
     @property
     def armed(self) -> bool:
-        """Whether it is armed, from the last heartbeat."""
+        """Whether the craft is armed, from the last heartbeat."""
         ...
 
     @property
     def mode(self) -> str:
-        """Its flight mode, from the last heartbeat."""
+        """Name of the craft's flight mode, from the last heartbeat."""
         ...
 
     def await_heartbeat(self) -> None:
@@ -221,7 +221,7 @@ class Craft(Protocol):
         ...
 
     def neutral(self) -> None:
-        """Bring every actuator to neutral and check the measured outputs. While armed, hold it there."""
+        """Bring every actuator to neutral and check the measured outputs. While armed, keep the actuators neutral."""
         ...
 
     def release(self) -> None:
@@ -233,7 +233,7 @@ class Craft(Protocol):
         ...
 
     def mark(self, mark: Mark) -> None:
-        """Attach an event to the running trial."""
+        """Add an event at the present time to the running trial."""
         ...
 
     def stop_recording(self, ending: str) -> Trial:

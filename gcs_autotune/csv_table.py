@@ -42,7 +42,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Note: TypeAlias = tuple[str, str, str]
-"""Slug, cause and remedy. It becomes a ``Doubt`` of anything identified from the run."""
+"""Note on a file: slug, cause and remedy. It becomes a ``Doubt`` about everything identified from the run."""
 
 _DATE = re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}|^\s*\d{1,2}[./-]\d{1,2}[./-]\d{2,4}\b|^\s*\d{1,2}:\d{2}(:\d{2}|\s*$)")
 _NUMBER = re.compile(r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$")
@@ -87,7 +87,7 @@ class TableNumbers:
 
 
 def text_of(path: Path) -> str:
-    """Return the text of a file.
+    """Return the content of a file as text.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def cells_of(path: Path) -> Cells:
     Raises
     ------
     BadFile
-        It is not a table with columns separated by commas. The message states what it is.
+        The file is not a table with columns separated by commas. The message states its type.
     """
     text = text_of(path)
     try:
@@ -330,7 +330,7 @@ Each row has the lower and the upper limit, the unit of such stamps, and that un
 
 
 def since_1970(file: str, t: Array) -> tuple[Array, list[Note]]:
-    """Return stamps (n,) without a unit in seconds, with a note if their size indicates another unit."""
+    """Return time stamps (n,) without a unit converted to seconds, with a note if their size indicates another unit."""
     known = np.abs(t[np.isfinite(t)])
     typical = float(np.median(known)) if len(known) else 0.0
     for low, high, unit, factor in EPOCHS:
@@ -341,14 +341,14 @@ def since_1970(file: str, t: Array) -> tuple[Array, list[Note]]:
 
 
 ABSURD, LAST = 1e12, 1e11
-"""Largest plausible signal in SI units, and largest plausible stamp [s].
+"""Largest plausible signal in SI units, and largest plausible time stamp [s].
 
 A larger number counts as damage. Project choice.
 """
 
 
 def is_believable(name: str, values: Array, file: str) -> tuple[NDArray[np.bool_], list[Note]]:
-    """Return which values (n,) of a channel in SI units are plausible, with a note if some are not."""
+    """Return a mask of the plausible values (n,) of a channel in SI units, with a note if some are not."""
     with np.errstate(invalid="ignore"):
         absurd = np.isfinite(values) & (np.abs(values) > ABSURD)
     if not absurd.any():

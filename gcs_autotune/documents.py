@@ -25,13 +25,13 @@ def load_json(path: Path, what: str) -> Any:
     Raises
     ------
     BadFile
-        It cannot be read, is not JSON, or exceeds the limits of :mod:`gcs_autotune_files`.
+        The file cannot be read, is not JSON, or exceeds the limits of :mod:`gcs_autotune_files`.
     """
     return _load(path, "json", what)
 
 
 def load_toml(path: Path, what: str) -> dict[str, Any]:
-    """Return the tables of the TOML file at *path*; errors as for :func:`load_json`."""
+    """Return the tables of the TOML file at *path*; it raises the errors of :func:`load_json`."""
     tables: dict[str, Any] = _load(path, "toml", what)
     return tables
 
@@ -63,7 +63,7 @@ def check_run_folder(path: Path) -> None:
     Raises
     ------
     UsageError
-        It already contains a run, or cannot be created.
+        The folder already contains a run, or cannot be created.
     """
     if (path / "trials").exists():
         raise UsageError(f"{path} already contains a run. Use another --out")

@@ -125,7 +125,7 @@ class CommandDenied(VehicleRefused):
 
 
 class ModeRefused(VehicleRefused):
-    """The vehicle did not change to the flight mode."""
+    """The vehicle did not change to the commanded flight mode."""
 
 
 class ArmingRefused(VehicleRefused):

@@ -35,7 +35,7 @@ Progress = Callable[[int, int], None]
 
 
 class Executor(Protocol):
-    """Runs tasks."""
+    """Interface: runs many tasks with one function."""
 
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
@@ -60,7 +60,7 @@ class SerialExecutor:
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
     ) -> Iterator[Result]:
-        """As :meth:`Executor.map`."""
+        """Yield ``function(task)`` for each task, in order, as :meth:`Executor.map`."""
         for i, task in enumerate(tasks):
             yield function(task)
             if progress is not None:
@@ -89,7 +89,9 @@ class ProcessExecutor:
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
     ) -> Iterator[Result]:
-        """Run tasks as :meth:`Executor.map`. The processes are started for this call and end with it."""
+        """Yield ``function(task)`` for each task, in order, as :meth:`Executor.map`. The processes are started for this
+        call and end with it.
+        """
         if min(self._jobs, len(tasks)) < 2:
             yield from SerialExecutor().map(function, tasks, progress)
             return
@@ -126,18 +128,20 @@ class KeptProcess:
 
     @property
     def pid(self) -> int | None:
-        """Process id."""
+        """Id of the process."""
         return self._process.pid
 
     @property
     def is_alive(self) -> bool:
-        """Whether it can run further tasks."""
+        """Whether the process can run further tasks."""
         return self._process.is_alive()
 
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
     ) -> Iterator[Result]:
-        """As :meth:`Executor.map`. Raises ``ChildProcessError`` with the exit code if the process ends."""
+        """Yield ``function(task)`` for each task, in order, as :meth:`Executor.map`. Raises ``ChildProcessError`` with
+        the exit code if the process ends.
+        """
         limits, kept = _Limits.present(), current_kept_results()
         for i, task in enumerate(tasks):
             try:

@@ -20,7 +20,7 @@ Number = TypeVar("Number", float, NDArray[np.float64])
 
 
 def flat(lat: Number, lon: Number, origin: tuple[float, float]) -> tuple[Number, Number]:
-    """Return metres north and east of *origin* for positions in degrees."""
+    """Return (north, east) [m] of *origin* for latitudes and longitudes [deg]."""
     north = (lat - origin[0]) * (math.pi / 180.0 * EARTH)
     shrink = math.cos(math.radians(origin[0]))
     east = ((lon - origin[1] + 180.0) % 360.0 - 180.0) * (math.pi / 180.0 * EARTH * shrink)
@@ -28,6 +28,6 @@ def flat(lat: Number, lon: Number, origin: tuple[float, float]) -> tuple[Number,
 
 
 def to_body(north: Number, east: Number, psi: Number) -> tuple[Number, Number]:
-    """Return velocity ahead and to starboard from velocity over ground and heading [rad]."""
+    """Return velocity ahead and to starboard [m/s] from velocity north and east [m/s] and heading [rad]."""
     c, s = cast("Number", np.cos(psi)), cast("Number", np.sin(psi))
     return north * c + east * s, east * c - north * s

@@ -30,7 +30,7 @@ SCHEMA = "gcs-autotune kept results 1"
 class KeptResults:
     """Results in the file *path*, which is created with the first one. Each is written as soon as it is known.
 
-    subject : fingerprint of what all results are about.
+    subject : fingerprint of the data and settings on which all results depend.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def recalled(
     encode: Callable[[Result], Any],
     decode: Callable[[Any], Result],
 ) -> Result:
-    """Return the stored result, or else that of *calculate*.
+    """Return the stored result, or else the result of *calculate*, which is then stored.
 
     asked : returns everything that the result depends on, its kind first. encode, decode : convert to JSON's own types
         and back. The work of decoding is not counted, because the calculation already was.

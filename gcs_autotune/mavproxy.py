@@ -60,7 +60,7 @@ class MavproxyLink(Transport):
         return "MAVProxy"
 
     def take(self, data: bytes) -> None:
-        """Receive bytes from MAVProxy; called from its thread."""
+        """Store bytes that MAVProxy has received. MAVProxy's thread calls this."""
         self._received.put(data)
 
     def _read_available(self, timeout: float) -> bytes:
@@ -100,7 +100,7 @@ class _Console:
         return self.stop
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask at the prompt. `autotune yes` and `autotune no` answer the question."""
+        """Return the answer to a question at the prompt. `autotune yes` and `autotune no` answer the question."""
         if self._yes:
             return True
         self.answer, self.question = None, question
@@ -159,7 +159,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
     def unload(self) -> None:
         """Stop and clean up before MAVProxy unloads the module.
 
-        It reads the link itself, since MAVProxy no longer does.
+        During this time it reads the link itself, because MAVProxy no longer does.
         """
         if self.is_busy:
             self._stop()

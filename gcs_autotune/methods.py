@@ -24,4 +24,4 @@ METHOD_PLACES: Mapping[str, str] = {
     "zig-zag": "gcs_autotune.identify.open_loop.by_zigzag:METHOD",
     "frequency": "gcs_autotune.identify.frequency.by_frequency:METHOD",
 }
-"""Name -> module and attribute."""
+"""Name of an identification method -> module and attribute that define it."""

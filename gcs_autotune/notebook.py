@@ -18,7 +18,7 @@ def pandas_module() -> Any:
     Raises
     ------
     UsageError
-        It is not installed.
+        pandas is not installed.
     """
     try:
         import pandas

@@ -175,22 +175,22 @@ class LeftAs:
 
 
 Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | PredictedTrack | LeftAs
-"""A fact that is reported in addition to ticks and sentences."""
+"""A note that is reported in addition to ticks and sentences."""
 
 
 class Observer(Protocol):
-    """Receiver of progress reports."""
+    """Interface of a receiver of progress reports."""
 
     def update(self, progress: Progress) -> None:
-        """Receive one control tick."""
+        """Process the progress at one control tick."""
         ...
 
     def say(self, text: str) -> None:
-        """Receive an event, in one sentence."""
+        """Process an event, described in one sentence."""
         ...
 
     def note(self, fact: Fact) -> None:
-        """Receive a fact. It may be ignored."""
+        """Process a note, or ignore it."""
         ...
 
 
@@ -198,10 +198,10 @@ class SilentObserver:
     """An observer that ignores everything."""
 
     def update(self, progress: Progress) -> None:
-        """Ignore it."""
+        """Ignore the control tick."""
 
     def say(self, text: str) -> None:
-        """Ignore it."""
+        """Ignore the event."""
 
     def note(self, fact: Fact) -> None:
-        """Ignore it."""
+        """Ignore the note."""

@@ -16,7 +16,8 @@ choice."""
 
 
 def format_value(value: float, std: float) -> str:
-    """Round *value* to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ± 0.0002"``.
+    """Return *value* as text, rounded to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ±
+    0.0002"``.
 
     The error has one digit, or two if it begins with a 1, because rounding 0.0012 to 0.001 would change it by a sixth.
     An error of 0 means a fixed number, which has four digits and no ``±``. Numbers from exact data, with only rounding
@@ -52,13 +53,13 @@ def _in_powers_of_ten(value: float, std: float) -> str:
 
 
 def rounded(value: float, last: int) -> str:
-    """Return *value* rounded to the decimal place 10**last, without a minus before zeros."""
+    """Return *value* as text, rounded to the decimal place 10**last, without a minus before zeros."""
     text = f"{round(value, -last):.{max(0, -last)}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 
 
 def rounded_to(value: float, std: float) -> str:
-    """Return *value* alone, rounded to its standard error: ``rounded_to(6.9312, 0.17)`` is ``"6.93"``."""
+    """Return *value* alone as text, rounded to its standard error: ``rounded_to(6.9312, 0.17)`` is ``"6.93"``."""
     return format_value(value, std).partition(" ±")[0].lstrip("(")
 
 
@@ -67,7 +68,7 @@ _POWERS = 1e6
 
 
 def format_number(value: float, digits: int = 4) -> str:
-    """Return *value* with at most *digits* significant digits and no trailing zeros; NaN is ``?``."""
+    """Return *value* as text with at most *digits* significant digits and no trailing zeros; NaN is ``?``."""
     if math.isnan(value):
         return UNKNOWN
     if math.isinf(value):

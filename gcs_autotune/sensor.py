@@ -1,4 +1,4 @@
-"""What the samples of a sensor show of it: resolution, noise, and whether anything moved."""
+"""Properties of a sensor estimated from its samples: resolution, noise, and whether the craft moved."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ def noise_of(values: Array) -> float:
 
 
 MOVES = 2.0
-"""Ratio of a velocity's standard deviation to that of its noise, above which the craft counts as moving."""
+"""Ratio of a velocity's standard deviation to that of its noise, above which the craft counts as moving.
+Project choice.
+"""
 
 
 def moves(values: Array) -> bool:
@@ -32,7 +34,7 @@ def moves(values: Array) -> bool:
 
 
 def quantum(values: Array) -> float:
-    """Return the step of a coarsely quantised signal, or 0 if its values have no common grid."""
+    """Return the quantisation step of a signal, in its unit; 0 if its values have no common grid."""
     levels = np.unique(values)
     span = float(levels[-1] - levels[0]) if len(levels) else 0.0
     if len(levels) < 3 or len(levels) > len(values) / 2 or span <= 0.0:

@@ -28,13 +28,13 @@ class LocalPolynomials:
     own_weight: Array
 
     def derivative(self, order: int) -> Array:
-        """Return the derivative (s,) of that *order* at the times. Order 0 is the value."""
+        """Return the derivative (s,) of the given *order* at the polynomials' times. Order 0 is the value."""
         result: Array = math.factorial(order) * self.coefficients[:, order]
         return result
 
 
 def local_polynomials(t: Array, values: Array, at: Array, width: int, degree: int) -> LocalPolynomials:
-    """Fit a polynomial of *degree* through the *width* samples nearest to each time.
+    """Return polynomials of *degree* fitted to the *width* samples nearest to each time.
 
     The degree is lower if *width* is too small for it. t, values : (n,), t ascending, n >= width. at : (s,) times.
     """
@@ -52,7 +52,7 @@ def local_polynomials(t: Array, values: Array, at: Array, width: int, degree: in
 
 
 def best_width(t: Array, values: Array, widths: Iterable[int], degree: int) -> tuple[int, float]:
-    """Return which of the *widths* best predicts samples left out, and the noise of a sample.
+    """Return (the width of *widths* that best predicts left-out samples, standard deviation of a sample's noise).
 
     The noise is the standard deviation of the residual for that width.
     """

@@ -58,7 +58,7 @@ class Signal(NamedTuple):
 
     @property
     def angular(self) -> bool:
-        """Whether it is an angle or its rate of change, which is shown in degrees."""
+        """Whether the signal is an angle or its rate of change, which is shown in degrees."""
         return self.unit.startswith("rad")
 
 
@@ -183,7 +183,7 @@ _REVOLUTIONS = ("1/s", "1/min")
 """Units that mean revolutions for a propeller (ITTC writes n in 1/s), but radians for an angular velocity."""
 
 OVERFULL = 1.5
-"""Largest accepted normalised output. One mixed from several actuators can slightly exceed 1. Project choice."""
+"""Largest accepted normalised output. An output mixed from several actuators can slightly exceed 1. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +255,8 @@ _ROUND = re.compile(r"^\s*(?P<name>[^\[\]()]+?)\s*\((?P<unit>[^\[\]()]+)\)\s*$")
 
 
 def parse_header(header: str) -> tuple[str, str]:
-    """Split ``"psi[deg]"`` or ``"psi (deg)"`` into ``("psi", "deg")``. Without a bracket the unit is ``""``.
+    """Return name and unit of a heading: ``"psi[deg]"`` or ``"psi (deg)"`` becomes ``("psi", "deg")``. Without a
+    bracket the unit is ``""``.
 
     Round brackets around text that is not a unit belong to the name.
 
@@ -275,7 +276,7 @@ def parse_header(header: str) -> tuple[str, str]:
 
 
 def to_si(unit: str) -> tuple[str, float]:
-    """Return ``(si_unit, factor)`` such that ``value * factor`` is in *si_unit*.
+    """Return ``(si_unit, factor)`` of *unit*, such that ``value * factor`` is in *si_unit*.
 
     Raises
     ------
@@ -299,12 +300,12 @@ def _plain(unit: str) -> str:
 
 
 def wrap(angle: float) -> float:
-    """Wrap an angle [rad] to (-pi, pi]."""
+    """Return an angle [rad] wrapped to (-pi, pi]."""
     return -((-angle + math.pi) % (2.0 * math.pi) - math.pi)
 
 
 def column_unit(name: str, unit: str) -> tuple[str, float]:
-    """Return :func:`to_si` of a column's unit. For a pulse, ``us`` is not a time.
+    """Return ``(si_unit, factor)`` of a column's unit, as :func:`to_si`. For a pulse, ``us`` is not a time.
 
     A pulse is a column with one of ``_PULSES`` as prefix, or an input. A column without a unit has that of its signal;
     a force without one is a normalised output. ``1/s`` means radians for an angular velocity, revolutions for a

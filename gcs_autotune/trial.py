@@ -1,6 +1,6 @@
 """A trial: one recorded manoeuvre, as channels with units, events and an ending.
 
-Channels have their own time stamps, because telemetry has. In a file, a compass at 10 Hz and a servo at 50 Hz have rows
+Each channel has its own time stamps, as in telemetry. In a file, a compass at 10 Hz and a servo at 50 Hz have rows
 for all stamps, with empty cells where a channel has no sample. An input channel (``X Y Z K M N delta``) holds its value
 from its stamp to the next (zero-order hold).
 """
@@ -67,7 +67,7 @@ _FLOWN_FOR: Mapping[str, Purpose] = {
 
 
 HALF_A_STAMP = 0.5e-6
-"""Resolution of written timestamps [s]. A stamp read back may be this much earlier than the original."""
+"""Resolution of written timestamps [s]. A time stamp read back may be earlier than the original by this time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +91,7 @@ class Channel:
         return replace(self, t=self.t[keep], values=self.values[keep])
 
     def held_at(self, t: float) -> float:
-        """Return the value at *t* under zero-order hold; before the first stamp it is the first value."""
+        """Return the value at *t* [s] by zero-order hold. Before the first time stamp it is the first value."""
         i = int(np.searchsorted(self.t, t, side="right")) - 1
         return float(self.values[max(i, 0)])
 
@@ -139,17 +139,17 @@ class Trial:
 
     @property
     def start(self) -> float:
-        """First stamp of any channel [s]."""
+        """Earliest time stamp of all channels [s]."""
         return min((float(c.t[0]) for c in self.channels.values() if len(c)), default=math.nan)
 
     @property
     def end(self) -> float:
-        """Last stamp of any channel [s]."""
+        """Latest time stamp of all channels [s]."""
         return max((float(c.t[-1]) for c in self.channels.values() if len(c)), default=math.nan)
 
     @property
     def duration(self) -> float:
-        """Seconds from first to last stamp."""
+        """Time from the first to the last time stamp [s]."""
         return self.end - self.start
 
     @property
@@ -184,7 +184,7 @@ class Trial:
         Raises
         ------
         MissingChannel
-            It has no such channel. UsageError: a channel is not a normalised output.
+            The trial has no such channel. UsageError: a channel is not a normalised output.
 
         Examples
         --------
@@ -286,7 +286,7 @@ def _column(channel: Channel, stamps: NDArray[np.float64]) -> list[str]:
 
 
 def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
-    """Read a CSV run written by :func:`save_trial` or any CSV file with ``name[unit]`` headings.
+    """Return the run in a CSV file with ``name[unit]`` headings, written by :func:`save_trial` or any other program.
 
     columns : heading (or its name) in the file -> the heading to use instead, for files with other names.
 
@@ -408,7 +408,7 @@ def as_share(channel: Channel, run: str) -> tuple[Channel, list[Note]]:
     Raises
     ------
     BadFile
-        Its unit is that of pulses, but its values cannot be pulses.
+        The channel's unit is that of pulses, but its values cannot be pulses.
     """
     if channel.name not in INPUTS or not is_pulses(channel.unit, channel.values):
         return channel, []

@@ -17,9 +17,11 @@ _ACTIVE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 C0 and C1 controls, bidirectional overrides and other format characters, surrogates, line and paragraph separators.
 """
 MOST_SHOWN = 3
-"""Number of vehicle messages shown at once, because it may send hundreds a second. Project choice."""
+"""Number of vehicle messages shown at once, because a vehicle may send hundreds a second. Project choice."""
 LONGEST = 200
-"""Number of characters shown of one message. A STATUSTEXT has 50, in pieces many thousand. Project choice."""
+"""Number of characters shown of one message. A STATUSTEXT has 50 characters; in pieces it may have many thousand.
+Project choice.
+"""
 
 
 def visible(text: str, keep: str = "") -> str:

@@ -33,7 +33,9 @@ class Verb:
     attribute: str = "COMMAND"
 
     def load(self) -> Command:
-        """Import the command. Only the one that runs is imported, because each imports the tables for its options."""
+        """Import the command's module and return the command. Only the command that runs is imported, because each
+        imports the tables for its options.
+        """
         command: Command = getattr(import_module(f"{__name__}.{self.module}"), self.attribute)
         return command
 
@@ -72,16 +74,16 @@ COMMANDS: Mapping[str, Verb] = {
     "ports": Verb("list the ports and the vehicles received on them", "doctor_cmd", "PORTS"),
     "completion": Verb("print a completion script for bash, zsh or fish", "completion_cmd"),
 }
-"""Verb -> module of its command. To add one, add a file and a line here."""
+"""Verb -> its help and the module of its command. To add a command, add a module and a line here."""
 COMPLETION = "completion"
 """The only command that needs the parsers of all others."""
 
 YOUNG = 20_000
-"""Number of new objects before the garbage collector runs. Project choice."""
+"""Number of new objects after which the garbage collector runs. Project choice."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line with its arguments and return the exit code."""
+    """Run the command line with the arguments *argv* and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     # Before NumPy is imported. Our matrices are small: a second thread wins nothing on an idle machine, and beside
     # other programs (a ground station, a simulator) the two wait for each other.

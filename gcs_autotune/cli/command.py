@@ -67,7 +67,9 @@ GUARDING = (
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One verb: description, options, and the function it runs (returns the exit code)."""
+    """One verb of the command line: its description, its options, and the function that runs it and returns the
+    exit code.
+    """
 
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
@@ -193,7 +195,7 @@ def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
     Raises
     ------
     UsageError
-        There is none.
+        There is no link.
     """
     uri = args.connect or args.configured_link or otherwise
     if not uri:
@@ -202,7 +204,7 @@ def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
-    """Add ``--out``."""
+    """Add the option ``--out`` for the run directory."""
     parser.add_argument(
         "--out",
         type=Path,
@@ -212,7 +214,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def add_fetch_log(parser: argparse.ArgumentParser) -> None:
-    """Add ``--fetch-log``."""
+    """Add the option ``--fetch-log``."""
     parser.add_argument(
         "--fetch-log",
         action="store_true",
@@ -222,7 +224,7 @@ def add_fetch_log(parser: argparse.ArgumentParser) -> None:
 
 
 def add_loudness(parser: argparse.ArgumentParser) -> None:
-    """Add ``--quiet`` and ``--verbose``."""
+    """Add the options ``--quiet`` and ``--verbose``."""
     loudness = parser.add_mutually_exclusive_group()
     loudness.add_argument(
         "--quiet",
@@ -260,7 +262,7 @@ def progress_bar(args: argparse.Namespace, given: float = math.inf) -> StageBar:
 
 
 def add_remote(parser: argparse.ArgumentParser) -> None:
-    """Add ``--remote``."""
+    """Add the option ``--remote``."""
     parser.add_argument(
         "--remote",
         action="store_true",
@@ -270,14 +272,14 @@ def add_remote(parser: argparse.ArgumentParser) -> None:
 
 
 def add_envelope(parser: argparse.ArgumentParser) -> None:
-    """Add the safety limits."""
+    """Add the options for the safety limits."""
     group = parser.add_argument_group("safety limits (when one is exceeded, the manoeuvre ends with neutral actuators)")
     for name in GUARDING:
         add_number(group, name)
 
 
 def envelope_from(args: argparse.Namespace) -> Envelope:
-    """Return the envelope of the options of :func:`add_envelope`, in SI and radians."""
+    """Return the safety envelope set by the options of :func:`add_envelope`, in SI and radians."""
     from gcs_autotune.manoeuvres import Envelope
 
     return Envelope(
@@ -343,7 +345,7 @@ def check_output(args: argparse.Namespace) -> None:
     Raises
     ------
     UsageError
-        It already contains a run, or cannot be created.
+        The directory already contains a run, or cannot be created.
     """
     if args.out is not None:
         check_run_folder(args.out)
@@ -380,7 +382,7 @@ def check_model_file(path: Path | None) -> None:
 
 
 def connection_of(args: argparse.Namespace, uri: str) -> Connection:
-    """Build the connection to *uri* from the options of :func:`add_connection`."""
+    """Return the settings of the connection to *uri* from the options of :func:`add_connection`."""
     return _connection(args, uri, signing_of(args, uri))
 
 

@@ -43,7 +43,7 @@ TABLES: Mapping[str, tuple[str, ...]] = {"link": (*_TEXTS, *_PATHS, *_NUMBERS), 
 
 @dataclass(frozen=True, slots=True)
 class ConfigFile:
-    """Settings of the file: option (without dashes) -> value as on the command line; empty without a file."""
+    """Settings of the file: option (without dashes) -> value as on the command line. Empty without a file."""
 
     path: Path | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -111,12 +111,13 @@ def find_config() -> Path | None:
 
 
 def read_config(path: Path | None) -> ConfigFile:
-    """Read *path* and check each value as if it had been typed.
+    """Return the settings in the file *path*, each checked as if it had been typed.
 
     Raises
     ------
     BadFile
-        It cannot be read. UsageError, UnknownName: an unknown key (the message suggests the nearest) or a bad value.
+        The file cannot be read. UsageError, UnknownName: an unknown key (the message suggests the nearest) or a bad
+        value.
     """
     if path is None:
         return NO_CONFIG

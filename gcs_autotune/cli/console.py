@@ -68,12 +68,12 @@ class ConsoleOperator:
                 signal.signal(number, handler)
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask a yes/no question on the terminal. Only "y" or "yes" counts as yes.
+        """Return the answer to a yes/no question on the terminal. Only "y" or "yes" counts as yes.
 
         Raises
         ------
         UsageError
-            Standard input is not a terminal and ``--yes`` was not given.
+            Standard input is not a terminal and ``--yes`` is not set.
         """
         if self._yes:
             return True

@@ -16,7 +16,7 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["DOCTOR", "PORTS"]
 
 UNFIT = 1
-"""Exit code: something prevents a tune."""
+"""Exit code of ``doctor`` if something prevents a tune."""
 SIGNS = {"fine": " ", "note": "!", "wrong": "X"}
 
 

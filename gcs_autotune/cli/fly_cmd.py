@@ -45,7 +45,7 @@ OPTIONS = (
     "f-stop", "fade-in", "fade-out", "shortest", "push", "set-point", "hysteresis", "second-set-point",
     "second-hysteresis", "wall-hysteresis", "least-distance",
 )  # fmt: skip
-"""Options of the manoeuvres."""
+"""Names of the options that manoeuvres have."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -147,7 +147,9 @@ def _verify_known(args: argparse.Namespace) -> None:
 def run_flight(
     args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION, *, recheck: AxisKind | None = None
 ) -> int:
-    """Open the link (default *otherwise*), fly, and show the result. *recheck*: evaluate the loop of that axis."""
+    """Open the link (default *otherwise*), fly, show the result and return the exit code. *recheck*: axis whose loop is
+    evaluated.
+    """
     check_output(args)
     with connected(args, uri_of(args, otherwise)) as connection:
         return _fly(args, connection) if recheck is None else _recheck(args, connection, recheck)

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["COMMAND"]
 
 MOST = 1e12
-"""Largest constant of a craft or option of a method that is accepted: that of a large ship in SI units."""
+"""Largest value accepted for a constant of a craft or an option of a method: that of a large ship in SI units. Project
+choice.
+"""
 
 _FORMS = resources.files("gcs_autotune") / "models" / "coupled" / "forms"
 MOTIONS = (*DOFS, *sorted(file.name.removesuffix(".toml") for file in _FORMS.iterdir() if file.name.endswith(".toml")))

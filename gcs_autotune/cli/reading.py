@@ -25,7 +25,7 @@ _STRETCH = re.compile("0*[1-9][0-9]{0,5}")
 
 
 def add_runs(parser: argparse.ArgumentParser) -> None:
-    """Add the argument for the runs."""
+    """Add the positional argument for the runs to read."""
     parser.add_argument(
         "runs",
         nargs="*",
@@ -37,7 +37,7 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add ``--pick``, ``--system-id``, ``--columns`` and ``--full-scale``."""
+    """Add the options ``--pick``, ``--system-id``, ``--columns`` and ``--full-scale``."""
     read = parser.add_argument_group("reading")
     read.add_argument("--pick", metavar="N[,N]", default="", help="segments of a log, by number (default: all)")
     add_number(read, "system-id", "ID", meaning="system id of the vehicle, if the .tlog contains several")
@@ -57,7 +57,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def add_parameters(group: argparse._ArgumentGroup) -> None:
-    """Add ``--parameters``."""
+    """Add the option ``--parameters``."""
     group.add_argument(
         "--parameters",
         type=Path,
@@ -68,7 +68,7 @@ def add_parameters(group: argparse._ArgumentGroup) -> None:
 
 
 def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
-    """Return the parameters of ``--parameters``; None without it.
+    """Return name -> value from the file of ``--parameters``; None without this option.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
 
 
 def read_runs(args: argparse.Namespace) -> list[Trial]:
-    """Read the runs on the command line. From logs, read the segments picked.
+    """Return the runs on the command line. From logs, return the segments picked.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_runs(args: argparse.Namespace) -> list[Trial]:
 
 
 def read_others(args: argparse.Namespace, paths: Sequence[Path]) -> list[Trial]:
-    """Read further runs in the same way, but complete."""
+    """Return further runs, read in the same way, but without picking segments."""
     return _read(args, paths, ())
 
 
@@ -115,7 +115,7 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
 
 
 def full_scale(text: str) -> dict[str, float]:
-    """Parse ``X=8,N=0.17``."""
+    """Return force letter -> force or moment at full output [N or N m] from a text like ``X=8,N=0.17``."""
     found = {}
     for piece in text.split(",") if text else ():
         name, _, value = piece.strip().partition("=")

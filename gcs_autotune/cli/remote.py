@@ -50,7 +50,9 @@ COLUMNS = ("t", "value", "target", "output", "rate", "x", "y", "psi")
 EVERY = 0.1
 """Time between two writes [s, wall clock]; the eye follows about ten updates a second. Project choice."""
 MOST_TICKS, MOST_FACTS = 1000, 500
-"""Most lines kept for a slow listener: ticks, facts. Older ones are dropped and counted. Project choice."""
+"""Largest number of control ticks and of other entries kept for a slow listener. Older entries are dropped and counted.
+Project choice.
+"""
 _GRACE = 2.0
 """Longest wait for a slow listener at the end [s]. Project choice."""
 _KEYS: Mapping[type, str] = {
@@ -85,16 +87,16 @@ class RemoteObserver:
         self._thread.join(_GRACE)
 
     def update(self, progress: Progress) -> None:
-        """Queue the tick for the next line."""
+        """Queue the progress at a control tick for the next line."""
         self._ticks.append(progress)
         self._told += 1
 
     def say(self, text: str) -> None:
-        """Queue the sentence for the next line."""
+        """Queue a sentence for the next line."""
         self.put("say", text)
 
     def note(self, fact: Fact) -> None:
-        """Queue the fact for the next line."""
+        """Queue a note for the next line."""
         self.put(_KEYS[type(fact)], fact)
 
     def put(self, key: str, value: object) -> None:
@@ -157,7 +159,9 @@ class RemoteOperator(ConsoleOperator):
         threading.Thread(target=self._listen, name="stop", daemon=True).start()
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask and wait for the answer to this question. *while_waiting* raises an error if a STOP comes first."""
+        """Ask a yes/no question, wait for the answer, and return it. *while_waiting* raises an error if a STOP comes
+        first.
+        """
         if self._yes:
             return True
         self._asked += 1

@@ -40,7 +40,7 @@ __all__ = ["COMMAND", "RESTORED", "tune_settings"]
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
 RESTORED = 8
-"""Exit code: the new gains were tested but the old ones proved better and are restored."""
+"""Exit code of ``tune`` if the new gains were tested, but the old gains proved better and are restored."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -128,7 +128,7 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
 
 
 def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:
-    """Return the settings of the command line, for an open link.
+    """Return the settings of the tune set on the command line, for an open link.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
 DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
     *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
 }
-"""Options without effect when supplied gains are proved."""
+"""Names of the options that have no effect when supplied gains are proved."""
 
 
 def _proving(args: argparse.Namespace) -> str:

@@ -29,7 +29,9 @@ def fresh(path: Path) -> Path:
 
 
 def on_replacing(path: Path) -> str:
-    """Return a note for the line that shows *path*; empty if no file is replaced. Call before writing."""
+    """Return a note that *path* replaces an earlier file, for the line that shows *path*; empty if no file is replaced.
+    Call before writing.
+    """
     is_there = any(path.iterdir()) if path.is_dir() else path.exists()
     return " (replaced an earlier file)" if is_there else ""
 

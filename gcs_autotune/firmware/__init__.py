@@ -44,9 +44,9 @@ FIRMWARE: Mapping[str, Firmware] = {
     "ardurover": ardurover.FIRMWARE,
     "ardusub": ardusub.FIRMWARE,
 }
-"""Name -> firmware."""
+"""Name -> firmware profile."""
 
 
 def firmware_for(autopilot: int, vehicle_type: int) -> Firmware | None:
-    """Return the firmware for a HEARTBEAT's ``autopilot`` and ``type``; None if it is not supported."""
+    """Return the firmware profile for a HEARTBEAT's ``autopilot`` and ``type``; None if it is not supported."""
     return next((f for f in FIRMWARE.values() if autopilot == f.autopilot and vehicle_type in f.vehicle_types), None)

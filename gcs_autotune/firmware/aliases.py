@@ -30,8 +30,8 @@ class Alias:
 
     Attributes
     ----------
-    name : the name on such a vehicle.
-    scale : value under that name per value under the canonical one.
+    name : the other name.
+    scale : value under the other name, divided by the canonical value.
     low, high : range documented under that name, in its own unit; None when it is the canonical one's, scaled.
     inverted_bits : whether the value is a mask of arming checks to skip, while the canonical one has those to run.
     is_sign : whether the value is 1, or -1 for reversed, while the canonical one is 0, or 1 for reversed.
@@ -105,7 +105,7 @@ ALIASES: Mapping[str, tuple[Alias, ...]] = {
     "MAV_SYSID": (Alias("SYSID_THISMAV"),),
     "ARMING_CHECK": (Alias("ARMING_SKIPCHK", inverted_bits=True),),
 }
-"""Canonical name -> its other names. To add one, add a line."""
+"""Canonical name -> its other names. To add a name, add a line."""
 
 FIXED_OUTPUTS: Mapping[str, tuple[Alias, float]] = {
     "SERVO{n}_FUNCTION": (Alias("RC{n}_FUNCTION"), 0.0),

@@ -19,7 +19,7 @@ class SetFailsafe:
     """One failsafe with the settings of a vehicle's parameters.
 
     ``needs``: silence of the station before it acts [s, vehicle time]; ``outcomes``: modes it may end in, or
-    ``DISARMS``; ``says``: content of its STATUSTEXT, in lower case. ``by_overrides``: whether only overrides prevent
+    ``DISARMS``; ``says``: content of its STATUSTEXT, in lower case; ``by_overrides``: whether only overrides prevent
     it. With an RC receiver it does not depend on this program.
     """
 
@@ -49,7 +49,7 @@ class Failsafe:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The parameters to read."""
+        """Names of the parameters that determine the failsafe."""
         return (self.enable[0], self.action[0], *(name for name, _ in self.waits))
 
     def set_by(self, values: Mapping[str, float]) -> SetFailsafe | None:

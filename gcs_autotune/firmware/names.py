@@ -13,10 +13,10 @@ __all__ = ["AlternativesSource", "Names", "read_named"]
 
 
 class AlternativesSource(Protocol):
-    """A vehicle that can be asked for several alternative names of a parameter at once."""
+    """Interface of a vehicle from which several alternative names of a parameter can be requested at once."""
 
     def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
-        """Return, for each group of names, the existing one (the first, if several) with its value."""
+        """Return name -> value of the first existing name of each group of alternative names."""
         ...
 
 

@@ -21,7 +21,7 @@ def pid_context(prefix: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """One tunable parameter, with its documented range."""
+    """A tunable parameter with its documented range."""
 
     parameter: str
     low: float
@@ -31,7 +31,9 @@ class Gain:
 
 @dataclass(frozen=True, slots=True)
 class Unsuited:
-    """A vehicle setting that is not supported: the ``values`` of a ``parameter``, and the reason with its remedy."""
+    """A vehicle setting that is not supported: the unsupported ``values`` of a ``parameter``, and the reason with its
+    remedy.
+    """
 
     parameter: str
     values: Sequence[int]
@@ -78,7 +80,7 @@ class Axis:
 
     @property
     def kind(self) -> AxisKind:
-        """The axis in ``axes.AXES``."""
+        """The entry of the axis in ``axes.AXES``."""
         return axis_kind(self.name)
 
     @property
@@ -88,16 +90,16 @@ class Axis:
 
     @property
     def excitation(self) -> Excitation:
-        """How the axis is identified."""
+        """Settings by which the axis is identified."""
         return self.kind.excitation
 
     @property
     def steers_by_way(self) -> bool:
-        """Whether it turns the craft with a force that depends on throttle or speed."""
+        """Whether the axis turns the craft with a force that depends on throttle or speed."""
         return self.needs_speed and not self.excitation.by_throttle
 
     def called(self, names: Names) -> Self:
-        """Return this axis on a vehicle with those *names*, with the ranges documented for them."""
+        """Return this axis with the parameter *names* of a vehicle, and the ranges documented for these names."""
         gains = []
         for gain in self.gains:
             low, high = names.limits(gain.parameter, gain.low, gain.high)
@@ -169,7 +171,7 @@ class Firmware:
         return next((name for name, number in self.modes.items() if number == custom_mode), f"MODE {custom_mode}")
 
     def misfit(self, values: Mapping[str, float]) -> str:
-        """Return why a vehicle with these parameter *values* is not supported, with the remedy; empty if it is."""
+        """Return why a vehicle with the parameter *values* is not supported, with the remedy; empty if it is."""
         for case in self.unsuited:
             value = values.get(case.parameter)
             if value in case.values:

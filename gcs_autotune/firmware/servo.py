@@ -31,15 +31,15 @@ class ParameterSource(Protocol):
     """Source of parameters: a vehicle that answers, or the parameters recorded in a log."""
 
     def read(self, name: str) -> float:
-        """Return one value; raises ``ParameterMissing``."""
+        """Return the value of the parameter *name*. Raises ``ParameterMissing`` if there is none."""
         ...
 
     def read_all(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the values of all *names*; raises ``ParameterMissing``."""
+        """Return name -> value of all *names*. Raises ``ParameterMissing`` if one is missing."""
         ...
 
     def read_existing(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the values of those of *names* that exist."""
+        """Return name -> value of those *names* that exist."""
         ...
 
 
@@ -54,7 +54,7 @@ class Output:
     sign: float = 1.0
 
     def fraction(self, pwm: float) -> float:
-        """Return the fraction of full output. 0 us means no pulse, and so no output."""
+        """Return the fraction of full output (-1 to 1) of a pulse *pwm* [us]. 0 us means no pulse, and so no output."""
         if pwm == 0:
             return 0.0
         span = self.high - self.trim if pwm >= self.trim else self.trim - self.low
@@ -63,7 +63,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class ServoMap:
-    """From PWMs to forces: ``forces = weights @ fractions``.
+    """Converts servo pulses to forces: ``forces = weights @ fractions``.
 
     ``weights`` has a row per name in ``names`` and a column per entry of ``outputs``; ``factors``, of the same shape,
     is the fraction of each force in the command of each output. ``skid``: whether the craft steers by the difference of
@@ -109,7 +109,7 @@ class ServoMap:
 
 
 def read_servo_map(parameters: ParameterSource, firmware: Firmware) -> ServoMap:
-    """Read how the outputs are wired and return the map.
+    """Return the relation between outputs and forces, read from the parameters.
 
     Two side thrusters (``Firmware.skid_functions``) have priority over a steering output, as in the firmware.
 

@@ -19,7 +19,9 @@ __all__ = ["VALUES", "Values", "checked", "checked_all"]
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """Range from ``low`` to ``high``, in the parameter's own unit. ``whole``: whole numbers only."""
+    """Plausible values of a parameter: from ``low`` to ``high``, in the parameter's own unit. ``whole``: whole numbers
+    only.
+    """
 
     low: float
     high: float
@@ -80,7 +82,7 @@ def checked(name: str, value: float) -> float:
     Raises
     ------
     PreconditionFailed
-        It is implausible; the message states name and value.
+        The value is implausible; the message states name and value.
     """
     values = next((v for pattern, v in _PATTERNS if pattern.fullmatch(name)), _ANY)
     fault = values.fault(value)
@@ -92,5 +94,5 @@ def checked(name: str, value: float) -> float:
 
 
 def checked_all(values: Mapping[str, float]) -> dict[str, float]:
-    """Return *values* by name; errors as for :func:`checked`."""
+    """Return *values* (name -> value), if all are plausible. It raises the errors of :func:`checked`."""
     return {name: checked(name, value) for name, value in values.items()}

@@ -22,7 +22,7 @@ LIMITS: Mapping[tuple[str, str], Limit] = {
 
 
 def limit_of(name: str, axis: str = "") -> Limit:
-    """Return the limit called *name*; if it differs by axis, the one of *axis*."""
+    """Return the limit called *name*; if it differs by axis, the limit for *axis*."""
     return LIMITS.get((name, axis)) or LIMITS[name, ""]
 
 

@@ -48,7 +48,7 @@ class Limit:
     name : the option without its dashes.
     meaning : text of the help; ``unset`` describes the default if there is no number ``default``.
     reason : why the range ends where it does.
-    axis : the axis it belongs to, if unit and range depend on it; empty for all.
+    axis : the axis to which the limit applies, if unit and range depend on the axis; empty for all.
     mistakes : likely unit mistakes that explain a value outside the range.
     whole : whether it is a whole number. signed : whether it may be negative; its magnitude is then limited.
     """
@@ -90,7 +90,8 @@ class Limit:
         Raises
         ------
         UsageError
-            It is not a number, not finite, or out of range; the message suggests the likely value.
+            The text is not a number, or the number is not finite or out of range; the message suggests the likely
+            value.
         """
         try:
             value = number(text) if self.unit not in _TIMES else self._time(text)
@@ -112,7 +113,7 @@ class Limit:
         Raises
         ------
         UsageError
-            It is invalid. The message states the range, the reason and the likely value.
+            The value is invalid. The message states the range, the reason and the likely value.
         """
         if not math.isfinite(value):
             raise UsageError(f"{value:g} is not a finite number. {self._wanted}")
@@ -123,7 +124,7 @@ class Limit:
         return int(value) if self.whole else value
 
     def check_si(self, value: float) -> None:
-        """Check *value* in SI and radians; errors as for :meth:`check`, with the name."""
+        """Check *value* in SI and radians. It raises the errors of :meth:`check`, with the name of the number."""
         try:
             self.check(value / self.factor)
         except UsageError as error:
@@ -165,7 +166,7 @@ def finite(text: str) -> float:
     Raises
     ------
     UsageError
-        It is not a finite number.
+        The text is not a finite number.
     """
     try:
         return number(text)

@@ -60,7 +60,7 @@ class Framer:
     Attributes
     ----------
     bad_bytes : number of bytes that belong to no frame.
-    bad_data : number of stretches of such bytes (counted as BAD_DATA by other tools).
+    bad_data : number of sequences of such bytes (counted as BAD_DATA by other tools).
     """
 
     def __init__(self, origin: str = "") -> None:
@@ -73,7 +73,7 @@ class Framer:
 
     @property
     def pending(self) -> int:
-        """Bytes held back because the frame that they seem to start is not complete."""
+        """Bytes not processed yet, because the frame that they seem to start is not complete."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -111,7 +111,7 @@ class Framer:
 def frame_length(buffer: bytes | bytearray, position: int) -> int | None:
     """Return the length of the frame that starts at *position*; None if no frame can start there.
 
-    If the header is still incomplete, it is the largest possible length.
+    If the header is still incomplete, return the largest possible length.
     """
     start = buffer[position]
     if start not in _OVERHEAD:
@@ -187,7 +187,7 @@ def _pack_plain(message: Message, mav: Any) -> bytes | None:
 
 
 def decode_frame(decoder: Any, raw: bytearray, origin: str = "") -> Frame | None:
-    """Return the decoded frame; None if its checksum or anything else is wrong.
+    """Return the decoded frame; None if its checksum or content is not valid.
 
     *decoder* does not check signatures.
     """
@@ -202,7 +202,9 @@ def decode_frame(decoder: Any, raw: bytearray, origin: str = "") -> Frame | None
 
 
 def split_frames(data: bytes) -> list[bytes]:
-    """Split *data*, which consists of complete frames, into frames. A remainder, if any, comes last."""
+    """Split *data*, which consists of complete frames, into frames. An incomplete remainder, if any, is the
+    last item.
+    """
     pieces: list[bytes] = []
     position = 0
     while position < len(data):
@@ -230,7 +232,7 @@ class Packer:
 
     @property
     def system(self) -> int:
-        """System id used for sending."""
+        """Our MAVLink system id, used for sending."""
         return int(self._mav.srcSystem)
 
     @system.setter
@@ -239,7 +241,7 @@ class Packer:
 
     @property
     def component(self) -> int:
-        """Component id used for sending."""
+        """Our MAVLink component id, used for sending."""
         return int(self._mav.srcComponent)
 
     def pack(self, message: Message, component: int | None = None) -> bytes:

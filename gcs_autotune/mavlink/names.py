@@ -44,7 +44,7 @@ class VehicleIdentity:
     uid: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields as plain data for JSON."""
+        """Return the vehicle's identity as plain data for JSON."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -53,7 +53,9 @@ class VehicleIdentity:
 
 
 def firmware_version(message: Message) -> str:
-    """Return AUTOPILOT_VERSION.flight_sw_version as text, e.g. ``4.7.0-dev``; ``""`` for zero."""
+    """Return the firmware version in AUTOPILOT_VERSION.flight_sw_version as text, e.g. ``4.7.0-dev``; ``""``
+    for zero.
+    """
     word = int(message.flight_sw_version)
     if not word:
         return ""
@@ -142,12 +144,12 @@ class TextLog:
         return text
 
     def since(self, count: int) -> list[StatusText]:
-        """Return the texts added since :attr:`count` had the given value."""
+        """Return the texts added since :attr:`count` had the value *count*."""
         new = self.count - count
         return self._texts[-new:] if new > 0 else []
 
     def recent(self, t: float, *, at_most: int = 3) -> list[str]:
-        """Return the last few texts received since link time *t*."""
+        """Return the last few texts received since link time *t* [s]."""
         return [text.text for text in self._texts if text.t >= t][-at_most:]
 
     def __iter__(self) -> Iterator[StatusText]:

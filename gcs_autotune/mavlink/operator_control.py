@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 CONTROL_STATUS_NAMES = ("CONTROL_STATUS", "UNKNOWN_512")
-"""Names of its frames, in a pymavlink that supports it and in one that does not."""
+"""Names of a CONTROL_STATUS frame: in a pymavlink that supports this message, and in one that does not."""
 MANUAL_INPUT_NAMES = ("MANUAL_INPUT_STATUS", "UNKNOWN_515")
 REQUEST_OPERATOR_CONTROL = 32100
 """Value of MAV_CMD_REQUEST_OPERATOR_CONTROL.
@@ -42,7 +42,7 @@ _RC = 1
 class ControlStatus:
     """The station in control.
 
-    ``station``: its system id; 0: none. ``takeover_allowed``: whether another one may take over.
+    ``station``: its system id; 0: none. ``takeover_allowed``: whether another station may take over.
     """
 
     station: int
@@ -62,7 +62,7 @@ class ManualInput:
 
 
 def control_status(message: Message) -> ControlStatus | None:
-    """Return the contents of a CONTROL_STATUS; None if damaged or of unknown form."""
+    """Return the contents of a CONTROL_STATUS; None if the frame is damaged or of unknown form."""
     found = _checked(message, _FORMS)
     if found is None:
         return None
@@ -72,7 +72,7 @@ def control_status(message: Message) -> ControlStatus | None:
 
 
 def manual_input(message: Message) -> ManualInput | None:
-    """Return the contents of a MANUAL_INPUT_STATUS; None if damaged or of unknown form."""
+    """Return the contents of a MANUAL_INPUT_STATUS; None if the frame is damaged or of unknown form."""
     found = _checked(message, (_MANUAL_INPUT_EXTRA,))
     if found is None:
         return None

@@ -27,7 +27,9 @@ _NAME = 16
 
 @dataclass(frozen=True, slots=True)
 class PackedParameters:
-    """Values by name, their MAV_PARAM_TYPE, and the firmware's defaults (empty if the file has none)."""
+    """Content of a packed parameter file: values, MAV_PARAM_TYPE and firmware defaults by name. The defaults are empty
+    if the file has none.
+    """
 
     values: Mapping[str, float]
     types: Mapping[str, int]
@@ -40,12 +42,12 @@ class PackedParameters:
 
 
 def unpack_parameters(data: bytes) -> PackedParameters:
-    """Decode the file.
+    """Return the decoded content of a packed parameter file.
 
     Raises
     ------
     BadFile
-        It has another format, is truncated, or has another number of parameters than declared.
+        The file has another format, is truncated, or has another number of parameters than declared.
     """
     try:
         return _unpacked(data)

@@ -77,7 +77,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def load_params(path: Path) -> dict[str, float]:
-    """Read a parameter file in any of these formats.
+    """Return name -> value from a parameter file of Mission Planner, MAVProxy or QGroundControl, or a JSON file.
 
     Raises
     ------

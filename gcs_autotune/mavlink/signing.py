@@ -64,12 +64,12 @@ class SigningKey:
 
     @classmethod
     def from_passphrase(cls, passphrase: str, origin: str = "passphrase") -> Self:
-        """Return the key made by SHA-256 from *passphrase*, as in Mission Planner and MAVProxy.
+        """Return the key computed by SHA-256 from *passphrase*, as in Mission Planner and MAVProxy.
 
         Raises
         ------
         UsageError
-            It is empty.
+            The passphrase is empty.
         """
         if not passphrase:
             raise UsageError(f"the signing passphrase ({origin}) is empty")
@@ -77,14 +77,14 @@ class SigningKey:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file of exactly 32 bytes (the key) or of one line of text (the passphrase).
+        """Return the key in a file of exactly 32 bytes (the key itself) or of one line of text (the passphrase).
 
         A file of 32 printable bytes counts as a passphrase. A random key is printable only once in 10^13 times.
 
         Raises
         ------
         BadFile
-            It cannot be read, or has another content.
+            The file cannot be read, or has another content.
         """
         try:
             data = path.read_bytes()
@@ -110,7 +110,7 @@ class SigningKey:
 
     @property
     def origin(self) -> str:
-        """Where the key came from, as text for the operator."""
+        """Origin of the key, as text for the operator."""
         return self._origin
 
     def __repr__(self) -> str:
@@ -161,7 +161,7 @@ class Signer:
         return self._last
 
     def believes(self, frame: Frame) -> bool:
-        """Return whether a received frame is accepted. Rejected frames are counted."""
+        """Return whether the received *frame* is accepted. Rejected frames are counted."""
         refusal = self._judge(frame)
         if refusal is not None:
             self.refused[refusal] += 1
@@ -222,7 +222,8 @@ class StampStore:
 
     Attributes
     ----------
-    trouble : why it cannot be stored; empty if it can. Signing then depends on the computer's clock alone.
+    trouble : reason why the number cannot be stored; empty if it can. Signing then depends on the computer's clock
+    alone.
     """
 
     def __init__(self, folder: Path | None = None) -> None:

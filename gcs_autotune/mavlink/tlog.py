@@ -84,8 +84,8 @@ class TlogReader:
     Attributes (complete once the iteration has ended)
     --------------------------------------------------
     frames : number of frames yielded.
-    damaged : number of stretches that are not stamped frames.
-    damaged_bytes : number of bytes in these stretches.
+    damaged : number of byte sequences that are not stamped frames.
+    damaged_bytes : number of bytes in these sequences.
     truncated : whether the file ends within a frame.
     """
 
@@ -155,12 +155,12 @@ class TlogReader:
 
 
 def read_tlog(path: Path) -> TlogReader:
-    """Open the log at *path* for reading.
+    """Return a reader of the telemetry log at *path*.
 
     Raises
     ------
     BadFile
-        It cannot be read, or is empty.
+        The file cannot be read, or is empty.
     """
     try:
         stream = path.open("rb")

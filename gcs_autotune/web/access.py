@@ -26,12 +26,16 @@ __all__ = ["JOYSTICK_STOP", "TOKEN_HEADER", "Access", "AccessMiddleware", "is_lo
 TOKEN_HEADER = "x-autotune-token"
 """Header with the token. A page of another origin cannot set it without a preflight request, which is not answered."""
 JOYSTICK_STOP = "joystick-stop"
-"""Last part of the only address that has its own key, which is valid only for STOP."""
+"""Last segment of the address for a joystick's STOP. It is the only address with its own key, which is valid only for
+STOP.
+"""
 WRONG, WITHIN = 10, 60.0
-"""Wrong tokens from one address within so many seconds [s] after which further ones are ignored. Project choice."""
+"""Number of wrong tokens from one address, within this time [s], after which further tokens are ignored.
+Project choice.
+"""
 _ADDRESSES = 1000
 AT_ONCE, ALL_AT_ONCE = 48, 128
-"""Most simultaneous requests and viewers without the token, per address and in total. Project choice.
+"""Largest number of simultaneous requests and viewers without the token, per address and in total. Project choice.
 
 A STOP and requests with the token are not counted. The number per address is large because behind BlueOS all requests
 come from one address.
@@ -97,7 +101,7 @@ class Access:
         return bool(self.stop_key) and hmac.compare_digest(key.encode(errors="replace"), self.stop_key.encode())
 
     def trouble_with_host(self, headers: Headers, *, origin_too: bool = True) -> str:
-        """Return what is wrong with ``Host`` and ``Origin``; empty if nothing is."""
+        """Return why the headers ``Host`` and ``Origin`` are not accepted; empty if they are."""
         host = headers.get("host", "")
         if not self._is_ours(_name_of(f"//{host}")):
             return (
@@ -122,7 +126,7 @@ class Access:
         return True
 
     def has_token(self, headers: Headers) -> bool:
-        """Return whether the right token is supplied, if one is required."""
+        """Return whether the request contains the right token, or no token is required."""
         given = headers.get(TOKEN_HEADER, "")
         return bool(self.token and given) and hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
 

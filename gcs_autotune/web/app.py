@@ -43,7 +43,7 @@ FILES = {
     "uPlot-LICENSE.txt": "text/plain",
     "icon.svg": "image/svg+xml",
 }
-"""Files of the page in addition to ``index.html``."""
+"""Names of the page's files in addition to ``index.html``."""
 _LONGEST_BODY = 1 << 16
 BODY_WITHIN = 10.0
 """Time [s] within which the body of a request must arrive. Project choice."""
@@ -52,7 +52,7 @@ Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 class Control:
-    """The current run, if any, and its state."""
+    """Controls the current run, if any, and its state."""
 
     def __init__(self, runs: Path, program: CommandLine) -> None:
         self.runs = runs
@@ -110,7 +110,7 @@ class Control:
         return True
 
     def answer(self, number: int, *, yes: bool) -> bool:
-        """Answer a question. Return whether this answer counts."""
+        """Answer question *number* of the run. Return whether the answer counts."""
         return self._job is not None and self._job.answer(number, yes=yes)
 
     async def over(self) -> None:

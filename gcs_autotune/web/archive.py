@@ -28,7 +28,7 @@ KINDS: Mapping[str, str] = {
     **dict.fromkeys((".csv", ".json", ".jsonl", ".param", ".params", ".txt", ".toml"), "text/plain"),
     **dict.fromkeys((".tlog", ".bin", ".log"), "application/octet-stream"),
 }
-"""File name endings that are served -> how."""
+"""File name ending that is served -> content type with which the file is sent."""
 DROPPED = (".tlog", ".bin", ".log", ".csv")
 """File name endings that are accepted for upload."""
 MOST_BYTES = 512 * 1024 * 1024
@@ -84,7 +84,7 @@ class Archive:
         Raises
         ------
         UsageError
-            It does not exist, or is not in the folder of runs.
+            The entry or file does not exist, or is not in the folder of runs.
         """
         try:
             folder = (self.root / name).resolve()
@@ -103,7 +103,7 @@ class Archive:
         Raises
         ------
         UsageError
-            It is not a supported log, is too large, or the disk is full. Nothing of it remains.
+            The file is not a supported log, is too large, or the disk is full. Nothing of the file remains.
         """
         clean = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(name.replace("\\", "/")).name).lstrip("._-")[-80:]
         suffix = Path(clean).suffix.lower()

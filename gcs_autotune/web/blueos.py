@@ -83,7 +83,7 @@ def _stop_action(stop_key: str) -> dict[str, Any]:
 
 
 def blueos_routes(access: Access, stop: Callable[[], bool]) -> list[BaseRoute]:
-    """Return the routes. *stop* stops the run and returns whether there is one."""
+    """Return the routes for BlueOS and Cockpit. *stop* stops the run and returns whether there is one."""
 
     async def register(request: Request) -> Response:
         return JSONResponse(registration())

@@ -21,13 +21,15 @@ __all__ = ["HEADERS_WITHIN", "OF_ONE_ADDRESS", "WAITING", "Seldom", "WaitingRoom
 HEADERS_WITHIN = 5.0
 """Time [s] within which the header of a request must arrive; a radio's round trip is at most 2 s. Project choice."""
 WAITING, OF_ONE_ADDRESS = 128, 96
-"""Most connections without a complete request, in total and from one address; a browser opens six. Project choice."""
+"""Largest number of connections without a complete request, in total and from one address; a browser opens six. Project
+choice.
+"""
 _AGAIN, _OFTEN = 60.0, 3
-"""Time window [s], and most repeats of a log line within it. Project choice."""
+"""Time window [s], and largest number of repeats of a log line within it. Project choice."""
 
 
 class WaitingRoom:
-    """Connections without a request, the oldest first. Excess ones are closed through their ``close``."""
+    """Connections without a request, the oldest first. Excess connections are closed by their ``close``."""
 
     def __init__(self) -> None:
         self._waiting: OrderedDict[object, tuple[str, Callable[[], object]]] = OrderedDict()
@@ -108,7 +110,7 @@ class Seldom(logging.Filter):
         self._seen: OrderedDict[str, list[float]] = OrderedDict()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether *record* is written."""
+        """Return whether *record* is written to the log."""
         now = self._now()
         times = self._seen.setdefault(str(record.msg)[:100], [])
         times[:] = [t for t in times if now - t < _AGAIN]

@@ -56,7 +56,7 @@ class Desk:
         self._task: asyncio.Task[None] | None = None
 
     def start(self, name: str, verb: str, dof: str) -> None:
-        """Start a calculation. Raises ``UsageError`` if this is not possible."""
+        """Start a calculation in a separate process. Raises ``UsageError`` if this is not possible."""
         lookup(VERBS, verb, "work")
         if dof not in DOFS:
             raise UsageError(f"unknown degree of freedom. Use one of {', '.join(DOFS)}")
@@ -116,7 +116,7 @@ class Desk:
 
 
 def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool]) -> tuple[list[BaseRoute], Any]:
-    """Return the routes for reading, and the two handlers that change something: ``drop`` and ``work``."""
+    """Return the routes that read the archive, and the two handlers that change something: ``drop`` and ``work``."""
 
     def runs(request: Request) -> Response:  # plain functions: the files are read in a thread
         return JSONResponse({"entries": archive.entries()})

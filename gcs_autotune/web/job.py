@@ -40,7 +40,7 @@ class CommandLine:
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment in which the process finds the same packages."""
+        """Environment variables with which the process finds the same packages."""
         here = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         return {**os.environ, "PYTHONPATH": here}
 
@@ -96,7 +96,7 @@ class Job:
             self._errors = (self._errors + piece.decode(errors="replace"))[-_STDERR:]
 
     def stop(self) -> None:
-        """Request a stop with clean-up, without waiting for it. Repeated calls have no effect."""
+        """Request a stop of the run with clean-up, without waiting for it. Repeated calls have no effect."""
         self._stopping = True
         self._live.put("stopping", True)
         self._send({"stop": True})

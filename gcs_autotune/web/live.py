@@ -19,13 +19,13 @@ __all__ = ["Live"]
 EVERY = 0.1
 """Time between two updates to the viewers [s]. Project choice."""
 ALIVE = 1.0
-"""Longest time between messages [s], after which an empty one is sent. Project choice."""
+"""Longest time between messages to a viewer [s], after which an empty message is sent. Project choice."""
 ROWS, WORDS = 4000, 300
 """Number of samples and of sentences kept for later viewers. Project choice."""
 BEHIND = 30
 """Number of pending updates above which a viewer gets the whole state again. Project choice."""
 MOST_VIEWERS = 32
-"""Most simultaneous viewers. If all seats are taken, a viewer with the token replaces one without. Project choice."""
+"""Largest number of simultaneous viewers. Above it, a viewer with the token replaces one without. Project choice."""
 _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
 """Types of messages of which only the last one is kept, unchanged."""
 _LONGEST = 2000
@@ -72,7 +72,7 @@ class Live:
         return self._state.get(key)
 
     def say(self, text: str, severity: int | None = None) -> None:
-        """Add a sentence. With a *severity* it is a message of the vehicle."""
+        """Add a sentence to the document. With a *severity* it is a message of the vehicle."""
         self._count += 1
         words = {"n": self._count, "text": visible(text)[:_LONGEST], "severity": severity}
         self._words.append(words)
@@ -116,7 +116,7 @@ class Live:
     async def watch(self, *, owner: bool = False) -> AsyncIterator[str]:
         """Yield the whole document, then its changes, while the viewer is connected.
 
-        It yields nothing if all seats are taken. An *owner* of the token then replaces a viewer without it.
+        It yields nothing if there are too many viewers. An *owner* of the token then replaces a viewer without it.
         """
         queue: asyncio.Queue[str | None] = asyncio.Queue(BEHIND)
         if len(self._viewers) >= MOST_VIEWERS:

@@ -29,7 +29,7 @@ JOBS: Mapping[str, str] = {
     "experiment": "Experiment: identify a model; writes no parameter",
     "fly": "Fly a standard manoeuvre: preview, figures and model; writes no parameter",
 }
-"""Jobs that can be started -> what they do, in a line."""
+"""Job that can be started -> its description in one line."""
 _ASKED: Mapping[str, tuple[str, ...]] = {
     "Safety limits": (
         *("max-distance", "max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
@@ -63,7 +63,7 @@ class RunOrder:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it flies a simulated vehicle started for it, in simulated time."""
+        """Whether the run uses a simulated vehicle started for it, in simulated time."""
         return any(word.startswith("--connect=sitl:") for word in self.arguments)
 
     @property
@@ -73,7 +73,7 @@ class RunOrder:
 
 
 LINK_VARIABLE = "GCS_AUTOTUNE_LINK"
-"""Environment variable with the initial link on the page."""
+"""Name of the environment variable with the initial link on the page."""
 
 
 def fields() -> dict[str, Any]:

@@ -23,16 +23,16 @@ __all__ = ["ServeSettings", "serve"]
 
 
 BACKLOG = 100
-"""Most connections accepted in one turn of the event loop, before any of them is counted or closed. Project choice.
+"""Largest number of connections accepted in one turn of the event loop, before any of them is counted or closed.
+Project choice.
 
 With uvicorn's 2048, many connections at once would use up all file descriptors in a single turn.
 """
 
 
 QUEUE = 2048
-"""Most connections that the system holds until they are accepted.
-
-With fewer, a caller retries after a second. Project choice.
+"""Largest number of connections that the system queues until they are accepted. Beyond it, a caller retries after a
+second. Project choice.
 """
 
 
@@ -114,13 +114,15 @@ class _Server(uvicorn.Server):
         self._wanted = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to accept connections. The system queues more of them than are accepted in one turn."""
+        """Begin to accept connections. The system queues more connections than are accepted in one turn."""
         await super().startup(sockets)
         for each in sockets or ():
             each.listen(QUEUE)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close the viewers first, because an open stream would delay the end and log an error."""
+        """Shut down, with the viewers' streams closed first, because an open stream would delay the end and log
+        an error.
+        """
         self._control.live.close()
         await super().shutdown(sockets)
 
