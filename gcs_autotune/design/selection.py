@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from gcs_autotune.control import ReferenceModel, omega_for_settling, reference_model, settling_time
 from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import (
@@ -15,8 +16,7 @@ from gcs_autotune.design.matching import (
     output_noise,
 )
 from gcs_autotune.design.prediction import predict
-from gcs_autotune.design.reference_model import omega_for_settling, reference_model, settling_time
-from gcs_autotune.design.result import Margins, Prediction, ReferenceModel
+from gcs_autotune.design.result import Margins, Prediction
 from gcs_autotune.errors import NoGainsMeetSpec
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Download the vehicle's logs with LOG_REQUEST_LIST and LOG_REQUEST_DATA; ArduPilot sends them only disarmed."""
+"""Download the vehicle's logs with LOG_REQUEST_LIST and LOG_REQUEST_DATA; ArduPilot sends logs only while disarmed."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def fetch_log(
     Raises
     ------
     NoReply
-        The data stopped arriving. BadFile: it is too large. OperatorStopped: the operator stopped the download.
+        The data stopped arriving. BadFile: the log is too large. OperatorStopped: the operator stopped the download.
     """
     if log.size > _LARGEST:
         raise BadFile(f"log {log.number} has {log.size} bytes, too many for the link. Copy the log from the SD card")
