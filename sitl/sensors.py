@@ -15,7 +15,7 @@ __all__ = ["Rangefinder", "SensorData", "SensorReading", "Sensors"]
 
 @dataclass(frozen=True, slots=True)
 class SensorData:
-    """Standard deviations of noise, which is white from one sensor sample to the next (50 a second, held in
+    """Standard deviations of noise, which is white from one sensor sample to the next (50 a second, constant in
     between).
 
     ``heading_quantum`` [rad] is the resolution of the compass (0: none). ``speed_noise`` has a value for the speed
@@ -56,8 +56,8 @@ class SensorReading:
 class Rangefinder:
     """Measures the distance ahead to a flat wall, perpendicular to *heading* [rad] and *wall* [m] from the origin.
 
-    A new distance is measured every *period* [s], with *noise* [m], and held in between. It is NaN while the wall is
-    not ahead.
+    A new distance is measured every *period* [s], with *noise* [m], and stays constant in between. It is NaN while the
+    wall is not ahead.
     """
 
     def __init__(self, wall: float, heading: float, noise: float, period: float, seed: int) -> None:
@@ -66,7 +66,7 @@ class Rangefinder:
         self._next, self._held = 0.0, math.nan
 
     def measure(self, t: float, state: State) -> float:
-        """Return the measured distance [m] at *t* [s]."""
+        """Return the measured distance [m] at *t* [s]; NaN while the wall is not ahead."""
         if t >= self._next:
             self._next = t + self._period
             towards = math.cos(state.psi - self._heading)
@@ -76,7 +76,9 @@ class Rangefinder:
 
 
 class Sensors:
-    """Samples the sensors of a plant. Every sensor has its own random numbers, so one does not affect another."""
+    """Samples the sensors of a plant. Every sensor has its own random numbers, so a change of one sensor's noise does
+    not affect the others.
+    """
 
     def __init__(self, data: SensorData, seed: int, *, floats: bool) -> None:
         self._data = data
@@ -105,7 +107,7 @@ class Sensors:
         self._noise: list[float] = []
 
     def sample(self, plant: Plant, reading: SensorReading, *, new: bool = True) -> None:
-        """Fill *reading* with the present measurement. The noise of the last one is reused unless *new* is set."""
+        """Fill *reading* with the present measurement. Unless *new* is set, the noise of the last sample is reused."""
         if new or not self._noise:
             self._noise = [draw() for draw in self._draws]
         noise, quantum = self._noise, self._data.heading_quantum

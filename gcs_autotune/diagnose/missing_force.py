@@ -93,7 +93,7 @@ def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
     d, n = DOFS[search.dof], len(bank.states)
     rate = bank.states.index(d.velocity)
     found = []
-    gain = float(search.fit.theta[0])
+    gain = search.fit.gain
     for track, path, var, original in zip(
         bank.tracks, smoothed.trajectories, smoothed.variances, search.problem.segments, strict=True
     ):

@@ -117,7 +117,7 @@ class NoiseSearch:
     @property
     def inertia(self) -> float:
         """Inertia of the model in the base model's units; its own equation is per unit of inertia."""
-        d, gain = DOFS[self.dof], float(self.fit.theta[0])
+        d, gain = DOFS[self.dof], self.fit.gain
         for pairs in () if self.whole is None else self.whole.form.inputs.values():
             for force, share in pairs:
                 if force == d.force and not isinstance(share, str):
@@ -261,7 +261,7 @@ def search_with_process_noise(
 
 
 def _reconsidered(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearch:
-    """Return the search with the gain of the drifting force over its causes, and without superfluous causes."""
+    """Reconsider the earlier causes, and calculate the gain of the drifting force beside the remaining ones."""
     search = _without_idle(_curve_for_constant(search, slugs, say))
     return replace(search, still=_over_constants(search.problem, search.fit))
 
@@ -350,7 +350,7 @@ def _is_none(cause: CandidateScore[NoisyFit], fit: NoisyFit) -> bool:
 
 def above_the_command(search: NoiseSearch) -> float:
     """Return the size of the drifting force relative to the commanded force, both rms; 0 without commands."""
-    reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
+    reach = abs(search.fit.gain) * commanded(search.problem)
     return search.fit.noise.size / reach if reach > 0.0 else 0.0
 
 

@@ -197,7 +197,7 @@ def _limits(form: Form) -> Limits:
 def _inertia_shown(look: tuple[NoisyProblem, NoisyFit]) -> float:
     """Return the craft's time constant in units of the sampling interval of the thinned runs."""
     problem, plain = look
-    return 1.0 / (abs(float(plain.theta[1])) * problem.interval + 1e-12)
+    return 1.0 / (abs(plain.damping) * problem.interval + 1e-12)
 
 
 def _thinned(

@@ -176,7 +176,7 @@ def _reversed(state: SearchState) -> list[Doubt]:
         # A free run of rough water knows the gain badly; the filter's has its own error.
         gain = f"k_{DOFS[weather.dof].force}"
         if gain in std:
-            values[gain], std[gain] = float(weather.fit.theta[0]), math.sqrt(max(weather.fit.covariance[0, 0], 0.0))
+            values[gain], std[gain] = weather.fit.gain, math.sqrt(max(weather.fit.covariance[0, 0], 0.0))
     doubt = reversed_input(form, values, std)
     return [] if doubt is None else [doubt]
 

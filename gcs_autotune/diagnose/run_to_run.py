@@ -44,7 +44,7 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     if problem.runs < FEWEST_RUNS:
         return fit
     none = problem.fit(fit.theta, fit.effects, alike_in(fit.noise, problem.runs)) or fit
-    full = abs(float(fit.theta[0])) * sum(problem.data_summary.amplitude.values())
+    full = abs(fit.gain) * sum(problem.data_summary.amplitude.values())
     other: NoisyFit | None = fit
     if not fit.noise.day_thrust:
         apart = replace(fit.noise, day_force=FORCE_AT_FIRST * full, day_thrust=THRUST_AT_FIRST)

@@ -705,8 +705,8 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "run-apart",
         RunComparison,
         _pair_apart,
-        "runs '{one}' and '{other}' differ by {sigmas:.0f} standard errors, as if they came from two different crafts",
-        "check vehicle, load, speed and battery of the outlier. Identify it separately",
+        "runs '{one}' and '{other}' differ by {sigmas:.0f} standard errors, as if they came from two different craft",
+        "check the load, speed and battery of both runs, and that both used the same vehicle. Identify them separately",
     ),
     DoubtRow(
         "run-apart",

@@ -1,7 +1,7 @@
-"""The simulated autopilot: the parts of ArduRover and ArduSub that a tuner uses.
+"""The simulated autopilot: the functions of ArduRover and ArduSub that a tuner uses.
 
-``autopilot`` is the common part. ``rover*`` and ``sub*`` are the two firmwares. ``pid`` and ``shaping`` contain the
-blocks of their loops, ``parameters`` the parameter store, and ``*_parameters`` the tables.
+``autopilot`` contains what both firmwares share. ``rover*`` and ``sub*`` are the two firmwares. ``pid`` and ``shaping``
+contain the blocks of their loops, ``parameters`` the parameter store, and ``*_parameters`` the tables.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FIRMWARE: Mapping[str, tuple[type[Autopilot], Sequence[Definition]]] = {
     "rover": (Rover, ROVER_PARAMETERS),
     "sub": (Sub, SUB_PARAMETERS),
 }
-"""Name in a vehicle's data file -> the autopilot and its parameters."""
+"""Firmware name in a vehicle's data file -> (autopilot class, its parameter definitions)."""
 
 _MOST_RATE = 1000
 """Highest loop rate [Hz], because time is reported in whole milliseconds."""

@@ -19,7 +19,7 @@ class Mode(ABC):
     needs_position = False
 
     def enter(self) -> None:  # noqa: B027 - most modes need no preparation
-        """Prepare the mode. It is called once on the change to the mode."""
+        """Prepare the mode. The autopilot calls this on the change to the mode, and on arming."""
 
     @abstractmethod
     def run(self) -> None:

@@ -57,19 +57,19 @@ class Rover(Autopilot):
         return round(abs(self.motors.throttle))
 
     def check_failsafes(self) -> None:
-        """Read the sticks and check for a loss."""
+        """Read the sticks and check for a lost radio or ground station."""
         fresh = self.rc.update(self.ms)
         self._failsafe.update(self.rc.pwm[THROTTLE_CHANNEL], fresh)
 
     def act_on_battery(self, action: int) -> None:
-        """Execute BATT_FS_LOW_ACT: 0 nothing, 5 disarm, others HOLD."""
+        """Execute BATT_FS_LOW_ACT: 0 does nothing, 5 disarms, others change to HOLD."""
         if action == 5:
             self.disarm()
         elif action != 0:
             self.set_mode(4)
 
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the boat must not arm, or None."""
+        """Return the reason why the boat must not arm, or None."""
         if self.parameters["ARMING_CHECK"] == 0.0:
             return None
         if self.ms < self.ready_ms:
@@ -143,7 +143,7 @@ class RoverManualMode(_RoverMode):
     number, name, flags = 0, "MANUAL", _MANUAL_INPUT
 
     def run(self) -> None:
-        """Pass the sticks on."""
+        """Write the stick positions to the steering and throttle demands."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
         expo = rover.parameters["MANUAL_STR_EXPO"]
@@ -160,7 +160,7 @@ class AcroMode(_RoverMode):
     number, name, flags = 1, "ACRO", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the rate and speed loops."""
+        """Run the turn-rate and speed loops with the targets of the two sticks."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
         rover.steer_rate(steering * math.radians(rover.parameters["ACRO_TURN_RATE"]))
@@ -173,7 +173,7 @@ class SteeringMode(_RoverMode):
     number, name, flags = 3, "STEERING", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the rate and speed loops."""
+        """Run the turn-rate and speed loops with the targets of the two sticks."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
         speed = rover.estimate.speed
@@ -189,14 +189,16 @@ class HoldMode(_RoverMode):
     number, name, flags = 4, "HOLD", _STABILIZE
 
     def run(self) -> None:
-        """Demand zero from all outputs."""
+        """Set the steering and throttle demands to zero."""
         self.rover.motors.set_steering(0.0, scaled=False)
         self.rover.motors.set_throttle(0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class GuidedTarget:
-    """A target speed [m/s] with a heading [rad] or, if that is None, a turn rate [rad/s]. ``ms``: arrival time."""
+    """A target speed [m/s] with a heading [rad] or, if that is None, a turn rate [rad/s]. ``ms``: arrival time since
+    boot [ms].
+    """
 
     ms: int
     speed: float
@@ -205,7 +207,7 @@ class GuidedTarget:
 
 
 class RoverGuidedMode(_RoverMode):
-    """Follows targets from the ground station. After 3 s without one the boat loiters."""
+    """Follows targets from the ground station. After 3 s without a target the boat loiters."""
 
     number, name, flags = 15, "GUIDED", _STABILIZE | _GUIDED
     needs_position = True
@@ -221,7 +223,7 @@ class RoverGuidedMode(_RoverMode):
         self._loiter_here()
 
     def run(self) -> None:
-        """Follow the target, or loiter."""
+        """Run the loops with the last target, or loiter if it is too old."""
         rover, target = self.rover, self.target
         if target is not None and rover.ms - target.ms > _TARGET_TIMEOUT_MS:
             rover.say(WARNING, "target not received last 3secs, stopping")

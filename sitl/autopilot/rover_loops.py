@@ -20,9 +20,8 @@ _LEAST_RATE = math.radians(1.0)
 
 
 class RoverSteering:
-    """Heading P, then turn-rate FF + PID.
-
-    Angles are in radians; the output is a fraction of full steering, not clipped.
+    """Steering loops: heading P, then turn-rate FF + PID. Angles are in radians. The output is a fraction of full
+    steering, not limited.
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
@@ -43,7 +42,9 @@ class RoverSteering:
         return rate
 
     def run(self, ms: int, wanted: float, measured: float, speed: float, limited: bool) -> float:
-        """Return the steering output for a turn rate *wanted* [rad/s], *measured* at *speed* [m/s]."""
+        """Return the steering output (fraction of full) for the turn rates *wanted* and *measured* [rad/s], at *speed*
+        [m/s].
+        """
         values = self._values
         if ms - self._last_ms > _STALE_MS:
             self.pid.reset()
@@ -60,7 +61,7 @@ class RoverSteering:
         return out + self.pid.feed_forward
 
     def lateral_acceleration_limit(self) -> float:
-        """Return ATC_TURN_MAX_G in m/s^2, at least 0.1 g."""
+        """Return the limit of lateral acceleration [m/s^2]: ATC_TURN_MAX_G, at least 0.1 g."""
         return max(self._values["ATC_TURN_MAX_G"], 0.1) * _GRAVITY
 
 
@@ -77,7 +78,7 @@ class RoverSpeedController:
         self._last_ms = -_STALE_MS
 
     def run(self, ms: int, wanted: float, speed: float, limited: bool) -> float:
-        """Return the throttle for the speed *wanted* at the measured *speed*."""
+        """Return the throttle (-1 to 1) for the speed *wanted* [m/s] at the measured *speed* [m/s]."""
         if ms - self._last_ms > _STALE_MS:
             self.pid.reset()
             self._wanted = speed

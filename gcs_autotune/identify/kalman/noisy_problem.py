@@ -59,14 +59,14 @@ class NoisyProblem(NoiseFilter):
         """Return the likelihood of the constant force and the thrust change of each run at *fit*, or None if the filter
         fails.
         """
-        full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
+        full = abs(fit.gain) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
         noise = replace(fit.noise, day_force=float(wide[0]), day_thrust=float(wide[1]))
         done = self.run(fit.theta, fit.effects, noise, full=True)
         if done is None:
             return None
         bank, result, _ = done
-        first, gain, found = len(bank.states) + 1, float(fit.theta[0]), {}
+        first, gain, found = len(bank.states) + 1, fit.gain, {}
         for track, history in zip(bank.tracks, result.histories, strict=True):  # of a run in parts the last knows all
             scale = np.array([1.0, gain])
             cov = history.covariance[-1, first : first + 2, first : first + 2] / np.outer(scale, scale)

@@ -111,7 +111,8 @@ def ship_log(trial: Trial) -> ShipLog:
         )
     if len(steering) == 0 or float(np.ptp(steering.values)) == 0.0:
         raise NotInformative(
-            f"the input {steering.name} of run '{trial.name}' never changes, so the run contains no manoeuvre"
+            f"the input {steering.name} of run '{trial.name}' never changes, so the run contains no manoeuvre. "
+            "Check which column is the rudder"
         )
     psi = replace(psi, values=unwrap(psi.t, psi.values, rate))
     unique = {(d.slug, d.cause): d for d in notes}

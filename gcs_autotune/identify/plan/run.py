@@ -122,22 +122,12 @@ MISFIT = 1.3
 """Misfit per sample of the joint fit above which the steps' equations are reported as contradictory. Project choice."""
 
 
-def plan_doubts(
-    plan: Plan,
-    done: Sequence[StepResult],
-    rows: Sequence[Agreement],
-    joint: Joint | None,
-    parameters: Mapping[str, Parameter],
-    covariance: Array,
-    skipped: Sequence[str],
-    final: Validation | None,
-    unused: Sequence[str] = (),
-) -> tuple[Doubt, ...]:
+def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] = ()) -> tuple[Doubt, ...]:
     """Return the doubts about the whole plan. Doubts about a single step are in the fit of that step.
 
-    unused : names of runs that belong to no step.
+    joint : the fit of all runs. unused : names of runs that belong to no step.
     """
-    found: list[Doubt] = []
+    plan, rows, found = result.plan, result.agreements, list[Doubt]()
     if unused:
         chosen = [*(s.chosen for s in plan.steps), *([] if plan.final is None else [plan.final.chosen])]
         manoeuvres = ", ".join(dict.fromkeys(name for c in chosen for name in c.manoeuvres))
@@ -149,13 +139,13 @@ def plan_doubts(
                 f'set "manoeuvre" in the side file to one of the plan\'s ({manoeuvres}), or list the runs in the plan',
             )
         )
-    if skipped:
-        missed = dict.fromkeys(n for s in plan.steps if s.name in skipped for n in (*s.isolated, *s.shared))
-        lost = [n for n in missed if n not in parameters]
+    if result.skipped:
+        missed = dict.fromkeys(n for s in plan.steps if s.name in result.skipped for n in (*s.isolated, *s.shared))
+        lost = [n for n in missed if n not in result.parameters]
         found.append(
             Doubt(
                 "steps-without-runs",
-                f"no runs for {', '.join(skipped)}" + (f". Not identified: {', '.join(lost)}" if lost else ""),
+                f"no runs for {', '.join(result.skipped)}" + (f". Not identified: {', '.join(lost)}" if lost else ""),
                 "fly these runs, and set the manoeuvre's name in the side file",
             )
         )
@@ -184,8 +174,8 @@ def plan_doubts(
                 "check the steps that disagree",
             )
         )
-    found.extend(_together(parameters, covariance))
-    fitted_on = [s.step.name for s in done if not s.unseen]
+    found.extend(_together(result.parameters, result.covariance))
+    fitted_on = [s.step.name for s in result.steps if not s.unseen]
     if fitted_on:
         found.append(
             Doubt(
@@ -194,7 +184,7 @@ def plan_doubts(
                 "repeat",
             )
         )
-    if plan.final is not None and final is None:
+    if plan.final is not None and result.final is None:
         found.append(
             Doubt(
                 "no-final-validation",
@@ -267,22 +257,22 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     joint = fit_jointly(parts, values)
     parameters, covariance = _parameters(plan, done, values, joint, estimates)
     model, final = _finally(plan.final, parameters, trials)
-    rows = agreements(estimates)
     ends = () if plan.final is None else plan.final.chosen.of(trials)
     meant = [*ends, *(run for step in plan.steps for run in step.chosen.of(trials))]
     unused = [run.name for run in trials if not any(run is other for other in meant)]
-    return PlanResult(
+    found = PlanResult(
         plan=plan,
         steps=tuple(done),
         parameters=parameters,
         covariance=covariance,
         combined={n: values[n] for n in parameters},
-        agreements=rows,
+        agreements=agreements(estimates),
         model=model,
         final=final,
         skipped=tuple(skipped),
-        doubts=plan_doubts(plan, done, rows, joint, parameters, covariance, skipped, final, unused),
+        doubts=(),
     )
+    return replace(found, doubts=plan_doubts(found, joint, unused))
 
 
 def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple[StepResult, tuple[Trial, ...]]:
