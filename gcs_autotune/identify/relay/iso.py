@@ -2,7 +2,9 @@
 
 The relay is represented by its describing function. The relay's input is ``x = x_0 + X_m sin(omega t)`` and its output
 is ``C`` or ``-C``. It switches at ``+/- x_a``. To the first harmonic the output is ``Y_0 + (P_N + j Q_N) (x - x_0)``,
-(5.10)-(5.14). Integrators and delays rotate the phase of the output. Both drag structures are calculated from the same
+(5.10)-(5.14). Integrators and delays rotate the phase of the output.
+
+Both drag structures are calculated from the same
 reading. Three corrections are applied: bias (5.13), known delay (6.31), and actual switching value (6.5). The result is
 approximate, because only the first harmonic is balanced. Output error (:mod:`gcs_autotune.identify.problems.solution`)
 uses the result as start values. Two limit cycles decide between the structures, (7.1)-(7.2). The structure whose drag
