@@ -32,7 +32,10 @@ REFERENCE_MODELS: Mapping[str, tuple[float, float, float]] = {
     "bessel": (1.0, 6.0 / 15.0, 1.0 / 15.0),
     "butterworth": (2.0, 2.0, 1.0),
 }
-"""Family -> (a1, a2, a3) at its textbook time scale; Bessel has an overshoot of 0.75 %, Butterworth of 8 %."""
+"""Family -> (a1, a2, a3) at its textbook time scale.
+
+A Bessel step has an overshoot of 0.75 %, a Butterworth step of 8 %.
+"""
 
 SETTLED = 0.05
 """Deviation, relative to the step, within which a step counts as settled (5 %, as in ``StepMetrics``)."""
@@ -43,7 +46,7 @@ _UNIT_STEP = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceStep:
-    """Unit step of a reference model: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
+    """Unit step of a reference model: position [1], velocity [1/s] and acceleration [1/s^2], each (n,)."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -73,7 +76,7 @@ def settling_time(kind: str, omega_0: float) -> float:
 
 
 def omega_for_settling(kind: str, seconds: float) -> float:
-    """Return the characteristic frequency [rad/s] whose step settles to 5 % in *seconds*.
+    """Return the characteristic frequency [rad/s] for which the step of the family *kind* settles to 5 % in *seconds*.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def omega_for_settling(kind: str, seconds: float) -> float:
 
 
 def wanted_step(function: ReferenceModel, t: NDArray[np.float64]) -> ReferenceStep:
-    """Return the unit step response at times *t* (n,) [s] (zero before ``t = 0``)."""
+    """Return the unit step response of *function* at the times *t* (n,) [s]. It is zero before ``t = 0``."""
     grid, states = _unit_response(function.kind)
     scaled = t * function.omega_0
     columns = [np.interp(scaled, grid, states[:, i], left=0.0) for i in range(3)]

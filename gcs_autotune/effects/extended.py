@@ -351,7 +351,9 @@ class ExtendedModel:
         Raises
         ------
         BadFile
-            Something is missing or of the wrong kind. UnknownName: an effect that is not in the table.
+            Something is missing or of the wrong kind.
+        UnknownName
+            An effect is not in the table.
         """
         told: CoupledData | ExtendedData = conformed(data, CoupledData | ExtendedData, "model")  # type: ignore[arg-type]
         return cls.of_data(told)
