@@ -49,6 +49,7 @@ VEHICLES: Mapping[str, str] = {
     "charlie-sway": "charlie_sway.toml",
     "cybership2": "cybership2.toml",
     "videoray-wall": "videoray_wall.toml",
+    "videoray-lasers": "videoray_lasers.toml",
 }
 """Vehicle name -> name of its data file in ``vehicles/``."""
 
@@ -105,7 +106,7 @@ class VehicleData:
             return None
         at = values_of(self.tables["rangefinder"])
         heading = values_of(self.tables["start"])["heading"]
-        return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed)
+        return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed, at.get("apart", 0.0))
 
     def make_actuators(self) -> Actuators:
         """Return the actuators that convert servo pulses into forces."""

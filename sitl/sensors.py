@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sitl.plants import Plant, State, measured_speed
@@ -51,27 +51,34 @@ class SensorReading:
     w: float = 0.0
     az: float = 0.0
     d: float = math.nan
+    d_starboard: float = math.nan
 
 
 class Rangefinder:
     """Measures the distance ahead to a flat wall, perpendicular to *heading* [rad] and *wall* [m] from the origin.
 
-    A new distance is measured every *period* [s], with *noise* [m], and stays constant in between. It is NaN while the
-    wall is not ahead.
+    A new distance comes every *period* [s], with *noise* [m], and is held in between; NaN while the wall is not ahead.
+    With *apart* [m] it is two, so far apart on either side of the craft; else one in the middle.
     """
 
-    def __init__(self, wall: float, heading: float, noise: float, period: float, seed: int) -> None:
-        self._wall, self._heading, self._period = wall, heading, period
+    def __init__(self, wall: float, heading: float, noise: float, period: float, seed: int, apart: float = 0.0) -> None:
+        self._wall, self._heading, self._period, self.apart = wall, heading, period, apart
         self._noise = functools.partial(random.Random(f"{seed}/distance").gauss, 0.0, noise)
-        self._next, self._held = 0.0, math.nan
+        self._next = 0.0
+        self._held = [math.nan] * (2 if apart > 0.0 else 1)
 
-    def measure(self, t: float, state: State) -> float:
-        """Return the measured distance [m] at *t* [s]; NaN while the wall is not ahead."""
+    def measure(self, t: float, state: State) -> Sequence[float]:
+        """Return the measured distances [m] at *t* [s], that of port first."""
         if t >= self._next:
             self._next = t + self._period
-            towards = math.cos(state.psi - self._heading)
+            turned = state.psi - self._heading
+            towards = math.cos(turned)
             gone = state.x * math.cos(self._heading) + state.y * math.sin(self._heading)
-            self._held = (self._wall - gone) / towards + self._noise() if towards > 0.1 else math.nan
+            sides = (-0.5 * self.apart, 0.5 * self.apart) if self.apart > 0.0 else (0.0,)
+            self._held = [
+                (self._wall - gone + side * math.sin(turned)) / towards + self._noise() if towards > 0.1 else math.nan
+                for side in sides
+            ]
         return self._held
 
 

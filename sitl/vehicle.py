@@ -107,7 +107,8 @@ class Vehicle:
             self.battery.drain(pwm, slowly * dt)
         self._sensors.sample(self.plant, self._reading, new=new)
         if self.rangefinder is not None:
-            self._reading.d = self.rangefinder.measure(t, self.state)
+            distances = self.rangefinder.measure(t, self.state)
+            self._reading.d, self._reading.d_starboard = distances[0], distances[-1]
         self.craft.alter(t, self._reading)
 
     def control(self) -> None:
@@ -116,9 +117,11 @@ class Vehicle:
         self.autopilot.tick(self.ms, self._reading, voltage, self.battery.consumed_mah)
 
     def reboot(self) -> None:
-        """Restart the autopilot: clock at zero, disarmed, parameters unchanged."""
+        """Restart the autopilot: its clock at zero, disarmed, parameters and mission kept."""
         self._boot_tick = self.tick
+        items = self.autopilot.mission.items
         self.autopilot = self._boot()
+        self.autopilot.mission.store(items)
 
     def _boot(self) -> Autopilot:
         return self._make_autopilot(self.parameters, self._dt, round(1000.0 * self.data.ready_time))

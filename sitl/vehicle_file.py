@@ -97,6 +97,7 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "wall": Range(("m",), 0.0, 1e5),
         "noise": _noise("m"),
         "period": Range(("s",), 0.0, 60.0, above=True),
+        "apart": Range(("m",), 0.0, 10.0),
     },
 }
 """Heading of a vehicle file -> name of a number -> its permitted units and range.

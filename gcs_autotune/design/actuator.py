@@ -135,7 +135,9 @@ class Actuator:
         """Return the steady output that produces *force*.
 
         Raises
-        ------ NoGainsMeetSpec Full output does not produce *force*.
+        ------
+        NoGainsMeetSpec
+            Full output does not produce *force*.
         """
         return _output_for(self, force)
 

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from gcs_autotune.control import ReferenceModel, settling_time, wanted_step
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws import Law, Scenario, Settings
 from gcs_autotune.design.laws.loops import linearisations, peak_demand
 from gcs_autotune.design.margins import Plant, margins_of_each, worst
 from gcs_autotune.design.open_loop import OpenLoop, constant, open_loop, slow
 from gcs_autotune.design.plant import Region
-from gcs_autotune.design.reference_model import settling_time, wanted_step
-from gcs_autotune.design.result import Margins, ReferenceModel
+from gcs_autotune.design.result import Margins
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.firmware import Gain
 from gcs_autotune.models import SingleDof

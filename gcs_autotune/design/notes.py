@@ -13,11 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from gcs_autotune.control import ReferenceModel, settling_time
 from gcs_autotune.design.hunting import LONG
 from gcs_autotune.design.laws import SKID, Settings
 from gcs_autotune.design.matching import DesignProblem
-from gcs_autotune.design.reference_model import settling_time
-from gcs_autotune.design.result import Beside, Hunting, Margins, ReferenceModel
+from gcs_autotune.design.result import Beside, Hunting, Margins
 from gcs_autotune.design.selection import GainCandidate
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Axis

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel, wanted_step
 from gcs_autotune.design.laws import Scenario, Settings
 from gcs_autotune.design.matching import DesignProblem, output_noise
-from gcs_autotune.design.reference_model import wanted_step
-from gcs_autotune.design.result import Prediction, Proposal, ReferenceModel, Ruler, StepHalf, StepMetrics
+from gcs_autotune.design.result import Prediction, Proposal, Ruler, StepHalf, StepMetrics
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import StepError, combine, step_error, step_metrics
 from gcs_autotune.models import SingleDof

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel, reference_model, settling_time, stability_bound, uncertainty_of
 from gcs_autotune.design.actuator import PERFECT
 from gcs_autotune.design.hunting import hunting_of
-from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.notes import NEAR_LIMIT, notes_on, other_mode_notes, said
@@ -19,7 +19,6 @@ from gcs_autotune.design.other_mode import OtherMode, other_mode
 from gcs_autotune.design.plant import heavier, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict, predict_as_flown, predict_error, ruler_of
 from gcs_autotune.design.reduction import Reduction, reduce
-from gcs_autotune.design.reference_model import reference_model, settling_time
 from gcs_autotune.design.refinement import (
     MIN_ERROR,
     any_better,
@@ -29,7 +28,7 @@ from gcs_autotune.design.refinement import (
     refine_briefly,
     refine_for_both,
 )
-from gcs_autotune.design.result import Beside, Change, Hunting, Proposal, ReferenceModel
+from gcs_autotune.design.result import Beside, Change, Hunting, Proposal
 from gcs_autotune.design.selection import GainCandidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better

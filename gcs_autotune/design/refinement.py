@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws import ALIKE, Settings
 from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise, round_gain
 from gcs_autotune.design.other_mode import OtherMode
 from gcs_autotune.design.prediction import predict_error
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.design.selection import (
     MIN_GAIN_MARGIN,
     MIN_PHASE_MARGIN,

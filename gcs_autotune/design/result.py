@@ -14,6 +14,7 @@ from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.rounding import format_number
 
 if TYPE_CHECKING:
+    from gcs_autotune.control import ReferenceModel
     from gcs_autotune.design.actuator import Actuator
     from gcs_autotune.design.effect_reduction import Remark
     from gcs_autotune.design.open_loop import OpenLoop
@@ -25,22 +26,10 @@ __all__ = [
     "Margins",
     "Prediction",
     "Proposal",
-    "ReferenceModel",
     "Ruler",
     "StepHalf",
     "StepMetrics",
 ]
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceModel:
-    """The required closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)`` (Miskovic2010, eq. (8.4)); ``kind`` is its family."""
-
-    kind: str
-    omega_0: float
-    a1: float
-    a2: float
-    a3: float
 
 
 @dataclass(frozen=True, slots=True)

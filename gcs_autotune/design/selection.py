@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from gcs_autotune.control import ReferenceModel, omega_for_settling, reference_model, settling_time
 from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import (
@@ -15,8 +16,7 @@ from gcs_autotune.design.matching import (
     output_noise,
 )
 from gcs_autotune.design.prediction import predict
-from gcs_autotune.design.reference_model import omega_for_settling, reference_model, settling_time
-from gcs_autotune.design.result import Margins, Prediction, ReferenceModel
+from gcs_autotune.design.result import Margins, Prediction
 from gcs_autotune.errors import NoGainsMeetSpec
 
 __all__ = [
@@ -82,7 +82,9 @@ def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
     patience : number of slower specifications tried after an acceptable one.
 
     Raises
-    ------ NoGainsMeetSpec No candidate is acceptable. The message states why the last one failed and what to try.
+    ------
+    NoGainsMeetSpec
+        No candidate is acceptable. The message states why the last one failed and what to try.
     """
     tried: list[GainCandidate] = []
     best: GainCandidate | None = None

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gcs_autotune.design.reference_model import REFERENCE_MODELS
+from gcs_autotune.control import REFERENCE_MODELS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 

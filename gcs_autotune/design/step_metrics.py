@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.reference_model import SETTLED
+from gcs_autotune.control import SETTLED
 from gcs_autotune.design.result import StepMetrics
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.jit import entry

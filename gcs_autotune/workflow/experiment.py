@@ -30,7 +30,7 @@ from gcs_autotune.workflow.study import study_of
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of
 
-__all__ = ["experiment"]
+__all__ = ["experiment", "learn"]
 
 
 def experiment(settings: TuneSettings, operator: Operator, observer: Observer, when: str = "") -> AxisFit:
@@ -62,8 +62,8 @@ def experiment(settings: TuneSettings, operator: Operator, observer: Observer, w
 
 
 def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneLog]) -> Mission:
-    """Return what this experiment will do on the vehicle of *visit*. The identified model is stored in *found*."""
-    context, craft = _learn(settings, visit), visit.craft
+    """Return what this experiment will do on the vehicle of *visit*, which puts its model into *found*."""
+    context, craft = learn(settings, visit), visit.craft
     now, firmware, axis = craft.observe(), craft.firmware, context.axis
     dive = dive_for(axis.dof, firmware, now)
     pace = pace_of(craft.steered_by)
@@ -98,8 +98,8 @@ def _movements(context: TuneContext, depth: float) -> str:
     return f"{kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}"
 
 
-def _learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:
-    """Determine what is flown and at what speed; nothing moves yet."""
+def learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:
+    """Learn what is flown and how fast; nothing moves yet."""
     craft = visit.craft
     axis = _axis(settings.axis, craft.firmware)
     visit.log.meet(craft)

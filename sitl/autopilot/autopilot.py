@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Protocol
 
+from sitl.autopilot.mission import Crew, Mission
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.rc_input import RcInput
@@ -16,7 +17,17 @@ from sitl.autopilot.servo_rail import ServoRail
 from sitl.autopilot.shaping import TwoPoleLowPass
 from sitl.sensors import SensorReading
 
-__all__ = ["CRITICAL", "ERROR", "INFO", "SLOW_RATE", "WARNING", "Autopilot", "BatteryMonitor", "StateEstimate"]
+__all__ = [
+    "CRITICAL",
+    "ERROR",
+    "INFO",
+    "NOTICE",
+    "SLOW_RATE",
+    "WARNING",
+    "Autopilot",
+    "BatteryMonitor",
+    "StateEstimate",
+]
 
 
 class StateEstimate:
@@ -36,7 +47,7 @@ class StateEstimate:
         self.x = self.y = self.z = 0.0
         self._sway = self.vz = 0.0
         self.climb = self.climb_acceleration = 0.0
-        self.distance = math.nan
+        self.distance = self.distance_starboard = math.nan
 
     def update(self, reading: SensorReading, dt: float) -> None:
         """Update the estimate with one sample of the sensors, *dt* [s] after the last."""
@@ -47,9 +58,19 @@ class StateEstimate:
         self.speed = reading.u
         self.x, self.y, self.z = reading.x, reading.y, reading.z
         self._sway, self.vz = reading.v, reading.w
-        self.distance = reading.d
+        self.distance, self.distance_starboard = reading.d, reading.d_starboard
         self.climb = -reading.w
         self.climb_acceleration = self._accelerometer.apply(-reading.az, values["INS_ACCEL_FILTER"], dt)
+
+    @property
+    def place(self) -> complex:
+        """The position on the plane, north + i east [m] of the origin."""
+        return complex(self.x, self.y)
+
+    @property
+    def velocity(self) -> complex:
+        """The velocity on the plane, north + i east [m/s]."""
+        return complex(self.vx, self.vy)
 
     @property
     def vx(self) -> float:
@@ -106,10 +127,12 @@ class BatteryMonitor:
 SLOW_RATE = 50
 """Rate [Hz] at which sticks and failsafes are processed at any loop rate (ArduPilot's scheduler tables)."""
 
-CRITICAL, ERROR, WARNING, INFO = 2, 3, 4, 6
-"""The severities of a STATUSTEXT: values of MAV_SEVERITY."""
+CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
+"""MAV_SEVERITY."""
 _SLOW_PERIOD_MS = 1000 // SLOW_RATE
 _PREARM_PERIOD_MS = 1000
+_HOME_LEAST = 0.5
+"""Home follows a disarmed craft in steps of at least that [m]."""
 _PREARM_REPORT_MS = 30000
 _FIRST_REPORT_MS = 2000
 
@@ -117,10 +140,9 @@ _FIRST_REPORT_MS = 2000
 class Autopilot(ABC):
     """One firmware on its board. ``tick`` runs one loop; all other methods may be called between loops.
 
-    ``ms``: time since boot [ms].
-    ``texts``: STATUSTEXTs not yet sent, as (severity, text).
-    ``last_gcs_ms``: time since boot [ms] of the last message from the ground station.
-    ``failsafe``: whether a failsafe is active.
+    ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``reached_items`` the
+    mission items not yet reported as reached, ``last_gcs_ms`` when the ground station was last heard, ``failsafe``
+    whether one is in force. ``home`` follows the craft until it arms (north + i east [m]).
     """
 
     firmware: str
@@ -139,6 +161,9 @@ class Autopilot(ABC):
         self.armed = False
         self.last_gcs_ms = 0
         self.texts: list[tuple[int, str]] = []
+        self.reached_items: list[int] = []
+        self.mission = Mission()
+        self.home: complex | None = None
         self.prearm_ok = False
         self._next_report_ms = _FIRST_REPORT_MS
         self.modes: Mapping[int, Mode] = self._make_modes()
@@ -203,6 +228,7 @@ class Autopilot(ABC):
             self.battery.update(self, voltage, consumed_mah)
             if ms % _PREARM_PERIOD_MS == 0:
                 self._check_prearm()
+                self._follow_home()
         if self.armed:
             self.mode.run()
         self.write_outputs()
@@ -218,9 +244,24 @@ class Autopilot(ABC):
         if mode.needs_position and self.armed and not self.position_ok:
             self.say(WARNING, f"Mode change to {mode.name} failed: requires position")
             return False
+        refusal = mode.refusal()
+        if refusal is not None:
+            self.say(WARNING, refusal)
+            return False
+        self.mode.leave()
         self.mode = mode
         mode.enter()
         return True
+
+    def set_mission_item(self, index: int) -> bool:
+        """Go on with item *index* of the mission; return whether there is one. Only AUTO starts it at once."""
+        crew = self.mission_crew
+        return crew is not None and self.mission.set_current(index, crew)
+
+    @property
+    def mission_crew(self) -> Crew | None:
+        """Who flies the mission; None where the firmware's AUTO is not simulated."""
+        return None
 
     def arm(self, *, force: bool) -> bool:
         """Arm. Return whether it was accepted. If not, a STATUSTEXT states the reason. *force* skips the checks."""
@@ -241,6 +282,11 @@ class Autopilot(ABC):
             self.armed = False
             self.say(INFO, "Throttle disarmed")
         return True
+
+    def _follow_home(self) -> None:
+        place = self.estimate.place
+        if not self.armed and self.position_ok and (self.home is None or abs(place - self.home) >= _HOME_LEAST):
+            self.home = place
 
     def _check_prearm(self) -> None:
         fault = self.arming_fault(arming=False)

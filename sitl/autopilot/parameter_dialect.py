@@ -68,7 +68,8 @@ _POSITION: dict[str, _Word] = {
     "PSC_JERK_Z": _same("PSC_JERK_D"),
     "PSC_JERK_XY": _same("PSC_JERK_NE"),
     "PSC_POSXY_P": _same("PSC_NE_POS_P"),
-    **{f"PSC_VELXY_{x}": _same(f"PSC_NE_VEL_{x}") for x in "PID"},
+    **{f"PSC_VELXY_{x}": _same(f"PSC_NE_VEL_{x}") for x in ("P", "I", "D", "FF", "FLTE", "FLTD")},
+    "PSC_VELXY_IMAX": _times("PSC_NE_VEL_IMAX", 0.01),
     "ARMING_CHECK": _Word("ARMING_SKIPCHK", _INT32, _checks_skipped, _checks_run),
 }
 

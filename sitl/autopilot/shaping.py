@@ -34,7 +34,8 @@ def sqrt_controller(error: float, p: float, limit: float, dt: float) -> float:
     """Return the rate [error units per s] that brings *error* to zero: ``p*error``, or for large errors the square-root
     law that respects ``limit``.
 
-    ``limit`` is the deceleration in error units per s^2 (0 or less: none). ArduPilot's law of the same name.
+    ``limit`` is the deceleration in error units per s^2 (0 or less: none). With ``dt`` [s] the rate does not pass the
+    goal within one step (0: no such limit). ArduPilot's law of the same name.
     """
     size = abs(error)
     if limit <= 0.0:
@@ -44,7 +45,7 @@ def sqrt_controller(error: float, p: float, limit: float, dt: float) -> float:
     else:
         linear = limit / (p * p)
         rate = math.sqrt(2.0 * limit * (size - 0.5 * linear)) if size > linear else size * p
-    return math.copysign(min(rate, size / dt), error)
+    return math.copysign(min(rate, size / dt) if dt > 0.0 else rate, error)
 
 
 def invert_sqrt_controller(rate: float, p: float, limit: float) -> float:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping
 
 from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.failsafes import SubFailsafe
-from sitl.autopilot.mode import Mode
+from sitl.autopilot.mode import Mode, WayReport
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.shaping import clamp
 from sitl.autopilot.sub_loops import SubDepthController, SubYawController
 from sitl.autopilot.sub_motors import SubMotors
+from sitl.autopilot.sub_position import SubPositionController, SubWaypoint
 
 __all__ = ["Sub"]
 
@@ -20,6 +22,7 @@ _YAW_STICK_FULL = 4500
 _TARGET_LIFE_MS = 5000
 _STOPPING_MS = 250
 _CM = 100.0
+_GUIDED_MODE = 4
 _DEPTH_CUTOFF = 2.0
 """Cutoff frequency [Hz] of the low-pass on the depth loop's throttle. It is fixed in the firmware."""
 
@@ -35,6 +38,8 @@ class Sub(Autopilot):
         self.motors = SubMotors(parameters, dt)
         self.yaw = SubYawController(parameters, dt)
         self.depth = SubDepthController(parameters, dt)
+        self.position = SubPositionController(parameters, dt)
+        self.waypoint = SubWaypoint(parameters, self.position, dt)
         self.gain = clamp(parameters["JS_GAIN_DEFAULT"], 0.1, 1.0)
         super().__init__(parameters, dt, ready_ms)
         self._failsafe = SubFailsafe(parameters, self)
@@ -43,7 +48,7 @@ class Sub(Autopilot):
         self._target_ms = -_TARGET_LIFE_MS
 
     def _make_modes(self) -> Mapping[int, Mode]:
-        kinds = (SubManualMode, StabilizeMode, AltHoldMode, SubGuidedMode)
+        kinds = (SubManualMode, StabilizeMode, AltHoldMode, PosHoldMode, SubGuidedMode)
         return {kind.number: kind(self) for kind in kinds}
 
     @property
@@ -98,6 +103,30 @@ class Sub(Autopilot):
         """Hold *altitude* [m, up from the surface: negative under water]."""
         self.depth.target = _CM * altitude
 
+    def go(self, place: complex, altitude: float) -> None:
+        """Fly to *place* (north + i east) and *altitude* (up) [m] in GUIDED."""
+        if self.mode.number == _GUIDED_MODE:
+            self.waypoint.go(self.depth.target, _CM * place, _CM * altitude)
+
+    def hold_place(self, *, anew: bool = False) -> tuple[float, float]:
+        """Return the forward and lateral demand that hold the place, or where the craft comes to rest (*anew*)."""
+        place, velocity = _CM * self.estimate.place, _CM * self.estimate.velocity
+        if anew:
+            self.position.hold(place, velocity)
+        return self.position.run(place, velocity, self.estimate.yaw, self.motors.throttle_in)
+
+    def start_position(self) -> None:
+        """Hold from now on where the craft comes to rest."""
+        self.position.start(_CM * self.estimate.place, _CM * self.estimate.velocity)
+        self.waypoint.stop()
+
+    def advance_waypoint(self) -> None:
+        """Move the target on along its way, depth included."""
+        estimate, waypoint = self.estimate, self.waypoint
+        error = self.position.target - _CM * estimate.place
+        waypoint.advance(_CM * estimate.velocity, _CM * estimate.climb, error, self.depth.target + _CM * estimate.z)
+        self.depth.follow(waypoint.altitude, waypoint.climb)
+
     def pass_horizontal_sticks(self) -> None:
         """Set the forward and lateral demands to the stick positions, without a dead zone."""
         self.motors.forward = self.rc.fraction(_FORWARD)
@@ -138,13 +167,17 @@ class Sub(Autopilot):
         self.motors.yaw = self.yaw.run(estimate.yaw, estimate.yaw_rate, self.motors.limit_yaw)
 
     def hold_depth(self) -> None:
-        """Climb as commanded by the throttle stick. With the stick centred, hold the depth."""
-        estimate, depth = self.estimate, self.depth
+        """Climb by the throttle stick, else hold the depth."""
         rate = self._climb_stick()
+        if rate == 0.0 and -_CM * self.estimate.z > self.parameters["SURFACE_DEPTH"]:
+            self.depth.target = min(self.depth.target, self.parameters["SURFACE_DEPTH"])
+        self.depth.climb(rate)
+        self.run_depth()
+
+    def run_depth(self) -> None:
+        """Let the depth loop hold its target."""
+        estimate, depth = self.estimate, self.depth
         altitude = -_CM * estimate.z
-        if rate == 0.0 and altitude > self.parameters["SURFACE_DEPTH"]:
-            depth.target = min(depth.target, self.parameters["SURFACE_DEPTH"])
-        depth.climb(rate)
         throttle = depth.run(
             altitude, _CM * estimate.climb, _CM * estimate.climb_acceleration, self.motors.limit_throttle
         )
@@ -164,6 +197,8 @@ class Sub(Autopilot):
 
 
 _MANUAL_INPUT, _STABILIZE, _GUIDED = 64, 16, 8
+_PUSH = 0.1
+"""Share of full stick beyond which the pilot moves the place that is held."""
 
 
 class _SubMode(Mode):
@@ -211,17 +246,50 @@ class AltHoldMode(_SubMode):
         self.sub.pass_horizontal_sticks()
 
 
-class SubGuidedMode(_SubMode):
-    """Heading and depth follow targets from the ground station.
-
-    There is no horizontal thrust, because position is not simulated.
-    """
-
-    number, name, flags = 4, "GUIDED", _STABILIZE | _GUIDED
+class _PositionMode(_SubMode):
+    flags = _STABILIZE | _GUIDED
     needs_position = True
 
+    def enter(self) -> None:
+        """Hold heading, depth and the place where the craft comes to rest."""
+        super().enter()
+        self.sub.start_position()
+
+    def report(self) -> WayReport:
+        """Return the way to the place that is held or flown to."""
+        sub = self.sub
+        place = (sub.waypoint.destination if sub.waypoint.active else sub.position.target) / _CM
+        way = place - sub.estimate.place
+        return WayReport(place, abs(way), cmath.phase(way), 0.0, 0.0)
+
+
+class PosHoldMode(_PositionMode):
+    """Heading, depth and place are held; the sticks push, and while they do the place follows."""
+
+    number, name, flags = 16, "POSHOLD", _MANUAL_INPUT | _STABILIZE | _GUIDED
+
     def run(self) -> None:
-        """Run the yaw and depth loops. The yaw and throttle sticks act; the horizontal sticks do not."""
-        self.sub.steer()
-        self.sub.hold_depth()
-        self.sub.motors.forward = self.sub.motors.lateral = 0.0
+        """Run the yaw, depth and position loops."""
+        sub = self.sub
+        ahead, aside = sub.rc.fraction(_FORWARD), sub.rc.fraction(_LATERAL)
+        forward, lateral = sub.hold_place(anew=max(abs(ahead), abs(aside)) > _PUSH)
+        sub.steer()
+        sub.hold_depth()
+        sub.motors.forward, sub.motors.lateral = forward + ahead, lateral + aside
+
+
+class SubGuidedMode(_PositionMode):
+    """Heading, depth and place follow targets from the ground; yaw and throttle sticks still count."""
+
+    number, name = 4, "GUIDED"
+
+    def run(self) -> None:
+        """Run the yaw, depth and position loops."""
+        sub = self.sub
+        sub.steer()
+        if sub.waypoint.active:
+            sub.advance_waypoint()
+            sub.run_depth()
+        else:
+            sub.hold_depth()
+        sub.motors.forward, sub.motors.lateral = sub.hold_place()

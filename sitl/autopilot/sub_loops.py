@@ -113,6 +113,10 @@ class SubDepthController:
         self._wanted_climb = step_towards(self._wanted_climb, rate, values["PILOT_ACCEL_Z"] * self._dt)
         self.target += self._wanted_climb * self._dt
 
+    def follow(self, altitude: float, rate: float) -> None:
+        """Let the target be at *altitude* [cm] and move at *rate* [cm/s, up]."""
+        self.target, self._wanted_climb = altitude, rate
+
     def run(self, altitude: float, climb: float, acceleration: float, limited: bool) -> float:
         """Return the throttle (0 to 1) for the measured *altitude* [cm], *climb* [cm/s], *acceleration* [cm/s^2], all
         up.

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from sitl.mavlink.dialect import Message, mavlink
-from sitl.mavlink.telemetry import HOME, MESSAGES, METRES_PER_DEGREE
+from sitl.mavlink.telemetry import MESSAGES
+from sitl.place import HOME, METRES_PER_DEGREE
 from sitl.vehicle import Vehicle
 
 __all__ = ["STREAM_GROUPS", "Reporter", "Streams"]
@@ -135,7 +136,12 @@ _DENY_SHARE = 0.8
 """Factor in ArduPilot's rule: it denies an interval if 0.8 of it is shorter than its loop."""
 
 STREAM_GROUPS = {
-    mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (mavlink.MAVLINK_MSG_ID_SYS_STATUS,),
+    mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (
+        mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+        mavlink.MAVLINK_MSG_ID_MISSION_CURRENT,
+        mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
+        mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,
+    ),
     mavlink.MAV_DATA_STREAM_RC_CHANNELS: (
         mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,
         mavlink.MAVLINK_MSG_ID_RC_CHANNELS,

@@ -10,9 +10,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.open_loop import Rational
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings", "setting"]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel, wanted_step
 from gcs_autotune.design.actuator import PERFECT, Actuator, ActuatorStep
 from gcs_autotune.design.laws.kernel import (
     AT_REST,
@@ -27,8 +28,6 @@ from gcs_autotune.design.laws.kernel import (
 )
 from gcs_autotune.design.laws.law import LoopMotion, Scenario, Settings, setting
 from gcs_autotune.design.open_loop import Rational
-from gcs_autotune.design.reference_model import wanted_step
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["PositionLoop", "VelocityLoop", "holding", "linearisations", "local_drag", "peak_demand", "start_of"]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws import rover_steering as steering
 from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
@@ -23,7 +24,6 @@ from gcs_autotune.design.open_loop import (
     integrator,
     second_order,
 )
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["RoverHeading", "alike"]

@@ -16,12 +16,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.actuator import Actuator
 from gcs_autotune.design.laws.kernel import Cascade, shaped_throttle
 from gcs_autotune.design.laws.law import Settings, setting
 from gcs_autotune.design.laws.loops import VelocityLoop, holding, local_drag
 from gcs_autotune.design.open_loop import Rational, pid_path
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof
 

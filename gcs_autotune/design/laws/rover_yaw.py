@@ -12,13 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws import rover_steering as steering
 from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import VelocityLoop
 from gcs_autotune.design.laws.rover_steering import FF, I, P
 from gcs_autotune.design.open_loop import Rational, second_order
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["RoverYaw"]

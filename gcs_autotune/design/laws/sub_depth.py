@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import PositionLoop
@@ -21,7 +22,6 @@ from gcs_autotune.design.open_loop import (
     integrator,
     pid_path,
 )
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SubDepth"]

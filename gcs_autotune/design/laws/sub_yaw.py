@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import VelocityLoop
 from gcs_autotune.design.laws.sub_heading import ACCELERATION, ANG, ERROR_MAX, FIXED, I, P, SubHeading
 from gcs_autotune.design.laws.sub_heading import DEFAULTS as OF_HEADING
 from gcs_autotune.design.open_loop import Rational
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SubYaw"]

@@ -67,7 +67,9 @@ class Equations:
         """Return the rows of all stretches as one set of equations.
 
         Raises
-        ------ UsageError Delay, lag or current are free parameters, and the equations are not linear in them.
+        ------
+        UsageError
+            Delay, lag or current are free parameters, and the equations are not linear in them.
         """
         odd = [n for n in form.free if n in SPECIAL]
         if odd:

@@ -8,7 +8,7 @@ rows. ``P + j Q`` is either the relay's describing function, which is accurate t
 The closed heading loop is such a process (Miskovic2010, 6.6.4). The relay is outside the autopilot and commands the
 heading, ``psi_ref = psi_ref* +/- C``. The result is ``psi/psi_ref = (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1)``,
 (6.49). On a first-order steering equation, every autopilot of Table 8.1 except the classical PID leads to this form.
-:func:`simplify` is Algorithm 8.7.
+Algorithm 8.7 is in ``control.line``.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ __all__ = [
     "loop_process",
     "loop_trial",
     "process_from_response",
-    "simplify",
 ]
 
 Array = NDArray[np.float64]
@@ -236,33 +235,6 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [loop_trial(run) for run in runs]
     return tuple(cycle for part in parts for cycle in find_cycles(part, str(part.meta["dof"])))
-
-
-def simplify(loop: TransferFunction) -> TransferFunction:
-    """Return *loop* reduced to two poles and one zero, Miskovic2010, Algorithm 8.7 and (8.51).
-
-    The real pole *p* is removed, and its lag ``-1/p`` is subtracted from the lead of the zero. If there are three real
-    poles, the cube roots of the algorithm are complex. The fastest pole is then removed, because that changes the
-    response least.
-
-    Raises
-    ------
-    NotInformative
-        The pole to remove is unstable, so the rest would not represent the loop.
-    """
-    a_3, b_1 = loop.denominator[3], loop.numerator[1]
-    poles = loop.poles()
-    real = poles[np.abs(poles.imag) <= 1e-7 * np.abs(poles)].real
-    p = float(real.min())
-    if p >= 0.0 or a_3 == 0.0:
-        raise NotInformative(
-            f"the identified heading loop has its real pole at {p:.3g} rad/s, so it is unstable or of lower order. "
-            "Repeat the two relay experiments with clearly different C or x_a and without saturating the rudder"
-        )
-    omega_n_squared = -1.0 / (p * a_3)
-    # s^3 + (a_2/a_3) s^2 + ... = (s - p)(s^2 + 2 zeta omega_n s + omega_n^2)
-    damping = loop.denominator[2] / a_3 + p
-    return TransferFunction((1.0, b_1 + 1.0 / p), (1.0, damping / omega_n_squared, 1.0 / omega_n_squared))
 
 
 def loop_process(response: FrequencyResponse, n: int, m: int, *, gain: float | None = None) -> TransferFunction:

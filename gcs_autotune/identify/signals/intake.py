@@ -56,7 +56,9 @@ def prepared_runs(
     """Return the usable runs, their records from *prepare*, and a doubt for each run that cannot be used.
 
     Raises
-    ------ DataError No run can be used. The exception of the first run is raised.
+    ------
+    DataError
+        No run can be used. The exception of the first run is raised.
     """
     used: list[Trial] = []
     records: list[Record] = []

@@ -317,8 +317,9 @@ def prepare_as_recorded(
     heading.
 
     Raises
-    ------ MissingChannel, BadFile, NotInformative No run can be used. The exception is that of :func:`prepare_form` for
-    the first run.
+    ------
+    MissingChannel, BadFile, NotInformative
+        No run can be used. The exception is that of :func:`prepare_form` for the first run.
     """
     found: list[Segment] = []
     doubts: list[Doubt] = []

@@ -135,6 +135,7 @@ class Telemetry:
         self._local_z = self._global_z = (math.nan, math.nan)
         self.output_ticks = 0
         self.distance_t = math.nan
+        self._rangefinder: int | None = None
         self.t = math.nan
         self.ticks = 0
         for name, reader in self._readers().items():
@@ -291,13 +292,18 @@ class Telemetry:
             self.latest["pilot_gain"] = m.value
 
     def _distance(self, m: Message) -> None:
-        """Record the distance to an obstacle ahead; NaN beyond the sensor's range."""
+        """Record the distance ahead; NaN beyond the sensor's range.
+
+        The rangefinder with the lowest id is ``d``; another one ahead is ``d_starboard``.
+        """
         if m.orientation != 0:
             return
         known = m.min_distance <= m.current_distance <= m.max_distance
         t = self._clock.from_ms(m.time_boot_ms)
+        distance = m.current_distance * 1e-2 if known else math.nan
+        self._rangefinder = m.id if self._rangefinder is None else min(m.id, self._rangefinder)
+        self._take(t, {"d" if m.id == self._rangefinder else "d_starboard": distance})
         self.distance_t = t
-        self._take(t, {"d": m.current_distance * 1e-2 if known else math.nan})
 
     def _sys_status(self, m: Message) -> None:
         values = {}
@@ -374,6 +380,7 @@ def observation(session: Session, telemetry: Telemetry, mode: str) -> Observatio
         w=value("w"),
         speed=value("U"),
         d=value("d") if telemetry.t - telemetry.distance_t < _OLD else math.nan,
+        d_starboard=value("d_starboard") if telemetry.t - telemetry.distance_t < _OLD else math.nan,
         output=telemetry.outputs,
         output_t=telemetry.output_t,
         armed=session.armed,

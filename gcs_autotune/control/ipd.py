@@ -13,10 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.result import ReferenceModel
+from gcs_autotune.control.feedback import FeedbackLaw
+from gcs_autotune.control.reference_model import ReferenceModel
+from gcs_autotune.control.structure import STRUCTURES
 from gcs_autotune.models import SingleDof
+from gcs_autotune.sname import DOFS
 
-__all__ = ["IpdGains", "Uncertainty", "design_ipd", "stability_bound", "uncertainty_of"]
+__all__ = [
+    "Uncertainty",
+    "design_ipd",
+    "drag_speed_limit",
+    "least_inertia_ratio",
+    "stability_bound",
+    "uncertainty_of",
+]
 
 CONFIDENCE = 1.96
 """Half-width of a 95 % interval of a normal distribution, in standard errors."""
@@ -32,16 +42,6 @@ The relative errors must lie in (-1, 1) (Miskovic2010, eq. (8.19)-(8.20)).
 
 
 @dataclass(frozen=True, slots=True)
-class IpdGains:
-    """Gains of ``tau = KI int(e) - KP eta - (KD - beta_quadratic*|nu|) nu`` [input unit per rad or m]."""
-
-    KI: float
-    KP: float
-    KD: float
-    beta_quadratic: float
-
-
-@dataclass(frozen=True, slots=True)
 class Uncertainty:
     """Relative errors that the loop must tolerate, as positive fractions: inertia ``p_alpha`` and drag ``p_beta``."""
 
@@ -49,13 +49,34 @@ class Uncertainty:
     p_beta: float
 
 
-def design_ipd(model: SingleDof, wanted: ReferenceModel) -> IpdGains:
-    """Return the I-PD gains that give *model* the closed loop *wanted* (Miskovic2010, eq. (8.5)).
+def design_ipd(model: SingleDof, wanted: ReferenceModel, uncertainty: Uncertainty | None = None) -> FeedbackLaw:
+    """Return the I-PD law that gives *model* the closed loop *wanted*; Miskovic2010, eq. (8.5).
 
-    The linear drag is included in ``KD``, and the controller compensates the quadratic drag.
+    The linear drag is included in ``K_D``. The quadratic drag is compensated during motion, up to the speed at which
+    the loop is stable for every error within *uncertainty* (8.26). ``delta`` is compensated as the known disturbance.
     """
-    KI = model.alpha / wanted.a3
-    return IpdGains(KI, wanted.a1 * KI, wanted.a2 * KI - model.beta, model.beta_quadratic)
+    K_I = model.alpha / wanted.a3
+    speed = math.inf
+    if uncertainty is not None and model.beta_quadratic > 0.0:
+        speed = drag_speed_limit(model, wanted, uncertainty)
+    return FeedbackLaw(
+        STRUCTURES["I-PD"],
+        K_P=wanted.a1 * K_I,
+        K_I=K_I,
+        K_D=wanted.a2 * K_I - model.beta,
+        drag=model.beta_quadratic,
+        drag_speed=speed,
+        disturbance=model.delta,
+        is_angle=DOFS[model.dof].angular,
+    )
+
+
+def drag_speed_limit(model: SingleDof, wanted: ReferenceModel, p: Uncertainty) -> float:
+    """Return the speed [rad/s or m/s] up to which quadratic drag may be compensated, Miskovic2010, eq. (8.26).
+
+    Zero where the reference model is not stable for every error within *p*.
+    """
+    return max(model.alpha / model.beta_quadratic * _allowed(wanted, p), 0.0)
 
 
 def uncertainty_of(model: SingleDof, covariance: NDArray[np.float64]) -> Uncertainty:
@@ -77,11 +98,19 @@ def stability_bound(model: SingleDof, wanted: ReferenceModel, p: Uncertainty, ve
     |*velocity*| [rad/s or m/s] of the manoeuvre is compared with (8.26). The affine cases (8.24) and (8.28) are less
     strict than (8.22) and (8.26). ``p = (0.1, 0.2)`` gives (8.23) and (8.27).
     """
-    room = wanted.a2 / wanted.a3 - 1.0 / (wanted.a1 * (1.0 - p.p_alpha))
-    allowed = (1.0 + p.p_beta) / p.p_beta * room
     if _is_nonlinear(model):
-        return abs(velocity), model.alpha / model.beta_quadratic * allowed
-    return model.beta / model.alpha, allowed
+        return abs(velocity), model.alpha / model.beta_quadratic * _allowed(wanted, p)
+    return model.beta / model.alpha, _allowed(wanted, p)
+
+
+def least_inertia_ratio(wanted: ReferenceModel) -> float:
+    """Return the smallest estimated/true inertia with a stable loop, Miskovic2010, eq. (8.15)."""
+    return wanted.a3 / (wanted.a2 * wanted.a1)
+
+
+def _allowed(wanted: ReferenceModel, p: Uncertainty) -> float:
+    """Return the largest drag over inertia [1/s] that (8.22) and (8.26) allow."""
+    return (1.0 + p.p_beta) / p.p_beta * (wanted.a2 / wanted.a3 - 1.0 / (wanted.a1 * (1.0 - p.p_alpha)))
 
 
 def _is_nonlinear(model: SingleDof) -> bool:

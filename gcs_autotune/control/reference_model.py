@@ -1,12 +1,13 @@
-"""Reference models of the closed loop, ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``.
+"""Reference models of the closed loop, ``1/(a_n s^n + ... + a_1 s + 1)``, of any order.
 
-The form is Miskovic2010, eq. (8.4), with time scaled such that ``a3 = 1/omega_0^3`` ("characteristic frequency"). The
-Bessel polynomial is ``s^3/15 + 6 s^2/15 + s + 1``; Miskovic2010 prints ``2 s^2/15``, an erratum.
+Miskovic2010, eq. (8.4), with time scaled such that ``a_n = 1/omega_0^n`` ("characteristic frequency"). The Bessel
+polynomial of third order is ``s^3/15 + 6 s^2/15 + s + 1``; Miskovic2010 prints ``2 s^2/15``, an erratum.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -14,27 +15,53 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.errors import UsageError
+from gcs_autotune.models import TransferFunction
 from gcs_autotune.registry import lookup
 
 __all__ = [
     "REFERENCE_MODELS",
     "SETTLED",
+    "ReferenceModel",
     "ReferenceStep",
     "omega_for_settling",
+    "reference_coefficients",
     "reference_model",
     "settling_time",
     "wanted_step",
 ]
 
-REFERENCE_MODELS: Mapping[str, tuple[float, float, float]] = {
-    "bessel": (1.0, 6.0 / 15.0, 1.0 / 15.0),
-    "butterworth": (2.0, 2.0, 1.0),
-}
-"""Family -> (a1, a2, a3) at its textbook time scale.
 
-A Bessel step has an overshoot of 0.75 %, a Butterworth step of 8 %.
+def _bessel(order: int) -> tuple[float, ...]:
+    """Return the reverse Bessel polynomial, divided by its constant term."""
+    terms = [
+        math.factorial(2 * order - k) // (2 ** (order - k) * math.factorial(k) * math.factorial(order - k))
+        for k in range(order + 1)
+    ]
+    return tuple(term / terms[0] for term in terms[1:])
+
+
+def _butterworth(order: int) -> tuple[float, ...]:
+    """Return the Butterworth polynomial by its recursion in the half angle between two poles."""
+    half, terms = math.pi / (2 * order), [1.0]
+    for k in range(1, order + 1):
+        terms.append(terms[-1] * math.cos((k - 1) * half) / math.sin(k * half))
+    return tuple(round(term, 12) for term in terms[1:])
+
+
+def _binomial(order: int) -> tuple[float, ...]:
+    """Return ``(1 + s)^n``: all poles real and equal, no overshoot."""
+    return tuple(float(math.comb(order, k)) for k in range(1, order + 1))
+
+
+REFERENCE_MODELS: Mapping[str, Callable[[int], tuple[float, ...]]] = {
+    "bessel": _bessel,
+    "butterworth": _butterworth,
+    "binomial": _binomial,
+}
+"""Family -> function of the order that returns (a_1, ..., a_n) at the textbook's time scale.
+
+Overshoot of third order: Bessel 0.75 %, Butterworth 8 %, binomial none.
 """
 
 SETTLED = 0.05
@@ -42,6 +69,21 @@ SETTLED = 0.05
 
 _UNIT_HORIZON = 20.0
 _UNIT_STEP = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceModel:
+    """The required closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)``, Miskovic2010, eq. (8.4). ``kind`` is its family."""
+
+    kind: str
+    omega_0: float
+    a1: float
+    a2: float
+    a3: float
+
+    def transfer_function(self) -> TransferFunction:
+        """Return it as a transfer function."""
+        return TransferFunction((1.0,), (1.0, self.a1, self.a2, self.a3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +95,8 @@ class ReferenceStep:
     acceleration: NDArray[np.float64]
 
 
-def reference_model(kind: str, omega_0: float) -> ReferenceModel:
-    """Return the reference model of family *kind* with characteristic frequency *omega_0* [rad/s].
+def reference_coefficients(kind: str, omega_0: float, order: int) -> tuple[float, ...]:
+    """Return (a_1, ..., a_n) [s, ..., s^n] of family *kind* with characteristic frequency *omega_0* [rad/s].
 
     Raises
     ------
@@ -63,11 +105,16 @@ def reference_model(kind: str, omega_0: float) -> ReferenceModel:
     UsageError
         *omega_0* is not a positive number.
     """
-    a1, a2, a3 = lookup(REFERENCE_MODELS, kind, "reference model")
+    terms = lookup(REFERENCE_MODELS, kind, "reference model")(order)
     if not (np.isfinite(omega_0) and omega_0 > 0.0):
         raise UsageError(f"the characteristic frequency must be a positive number of rad/s, not {omega_0}")
-    stretch = a3 ** (-1.0 / 3.0) / omega_0
-    return ReferenceModel(kind, omega_0, a1 * stretch, a2 * stretch**2, a3 * stretch**3)
+    stretch = terms[-1] ** (-1.0 / order) / omega_0
+    return tuple(term * stretch ** (k + 1) for k, term in enumerate(terms))
+
+
+def reference_model(kind: str, omega_0: float) -> ReferenceModel:
+    """Return the reference model of third order; see :func:`reference_coefficients`."""
+    return ReferenceModel(kind, omega_0, *reference_coefficients(kind, omega_0, 3))
 
 
 def settling_time(kind: str, omega_0: float) -> float:
