@@ -146,7 +146,7 @@ def test_no_gains_are_offered_for_what_works_the_wrong_way(
 def test_a_recheck_names_the_servo_functions_and_no_larger_limit(tmp_path: Any) -> None:
     harness = SitlHarness(tmp_path, "blueboat", parameters=SWAPPED)
     settings = FlySettings("set-point-relay", harness.common(), {})
-    with pytest.raises(PreconditionFailed, match=r"the opposite direction\. .*_FUNCTION") as caught:
+    with pytest.raises(PreconditionFailed, match=r"while the steering was to port\. .*_FUNCTION") as caught:
         fly(settings, Unattended(), Ear(harness.said), WHEN)
     assert "another limit" not in str(caught.value)
 
