@@ -1,8 +1,8 @@
-"""The controller of Miskovic2010: I-PD by reference model, and its bounds on model error.
+"""The controller of Miskovic2010: I-PD by reference model, and the model error that it tolerates.
 
 The control law is Miskovic2010, section 8.1, (8.2), with gains (8.5)-(8.7) and stability bounds (8.22)-(8.27).
-ArduPilot's loops are cascades, not I-PD. If they match a reference model exactly, they have its characteristic
-polynomial. The bounds then give the identification error that this polynomial tolerates.
+ArduPilot's loops are cascades, not I-PD. If a cascade matches a reference model exactly, it has the characteristic
+polynomial of the reference model. The bounds then give the identification error that this polynomial tolerates.
 """
 
 from __future__ import annotations
@@ -29,13 +29,16 @@ __all__ = [
 ]
 
 CONFIDENCE = 1.96
-"""Standard errors in a 95 % interval."""
+"""Half-width of a 95 % interval of a normal distribution, in standard errors."""
 
 MIN_UNCERTAINTY = 0.01
-"""Smallest relative uncertainty of an identification that is assumed. It is set by hand."""
+"""Smallest relative uncertainty of an identification that is assumed. Project choice."""
 
 MAX_UNCERTAINTY = 0.95
-"""Largest relative uncertainty; the ratios must lie in (-1, 1) (Miskovic2010, eq. (8.19)-(8.20))."""
+"""Largest relative uncertainty that is assumed.
+
+The relative errors must lie in (-1, 1) (Miskovic2010, eq. (8.19)-(8.20)).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +52,8 @@ class Uncertainty:
 def design_ipd(model: SingleDof, wanted: ReferenceModel, uncertainty: Uncertainty | None = None) -> FeedbackLaw:
     """Return the I-PD law that gives *model* the closed loop *wanted*; Miskovic2010, eq. (8.5).
 
-    The constant drag goes into ``K_D``; the quadratic one is compensated while moving, up to the speed that keeps the
-    loop stable for every error within *uncertainty*, (8.26); ``delta`` is compensated as the known disturbance.
+    The linear drag is included in ``K_D``. The quadratic drag is compensated during motion, up to the speed at which
+    the loop is stable for every error within *uncertainty* (8.26). ``delta`` is compensated as the known disturbance.
     """
     K_I = model.alpha / wanted.a3
     speed = math.inf
@@ -79,7 +82,7 @@ def drag_speed_limit(model: SingleDof, wanted: ReferenceModel, p: Uncertainty) -
 def uncertainty_of(model: SingleDof, covariance: NDArray[np.float64]) -> Uncertainty:
     """Return the 95 % relative errors of inertia and of the dominant drag.
 
-    covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay).
+    covariance : (5, 5) covariance of (alpha, beta, beta_quadratic, delta, delay).
     """
     std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     drag, drag_std = (model.beta_quadratic, std[2]) if _is_nonlinear(model) else (model.beta, std[1])
@@ -87,11 +90,13 @@ def uncertainty_of(model: SingleDof, covariance: NDArray[np.float64]) -> Uncerta
 
 
 def stability_bound(model: SingleDof, wanted: ReferenceModel, p: Uncertainty, velocity: float) -> tuple[float, float]:
-    """Return (left, right) of the stability condition; the loop is stable for every error within *p* if left < right.
+    """Return the left and right sides of the stability condition.
+
+    The loop is stable for every error within *p* if left < right.
 
     For constant drag, ``beta/alpha`` is compared with (8.22). For drag that increases with velocity, the largest
-    |*velocity*| [rad/s or m/s] of the manoeuvre is compared with (8.26). The affine cases (8.24), (8.28) are less
-    strict than these. ``p = (0.1, 0.2)`` gives (8.23) and (8.27).
+    |*velocity*| [rad/s or m/s] of the manoeuvre is compared with (8.26). The affine cases (8.24) and (8.28) are less
+    strict than (8.22) and (8.26). ``p = (0.1, 0.2)`` gives (8.23) and (8.27).
     """
     if _is_nonlinear(model):
         return abs(velocity), model.alpha / model.beta_quadratic * _allowed(wanted, p)

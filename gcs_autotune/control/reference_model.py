@@ -88,7 +88,7 @@ class ReferenceModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceStep:
-    """Unit step of a reference model: arrays (n,), position [1], velocity [1/s], acceleration [1/s^2]."""
+    """Unit step of a reference model: position [1], velocity [1/s] and acceleration [1/s^2], each (n,)."""
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
@@ -123,7 +123,7 @@ def settling_time(kind: str, omega_0: float) -> float:
 
 
 def omega_for_settling(kind: str, seconds: float) -> float:
-    """Return the characteristic frequency [rad/s] whose step settles to 5 % in *seconds*.
+    """Return the characteristic frequency [rad/s] for which the step of the family *kind* settles to 5 % in *seconds*.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def omega_for_settling(kind: str, seconds: float) -> float:
 
 
 def wanted_step(function: ReferenceModel, t: NDArray[np.float64]) -> ReferenceStep:
-    """Return the unit step response at times *t* (n,) [s] (zero before ``t = 0``)."""
+    """Return the unit step response of *function* at the times *t* (n,) [s]. It is zero before ``t = 0``."""
     grid, states = _unit_response(function.kind)
     scaled = t * function.omega_0
     columns = [np.interp(scaled, grid, states[:, i], left=0.0) for i in range(3)]

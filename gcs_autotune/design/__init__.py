@@ -1,8 +1,9 @@
 """Calculate gains for the autopilot's own control law from an identified model. Nothing is written to a vehicle.
 
-:func:`design` returns a :class:`Proposal`; :func:`design_from` does so from a model with effects. :func:`provisional`
-returns nearly the same gains in a fifth of the time, while experiments are still being flown. :func:`step_metrics` and
-:func:`is_better` measure and compare the flown steps by the same criteria. Controllers of our own are in ``control``.
+:func:`design` returns a :class:`Proposal` for a plain model, and :func:`design_from` one for a model with effects.
+:func:`provisional` returns nearly the same gains in a fifth of the time, while experiments are still being flown.
+:func:`step_metrics` and :func:`is_better` measure and compare the flown steps by the same criteria. Controllers of this
+project are in ``control``.
 """
 
 from __future__ import annotations

@@ -138,8 +138,9 @@ def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
     joined into one trace.
 
     Raises
-    ------ NotInformative The model diverges on this input, or :func:`gcs_autotune.identify.signals.preparation.prepare`
-    raised the error.
+    ------
+    NotInformative
+        The model diverges on this input, or :func:`gcs_autotune.identify.signals.preparation.prepare` raised the error.
     """
     model = fit if isinstance(fit, SingleDof) else fit.model
     return _joined(trial.name, [run_freely(model, record)[0] for record in prepare(trial, model.dof)])

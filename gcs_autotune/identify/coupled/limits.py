@@ -31,7 +31,9 @@ def limits_of(form: Form, case: Case) -> Limits:
     """Return the lower and upper limits of the free parameters of *form*.
 
     Raises
-    ------ UsageError The user's bounds are for a parameter that is not free, or are in the wrong order.
+    ------
+    UsageError
+        The user's bounds are for a parameter that is not free, or are in the wrong order.
     """
     step = min(float(np.median(np.diff(s.t))) for r in case.records for s in r.signals.values())
     limits = Limits({"delay": 0.0, "lag": SHORTEST_LAG * step}, {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY})

@@ -31,8 +31,11 @@ def fit_with_effects(case: Case) -> Fit[CoupledModel | ExtendedModel]:
     be among the requested effects.
 
     Raises
-    ------ NotInformative No such model can be simulated on these runs. UsageError A requested effect cannot be
-    identified from these runs.
+    ------
+    NotInformative
+        No such model can be simulated on these runs.
+    UsageError
+        A requested effect cannot be identified from these runs.
     """
     form, start = case.the_form, case.start
     if start is None:
@@ -141,8 +144,11 @@ def with_effects(problem: Problem, fitted: Fitted, specs: Sequence[EffectSpec]) 
     starts once the others are present.
 
     Raises
-    ------ UsageError One of the effects cannot be identified from these runs. NotInformative The motion with an effect
-    diverges from every start.
+    ------
+    UsageError
+        One of the effects cannot be identified from these runs.
+    NotInformative
+        The motion with an effect diverges from every start.
     """
     for spec in specs:
         fitted = _best(problem, fitted, fitted.effects, spec)

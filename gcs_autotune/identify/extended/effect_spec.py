@@ -27,7 +27,9 @@ class EffectSpec:
         """Yield the effect at every place and with every set of start values that the runs of *data_summary* allow.
 
         Raises
-        ------ UsageError These runs cannot identify the effect, or not at the requested place.
+        ------
+        UsageError
+            These runs cannot identify the effect, or not at the requested place.
         """
         entry = EFFECTS[self.slug]
         places = entry.places(data_summary)

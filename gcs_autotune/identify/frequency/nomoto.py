@@ -74,8 +74,10 @@ def fit_nomoto(response: FrequencyResponse, order: int = 1, delay: float | None 
         constant fitted without it is negative, so that the motion would precede the input.
 
     Raises
-    ------ NotInformative There are fewer points than parameters. The error is also raised if the second-order poles are
-    complex, or unstable with a stable gain. A Nomoto model excludes such poles.
+    ------
+    NotInformative
+        There are fewer points than parameters. The error is also raised if the second-order poles are complex, or
+        unstable with a stable gain. A Nomoto model excludes such poles.
     """
     if delay is not None:
         return _fit(response, order, delay, free=False)

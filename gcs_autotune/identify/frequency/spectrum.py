@@ -88,8 +88,10 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     """Return the response from input to velocity, at frequencies whose bands do not overlap.
 
     Raises
-    ------ MissingChannel, BadFile, NotInformative :func:`gcs_autotune.identify.signals.preparation.prepare` raised the
-    error. NotInformative is also raised if the runs are too short for a single point.
+    ------
+    MissingChannel, BadFile, NotInformative
+        :func:`gcs_autotune.identify.signals.preparation.prepare` raised the error. NotInformative is also raised if the
+        runs are too short for a single point.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     records = [record for trial in runs for record in prepare(trial, dof)]
@@ -226,8 +228,10 @@ def harmonic_response(
     Mean and standard deviation are calculated over the periods.
 
     Raises
-    ------ MissingChannel, BadFile, NotInformative As for :func:`gcs_autotune.identify.signals.preparation.prepare`.
-    NotInformative is also raised if no limit cycle has two whole periods with enough samples in each.
+    ------
+    MissingChannel, BadFile, NotInformative
+        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative is also raised if no limit
+        cycle has two whole periods with enough samples in each.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [

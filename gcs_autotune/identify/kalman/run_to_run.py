@@ -58,7 +58,8 @@ class RunLikelihood:
     def day(self, force: float, thrust: float) -> RunOffset:
         """Return the estimated force and thrust change of the run, for a prior with zero mean.
 
-        force, thrust : standard deviations of the prior."""
+        force, thrust : standard deviations of the prior.
+        """
         P = np.diag([force**2, thrust**2])
         cov = P @ np.linalg.inv(np.eye(2) + self.G @ P)
         mean = cov @ self.h

@@ -93,7 +93,8 @@ class Task:
 def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
     """Return the smoothed first states of the records (records, n) and their standard deviations, for the next pass.
 
-    widest : largest standard deviation allowed."""
+    widest : largest standard deviation allowed.
+    """
     n = widest.shape[1]
     states = np.array([path[0, :n] for path in smoothed.trajectories])
     std = np.sqrt(np.array([var[0, :n] for var in smoothed.variances]))

@@ -67,8 +67,9 @@ def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepM
     Miskovic2010.
 
     Raises
-    ------ NotInformative No reading determines the inertia, or there are too few input values for the drags of
-    *structure*.
+    ------
+    NotInformative
+        No reading determines the inertia, or there are too few input values for the drags of *structure*.
     """
     if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
@@ -265,7 +266,9 @@ def fit_by_steps(case: Case) -> AxisFit:
     ``extra["steps"]`` contains the readings. ``extra["table_4_1"]`` contains the result of each single step from rest.
 
     Raises
-    ------ NotInformative No step is long enough to be evaluated, or the steps do not determine the requested structure.
+    ------
+    NotInformative
+        No step is long enough to be evaluated, or the steps do not determine the requested structure.
     """
     everything = read_steps(case.records)
     readings = [r for r in everything if r.settled]

@@ -101,7 +101,8 @@ def lag(alpha: float, drags: Drags, tau: float, nu_0: float) -> float:
 def time_to(alpha: float, drags: Drags, tau: float, nu_0: float, level: float) -> float:
     """Return the time [s] from the velocity *nu_0* to the velocity *level*, Miskovic2010 (4.32), (4.37).
 
-    *level* must lie between *nu_0* and the steady velocity."""
+    *level* must lie between *nu_0* and the steady velocity.
+    """
     return alpha * _along(drags, tau, nu_0, level, np.ones_like)
 
 

@@ -215,7 +215,8 @@ class HalfPeriodValues:
 def rows_of(record: Segment, delay: float = 0.0) -> IntegralRows | None:
     """Return the integrated equations of *record* with the input delayed by *delay* [s].
 
-    Return None if the record contains no zig-zag with a heading."""
+    Return None if the record contains no zig-zag with a heading.
+    """
     if record.position is None:
         return None
     t, psi = record.position.t, record.position.values

@@ -222,9 +222,12 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     these values. Then all steps' runs are fitted at once, and the whole model is simulated on the final runs.
 
     Raises
-    ------ NotInformative There is no run for any step, or a parameter in ``held`` has no value. It has no value if its
-    step had no runs and the plan contains no a-priori value. MissingChannel, BadFile A run of a step lacks a channel
-    that its form needs.
+    ------
+    NotInformative
+        There is no run for any step, or a parameter in ``held`` has no value. It has no value if its step had no runs
+        and the plan contains no a-priori value.
+    MissingChannel, BadFile
+        A run of a step lacks a channel that its form needs.
     """
     done: list[StepResult] = []
     used: list[tuple[PlanStep, tuple[Trial, ...]]] = []

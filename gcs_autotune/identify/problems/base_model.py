@@ -110,7 +110,9 @@ def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
     """Return the names of the requested degrees of freedom, or None for all recorded ones; see :func:`plain_form`.
 
     Raises
-    ------ MissingChannel *dof* contains a name that is neither a degree of freedom nor a shipped form.
+    ------
+    MissingChannel
+        *dof* contains a name that is neither a degree of freedom nor a shipped form.
     """
     if dof is None:
         return swung(runs)

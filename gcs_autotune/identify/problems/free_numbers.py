@@ -113,7 +113,8 @@ class StampedProblem(ModelProblem):
     """A problem in which the stamps of all inputs may have a common shift.
 
     Parameters
-    ---------- As for :class:`ModelProblem`, and
+    ----------
+    As for :class:`ModelProblem`, and
 
     stamps : prior of the shift of input stamps. The default with a *data_summary* is that of a diagnosis.
         If the delay is free, there is no shift, because both have the same effect.

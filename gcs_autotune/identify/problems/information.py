@@ -112,8 +112,11 @@ def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedM
     The noise levels are those of *fit* or, if it has none, the rms residuals of the free run.
 
     Raises
-    ------ UsageError This kind of model cannot be simulated, or none of its parameters was fitted. NotInformative The
-    model diverges on a run, or :func:`prepare_form` raised the error.
+    ------
+    UsageError
+        This kind of model cannot be simulated, or none of its parameters was fitted.
+    NotInformative
+        The model diverges on a run, or :func:`prepare_form` raised the error.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     model = fit.model

@@ -96,7 +96,8 @@ class Rules:
     def is_there(self, gain: float, expected: float, cost: float) -> bool:
         """Return whether the descent has converged after the cost decreased by *gain* from *cost*.
 
-        expected : predicted decrease."""
+        expected : predicted decrease.
+        """
         if self.enough:
             return gain < self.enough
         return gain <= self.tolerance * cost and expected <= max(self.tolerance, 1e-6) * cost + 1e-300

@@ -42,13 +42,13 @@ __all__ = [
 Array = NDArray[np.float64]
 
 ROUNDS = 12
-"""Maximum number of solutions of the weighted equations. The weights settle after five to eight."""
+"""Maximum number of solutions of the weighted equations. The weights settle after five to eight. Project choice."""
 
 
 def experiments_needed(n: int, m: int, *, gain_known: bool = False) -> int:
     """Return the number of limit cycles needed for *n* poles and *m* zeros, Miskovic2010 (6.11).
 
-    gain_known : whether b_0 is known, which is one unknown less.
+    gain_known : whether the gain b_0 is known, which reduces the number of unknowns by one.
     """
     return math.ceil((n + m + (0 if gain_known else 1)) / 2)
 
@@ -64,8 +64,8 @@ def identify_process(
 ) -> TransferFunction:
     """Identify a linear process from limit cycles, accurate to the first harmonic.
 
-    The bias ``x_0`` and the actual switching value ``x_a*`` of each cycle are used. *integrators* are treated by
-    (6.25), and *delay* [s] by (6.31).
+    The bias ``x_0`` and the actual switching value ``x_a*`` of each cycle are used. Equation (6.25) includes
+    *integrators*, and equation (6.31) includes *delay* [s].
 
     Parameters
     ----------
@@ -99,9 +99,9 @@ def process_from_response(
 
     Parameters
     ----------
-    omega : (k,) [rad/s].
-    response : (k,) complex, of the whole process including integrators and delay.
-    std : (k,) standard deviation of *response*; the rows are weighted by it, relative to the response.
+    omega : (k,) frequencies [rad/s].
+    response : (k,) complex response of the whole process including integrators and delay.
+    std : (k,) standard deviation of *response*. Each equation is weighted by the inverse of its relative value.
 
     Raises
     ------
@@ -177,13 +177,13 @@ def _row(omega: float, balance: complex, n: int, m: int, integrators: int, delay
 LOOPS: Mapping[str, tuple[str, str]] = {"psi_ref": ("psi", "yaw"), "z_ref": ("z", "heave"), "u_ref": ("u", "surge")}
 """Commanded channel -> responding channel, and the degree of freedom that represents the loop.
 
-The command becomes the input of that degree of freedom, and the response its position. For ``u_ref`` the speed takes
-the place of the position, because the loop controls it.
+The command becomes the input of that degree of freedom, and the response becomes its position. For ``u_ref`` the speed
+replaces the position, because the loop controls the speed.
 """
 
 
 def heading_loop(cycle_1: LimitCycle, cycle_2: LimitCycle, *further: LimitCycle) -> TransferFunction:
-    """Return the closed heading loop from two or more limit cycles, Miskovic2010, eq. (6.52).
+    """Return the transfer function of the closed heading loop from two or more limit cycles, Miskovic2010, eq. (6.52).
 
     Its static gain is 1.
 
@@ -240,8 +240,9 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
 def loop_process(response: FrequencyResponse, n: int, m: int, *, gain: float | None = None) -> TransferFunction:
     """Return the process from input to *position* with *n* poles and *m* zeros.
 
-    *response* is that to velocity, from harmonics. This is the exact counterpart of :func:`identify_process` if records
-    are available and not only readings. For the closed heading loop n = 3, m = 1, gain = 1.
+    *response* is the response from input to velocity, from harmonics. This function is the exact counterpart of
+    :func:`identify_process`. It needs records and not only readings. For the closed heading loop n = 3, m = 1, gain =
+    1.
 
     Raises
     ------
