@@ -75,9 +75,10 @@ LARGE: least motion, as a multiple of the usual least motion. MANY: least number
 class Expected:
     """Differences that are normal for good sensors of a pair.
 
-    offset : standard deviation of a constant offset of the rate [unit of the rate]. floor : least motion, rms of the
-    rate. way : least total distance of the position, in its unit; in one short turn a filter looks like a
-    contradiction. shift : time [s] by which one may be later than the other.
+    offset : standard deviation of a constant offset of the rate [unit of the rate].
+    floor : least motion, rms of the rate.
+    way : least total distance of the position, in its unit; in one short turn a filter looks like a contradiction.
+    shift : time [s] by which one may be later than the other.
     """
 
     offset: float
@@ -90,10 +91,12 @@ class Expected:
 class Comparison:
     """Result of a comparison.
 
-    factor, std : ratio of the position's change to the integral of the rate. shift, shift_std : time [s] by which the
-    position is later than the rate. coherence : -1..1 at that shift. moved, predicted : rms slope of the position and
-    of the rate's integral. clear : rms slope of the quieter side, in standard deviations of its noise. during : the
-    stretch [s] in which one side does not change while the rest of the run agrees; None for the whole run.
+    factor, std : ratio of the position's change to the integral of the rate.
+    shift, shift_std : time [s] by which the position is later than the rate.
+    coherence : -1..1 at that shift.
+    moved, predicted : rms slope of the position and of the rate's integral.
+    clear : rms slope of the quieter side, in standard deviations of its noise.
+    during : the stretch [s] in which one side does not change while the rest of the run agrees; None for the whole run.
     """
 
     kind: Kind
@@ -386,7 +389,8 @@ def _is_flat(leading: Array, following: Array) -> bool:
 def _regression(a: Array, b: Array, overlap: float, offset: float, noise: float) -> tuple[float, float, float]:
     """Return the slope of *b* (n,) on *a*, its standard error, and the coherence of both.
 
-    noise : that of *b*. offset : standard deviation of a constant that is fitted with the slope.
+    noise : that of *b*.
+    offset : standard deviation of a constant that is fitted with the slope.
 
     Up to one window in ten may be excluded as an outlier.
     """

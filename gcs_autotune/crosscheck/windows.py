@@ -38,8 +38,9 @@ FILLED, GAP = 0.7, 0.4
 class Series:
     """One channel prepared for a comparison.
 
-    t, x : (n,) strictly increasing stamps [s], and values, with angles unwrapped. beat : time [s] between two
-    *different* values. noise : standard deviation of the changes from sample to sample.
+    t, x : (n,) strictly increasing stamps [s], and values, with angles unwrapped.
+    beat : time [s] between two *different* values.
+    noise : standard deviation of the changes from sample to sample.
     """
 
     name: str
@@ -89,7 +90,8 @@ def integral(rate: Series) -> Array:
 class Windows:
     """Windows of ``span`` [s] on stamps; the method ``slopes`` is the operator.
 
-    middle : (m,) their centres [s]. gain : (m,) standard deviation of a slope per standard deviation of a sample.
+    middle : (m,) their centres [s].
+    gain : (m,) standard deviation of a slope per standard deviation of a sample.
     overlap : number of windows that contain the same sample.
     """
 

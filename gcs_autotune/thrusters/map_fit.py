@@ -39,7 +39,8 @@ def map_doubts(
 ) -> tuple[Doubt, ...]:
     """Return the doubts about a map.
 
-    fitted : (n,) forces of the map for the pulls. noise : standard deviation of one pull [N].
+    fitted : (n,) forces of the map for the pulls.
+    noise : standard deviation of one pull [N].
     """
     found: list[Doubt] = []
     error = pulls.force - fitted

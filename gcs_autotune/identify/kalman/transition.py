@@ -70,8 +70,8 @@ def inertia(P: Program, theta: Array, M: Array, M_inverse: Array) -> bool:
 def measure(P: Program, theta: Array, x: Array, code: int, free: Index, H: Array) -> float:
     """Return one output, and fill *H* (N,) with its derivatives by the states, then by the free parameters.
 
-    code : index of the output. 0 to 5 are velocities over ground, 6 to 11 positions. free : (p,) column of each
-        parameter in *H*, -1 if it is known.
+    code : index of the output. 0 to 5 are velocities over ground, 6 to 11 positions.
+    free : (p,) column of each parameter in *H*, -1 if it is known.
     """
     H[:] = 0.0
     column = P.column[code]
