@@ -28,7 +28,7 @@ class Target:
     """An export format.
 
     - ``suffix``: file suffix.
-    - ``summary``: one line of help.
+    - ``help``: one line of help.
     - ``write``: function that returns the text, and sentences about what the format cannot express.
     """
 

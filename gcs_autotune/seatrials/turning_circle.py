@@ -135,7 +135,7 @@ class TurningCircle:
     - ``turned`` [rad]: total change of heading.
     - ``advance``, ``transfer`` [m]: at 90 degrees of heading change.
     - ``tactical_diameter`` [m]: at 180 degrees; ``steady_diameter`` [m]: of the steady turn.
-    - Times to 90 and 180 degrees [s].
+    - ``time_90``, ``time_180`` [s]: times to 90 and 180 degrees of heading change.
     - ``approach`` and ``steady`` speed [m/s] through the water, and ``speed_loss``, the fraction of speed that is lost.
     - ``drift``: drift angle [rad], positive with the bow inside the turn.
     - ``rate`` [rad/s]: steady yaw rate.

@@ -54,8 +54,10 @@ SLOW = 0.5
 """Duration of a helm reversal, relative to a half period, above which a run is not a zig-zag. Project choice."""
 
 WIDEST, MOST = math.radians(100.0), 0.75
-"""Limits for recognising a zig-zag: largest mean change of heading [rad] (WIDEST), and least fraction of reversals at
-which the heading is on the correct side (MOST). Project choice.
+"""Limits for recognising a zig-zag. Project choice.
+
+- ``WIDEST``: largest mean change of heading [rad].
+- ``MOST``: least fraction of reversals at which the heading is on the correct side.
 """
 
 BEND = 3
