@@ -438,8 +438,10 @@ class Session:
         ------
         NoVehicle
             No autopilot was heard within *timeout* [s]; the message lists the senders heard instead.
-        SigningMismatch An autopilot was heard, but its signing does not match ours: only one side signs, or the keys
-        differ. UsageError There are several autopilots, and *system_id* does not select one.
+        SigningMismatch
+            An autopilot was heard, but its signing does not match ours: only one side signs, or the keys differ.
+        UsageError
+            There are several autopilots, and *system_id* does not select one.
         """
         wanted = self._find(timeout, system_id)
         self.vehicle = wanted.identity()

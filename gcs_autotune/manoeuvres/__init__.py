@@ -1,13 +1,13 @@
-"""Manoeuvres that reveal a craft's dynamics, and the engine that flies them safely.
+"""Manoeuvres that excite a craft's dynamics, and the sequencer that flies them safely.
 
 A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is only a generator of commands that receives observations.
 :class:`Sequencer` flies it inside an :class:`Envelope`, and cleans up on every ending.
 
 ``sign-check`` comes first and verifies that an actuator acts in the right direction. ``relay`` identifies one degree of
-freedom in a few oscillations. ``zig-zag``, ``turning-circle``, ``pull-out``, the spirals and ``stopping`` give the
-standard figures of ships. ``steps`` to ``free-decay`` apply to any force. ``throttle-steps`` identifies a boat's surge.
-``step`` proves a closed loop. ``turn-about`` turns a boat around between two manoeuvres. ``dive`` takes an ROV away
-from the surface. The table :data:`MANOEUVRES` contains all of them.
+freedom in a few oscillations. ``zig-zag``, ``turning-circle``, ``pull-out``, the spirals and ``stopping`` determine the
+standard manoeuvring figures of ships. ``steps`` to ``free-decay`` apply to any force. ``throttle-steps`` identifies a
+boat's surge. ``step`` proves a closed loop. ``turn-about`` turns a boat around between two manoeuvres. ``dive`` takes
+an ROV away from the surface. The table :data:`MANOEUVRES` contains all of them.
 """
 
 from __future__ import annotations

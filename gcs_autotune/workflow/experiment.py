@@ -1,6 +1,5 @@
-"""``experiment``: fly the experiments of an axis and identify it, as in the first half of a tune.
-
-Nothing is changed.
+"""``experiment``: fly the experiments of an axis and identify the craft, as in the first half of a tune. No parameter
+is changed.
 """
 
 from __future__ import annotations
@@ -34,8 +33,8 @@ __all__ = ["experiment", "learn"]
 
 
 def experiment(settings: TuneSettings, operator: Operator, observer: Observer, when: str = "") -> AxisFit:
-    """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog``, ``fit.json``,
-    ``report.html``.
+    """Fly and record the experiments, identify the craft and return the record. The run directory receives ``trials/``,
+    ``telemetry.tlog``, ``fit.json``, ``report.html``.
 
     No parameter is written. However the run ends, the vehicle is restored to its previous state.
 

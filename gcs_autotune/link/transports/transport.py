@@ -90,7 +90,9 @@ class Transport(ABC):
                 return data
 
     def write(self, data: bytes) -> None:
-        """Send *data* to the other end. Raises
+        """Send *data* to the other end.
+
+        Raises
         ------
         LinkLost
             The other end is permanently lost, or this end was closed.

@@ -45,7 +45,8 @@ def read_fence(session: Session, values: Mapping[str, float]) -> Sequence[FenceI
 
     Raises
     ------
-    LinkLost, OperatorStopped Raised by the session.
+    LinkLost, OperatorStopped
+        Raised by the session.
     """
     if not values.get("FENCE_ENABLE", 0.0):
         return ()

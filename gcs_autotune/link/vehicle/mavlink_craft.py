@@ -187,7 +187,8 @@ class MavlinkCraft:
 
         Raises
         ------
-        LinkLost, OperatorStopped Raised by the session.
+        LinkLost, OperatorStopped
+            Raised by the session.
         TelemetryFault
             NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
         GuardTripped

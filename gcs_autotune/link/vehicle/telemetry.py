@@ -340,7 +340,8 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
 
     Raises
     ------
-    LinkLost, OperatorStopped Raised by the session.
+    LinkLost, OperatorStopped
+        Raised by the session.
     TelemetryFault
         NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
     """

@@ -61,9 +61,9 @@ class KeyFigure:
 class Note:
     """A sentence or paragraph, with a bold ``label`` if it has one.
 
-    kind : ``text``; ``bullet`` of a list; ``command`` to copy, with *label* as its introduction; ``quiet``: explanation
-    of the table or figure above. detail : whether the terminal leaves it out. The terminal always leaves out quiet
-    notes.
+    kind : ``text``; ``bullet`` of a list; ``command`` to copy, with *label* as its introduction;
+        ``quiet``: explanation of the table or figure above.
+    detail : whether the terminal leaves it out. The terminal always leaves out quiet notes.
     """
 
     text: str
@@ -124,12 +124,16 @@ Part = Note | Table | Figure | Section
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """A report as data, which a renderer can show in several ways. title : its heading on the page. when : date and
-    time as text. about : further words next to the date; badge : a highlighted word. verdict : None for a list without
-    a verdict. lead : the result in plain words, before the
-        verdict, with
-    *lead_figures*. contradictions : inconsistencies in the data, shown first. doubts : sentences with their remedies;
-        None if doubts do not apply. doubted : subject of the doubts. facts : the JSON form without the sections.
+    """A report as data, which a renderer can show in several ways.
+
+    title : its heading on the page.
+    when : date and time as text.
+    about : further words next to the date; badge : a highlighted word.
+    verdict : None for a list without a verdict.
+    lead : the result in plain words, before the verdict, with *lead_figures*.
+    contradictions : inconsistencies in the data, shown first.
+    doubts : sentences with their remedies; None if doubts do not apply. doubted : subject of the doubts.
+    facts : the JSON form without the sections.
     """
 
     title: str
