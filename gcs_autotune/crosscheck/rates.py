@@ -114,8 +114,8 @@ def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) 
 
 
 def compared_with_rate(position: Channel, rate: Channel) -> Comparison | None:
-    """Return the comparison of *position* with *rate*, or None if they are no such pair or there is too little
-    motion.
+    """Return the comparison of *position* with *rate*, or None if the two are not a known pair, or if there is too
+    little motion.
     """
     pair = next((p for p in _PAIRS if (p.position, p.rate) == (position.name, rate.name)), None)
     known = None if pair is None else series(position, angle=pair.angle)

@@ -23,8 +23,9 @@ EXACT = 0.02
 Project choice: 2, for example, is not knots.
 """
 SAME = 0.01
-"""Relative difference below which a unit is preferred to others with similar factors, such as 60 and 57.3. Project
-choice.
+"""Relative difference below which a unit is preferred to others with similar factors, such as 60 and 57.3.
+
+Project choice.
 """
 MISTAKABLE = 5.0
 """Ratio below which other causes than a wrong unit are possible. Project choice."""

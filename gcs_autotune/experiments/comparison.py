@@ -99,8 +99,12 @@ def compare_dof(
 ) -> DofComparison:
     """Return a comparison of two models of one degree of freedom, without their constant forces.
 
-    largest, smallest : inputs of the two steps. If both models have linear drag only, or both quadratic drag only, time
-        constants are those of Miskovic2010. Any other pair is compared by the time to 63 % of the steady state.
+    If both models have linear drag only, or both quadratic drag only, time constants are those of Miskovic2010. Any
+    other pair is compared by the time to 63 % of the steady state.
+
+    largest, smallest : inputs of the two steps.
+    quantum : resolution of the velocity, 0 if negligible.
+    interval : time between samples [s].
 
     Raises
     ------

@@ -119,8 +119,10 @@ def cross_validated(
     """Return the error of each fold relative to *swings*, and the rms error per signal over all folds.
 
     fitter : function that fits a model to runs.
-    swings : name of the signal -> amplitude (:func:`amplitudes_of`). The error of a fold is infinite if its training
-    data cannot be fitted or the fit diverges on the held-out data. Folds without information are skipped.
+    swings : name of the signal -> amplitude (:func:`amplitudes_of`).
+
+    The error of a fold is infinite if its training data cannot be fitted or the fit diverges on the held-out data.
+    Folds without information are skipped.
     """
     errors, traces = [], []
     for fold in folds:

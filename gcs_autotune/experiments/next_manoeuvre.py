@@ -86,8 +86,10 @@ class Ranking:
 class RankedManoeuvre:
     """Ranked manoeuvres, best first.
 
-    ``now``: identifiability from the existing runs. ``hopeless``: parameters that no candidate identifies, which the
-    ranking ignores.
+    - ``now``: identifiability from the existing runs.
+    - ``seconds``: duration of the next run [s].
+    - ``plans``: the manoeuvres with their expected results.
+    - ``hopeless``: parameters that no candidate identifies. The ranking ignores them.
     """
 
     now: Identifiability

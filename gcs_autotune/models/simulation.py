@@ -32,11 +32,14 @@ COLUMNS = ("b", "a", "c", "d", "delay", "eta_0", "nu_0")
 DEGREE = 12
 """Highest degree of the Taylor polynomials.
 
-With :data:`REACH` the error is 0.13**13 = 3e-12 of the change in a step.
+With :data:`REACH` the error is 0.13**13 = 3e-12 of the change in a step. Project choice.
 """
 
 REACH = 0.2
-"""Longest step, as a fraction of the fastest time constant. The poles of the solution are 8 times farther away."""
+"""Longest step, as a fraction of the fastest time constant.
+
+The poles of the solution are 8 times farther away. Project choice.
+"""
 
 LEFT = math.log(0.13) * (DEGREE + 1)
 """Logarithm of the truncation error of a full step of :data:`REACH`.

@@ -65,7 +65,8 @@ nonlinear. Project choice.
 WELL_DAMPED, POORLY_DAMPED = 0.5, 0.3
 """Limits of the damping ratio for the verdict.
 
-Above ``WELL_DAMPED`` a loop overshoots by less than a sixth, below ``POORLY_DAMPED`` by more than a third.
+Above ``WELL_DAMPED`` a loop overshoots by less than a sixth, below ``POORLY_DAMPED`` by more than a third. Project
+choice.
 """
 LARGE_OVERSHOOT = 0.2
 """Overshoot of a step that counts as large.

@@ -22,11 +22,17 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SHORT = 0.3
-"""Product of interval and fastest rate below which a series gives the root of a transition. Its error is 3e-4."""
+"""Product of interval and fastest rate below which a series gives the root of a transition.
+
+Its error is 3e-4. Project choice.
+"""
 
 
 MAX_STEPS = 400.0
-"""Maximum number of Runge-Kutta steps between two stamps. A model that needs more counts as too stiff."""
+"""Maximum number of Runge-Kutta steps between two stamps.
+
+A model that needs more counts as too stiff. Project choice.
+"""
 
 
 @njit(cache=True)
