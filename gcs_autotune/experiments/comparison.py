@@ -78,7 +78,7 @@ class DofComparison:
         return self.rise_apart / self.interval
 
     def to_dict(self) -> dict[str, object]:
-        """Return the comparison as plain data, SI and radians."""
+        """Return the comparison as data for JSON, in SI units and radians."""
         return {
             "dof": self.dof,
             "input_unit": self.input_unit,

@@ -54,7 +54,7 @@ class AxisChoice:
     reasons: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the choice as plain data for a JSON file."""
+        """Return the choice as data for JSON."""
         rows = [{"structure": r.structure, "bic": r.bic, "left_out": r.left_out} for r in self.table]
         verdict = None if self.decision is None else self.decision.verdict
         return {

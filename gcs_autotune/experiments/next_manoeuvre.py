@@ -104,7 +104,7 @@ class RankedManoeuvre:
 
     @property
     def best(self) -> Ranking:
-        """The manoeuvre ranked first."""
+        """The highest-ranked manoeuvre, with its expected result."""
         return self.plans[0]
 
     def factors(self, plan: Ranking) -> Mapping[str, float]:
@@ -262,7 +262,7 @@ def rank_by_precision(
     Raises
     ------
     NotInformative, UsageError
-        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
+        :func:`gcs_autotune.identify.problems.information.fitted_model_of` raised the error.
     """
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of_shares(subject.form, most or {})

@@ -89,7 +89,7 @@ def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, leve
     UnknownName
         *name* was not fitted.
     UsageError, NotInformative
-        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
+        :func:`gcs_autotune.identify.problems.information.fitted_model_of` raised the error.
     """
     subject = fitted_model_of(fit, trials)
     place = lookup({n: i for i, n in enumerate(subject.names)}, name, "fitted parameter")

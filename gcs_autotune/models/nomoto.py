@@ -57,12 +57,12 @@ class Nomoto1:
         return self.transfer_function().response(omega)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         return {"schema": 1, "model": "nomoto-1", "K": self.K, "T": self.T, "delay": self.delay}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Nomoto1:
-        """Rebuild a model from the data of :meth:`to_dict`."""
+        """Return the model that :meth:`to_dict` wrote as *data*."""
         return cls(float(data["K"]), float(data["T"]), float(data["delay"]))
 
 
@@ -98,11 +98,11 @@ class Nomoto2:
         return self.transfer_function().response(omega)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         times = {"T_1": self.T_1, "T_2": self.T_2, "T_3": self.T_3}
         return {"schema": 1, "model": "nomoto-2", "K": self.K, **times, "delay": self.delay}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Nomoto2:
-        """Rebuild a model from the data of :meth:`to_dict`."""
+        """Return the model that :meth:`to_dict` wrote as *data*."""
         return cls(*(float(data[k]) for k in ("K", "T_1", "T_2", "T_3", "delay")))

@@ -73,7 +73,7 @@ class SingleDof:
         return self.beta + 8.0 / (3.0 * math.pi) * self.beta_quadratic * abs(amplitude)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         return {
             "schema": SCHEMA,
             "model": "single-dof",
@@ -88,7 +88,7 @@ class SingleDof:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> SingleDof:
-        """Rebuild a model from the data of :meth:`to_dict`.
+        """Return the model that :meth:`to_dict` wrote as *data*.
 
         Raises
         ------

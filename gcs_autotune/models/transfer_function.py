@@ -58,7 +58,7 @@ class TransferFunction:
         return system * control.tf(*control.pade(self.delay, pade)) if pade and self.delay else system
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         return {
             "schema": 1,
             "model": "transfer-function",

@@ -72,7 +72,7 @@ class Figure:
         return "meets" if self.reading.value <= self.limit.value else "fails"
 
     def to_dict(self) -> dict[str, object]:
-        """Return the figure as plain data for a JSON file."""
+        """Return the figure as data for JSON."""
         return {
             "slug": self.slug,
             "name": self.name,
@@ -160,7 +160,7 @@ class Sheet:
     doubts: tuple[Doubt, ...]
 
     def to_dict(self) -> dict[str, object]:
-        """Return the sheet as plain data for a JSON file."""
+        """Return the sheet as data for JSON."""
         return {
             "run": self.run,
             "manoeuvre": self.manoeuvre,

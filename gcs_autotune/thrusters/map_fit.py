@@ -155,7 +155,7 @@ class ThrusterFit:
     pulls: PullTest
 
     def to_dict(self) -> dict[str, object]:
-        """Return the fit as plain data for a JSON file."""
+        """Return the fit as data for JSON."""
         return {
             "schema": 1,
             "source": self.pulls.name,

@@ -86,7 +86,7 @@ class OpenWater:
         return _force(self.beta, self.rho, self.D, 5, n, V_A)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the coefficients as plain data for a file."""
+        """Return the coefficients as data for JSON."""
         return {"schema": 1, "model": "open water", **asdict(self)}
 
 
@@ -108,7 +108,7 @@ class PropellerFit:
     doubts: tuple[Doubt, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fit as plain data for a JSON file."""
+        """Return the fit as data for JSON."""
         return {
             "schema": 1,
             "kind": self.kind,

@@ -167,7 +167,7 @@ class ThrusterMap:
         return result
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the map as plain data for a file."""
+        """Return the map as data for JSON."""
         return {"schema": SCHEMA, "model": "thruster", **asdict(self)}
 
     @classmethod

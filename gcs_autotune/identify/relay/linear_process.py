@@ -106,7 +106,7 @@ def process_from_response(
     Raises
     ------
     NotInformative
-        As for :func:`identify_process`.
+        :func:`identify_process` raised the error.
     """
     value = np.asarray(response, dtype=np.complex128)
     weight = np.ones(len(value)) if std is None else np.abs(value) / np.asarray(std, dtype=np.float64)

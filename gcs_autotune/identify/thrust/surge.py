@@ -142,7 +142,7 @@ def fit_surge(
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.fit_axis`.
+        :func:`gcs_autotune.identify.fit_axis` raised the error.
     """
     along = along_track(trials) or along
     if along is None or not along.matters:

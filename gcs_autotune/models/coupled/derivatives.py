@@ -66,7 +66,7 @@ FORCES = ("X", "Y", "Z", "K", "M", "N")
 """Force letters in SNAME order. The index of a letter is the row of its equation."""
 
 STATES = ("u", "v", "w", "p", "q", "r")
-"""Velocity letters in SNAME order."""
+"""Velocity letters in SNAME order. The index of a letter is its column in the inertia matrix."""
 
 RIGID_BODY: Mapping[str, str] = {
     "m": "kg",

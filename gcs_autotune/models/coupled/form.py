@@ -235,7 +235,7 @@ def form_from(data: Mapping[str, Any], origin: str) -> Form:
 
 
 def form_of(told: FormData, origin: str) -> Form:
-    """Return the form that a file contains; errors are those of :func:`form_from`."""
+    """Return the form in the contents *told* of a form file. Exceptions are those of :func:`form_from`."""
     try:
         return Form(
             name=told.name,
