@@ -236,8 +236,8 @@ def harmonic_response(
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative is also raised if no limit
-        cycle has two whole periods with enough samples in each.
+        :func:`gcs_autotune.identify.signals.preparation.prepare` raised the error. NotInformative is also raised if no
+        limit cycle has two whole periods with enough samples in each.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [

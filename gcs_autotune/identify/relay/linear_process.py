@@ -230,7 +230,7 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`loop_trial` and :func:`gcs_autotune.identify.relay.limit_cycle.find_cycles`.
+        :func:`loop_trial` or :func:`gcs_autotune.identify.relay.limit_cycle.find_cycles` raised the error.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [loop_trial(run) for run in runs]
