@@ -94,5 +94,5 @@ def test_the_page_draws_the_input_under_every_fit_and_where_the_craft_went(study
     assert page.count("N [N m]") == 2
     assert "east [m]; circle: start, square: end" in page
     assert "N [N m]" not in bare
-    assert "Where it went" not in bare
+    assert "circle: start" not in bare
     assert "95 % interval [% of value]" in bare

@@ -57,7 +57,7 @@ def test_the_model_is_held_against_the_step_flown_first(tuned):
     harness, _ = tuned
     said = next(text for text in harness.said if "explains" in text)
     assert float(said.split("explains ")[1].split(" %")[0]) > 85.0
-    assert "is it a model of this craft" not in said
+    assert "the model is of this craft" not in said
 
 
 def test_what_became_of_the_effect_is_said_and_recorded(tuned):
@@ -73,7 +73,7 @@ def test_what_became_of_the_effect_is_said_and_recorded(tuned):
 def test_a_model_of_another_craft_is_noticed(tmp_path):
     harness = SitlHarness(tmp_path)
     story = harness.tune(given=load_model(model_file(tmp_path, alpha=0.05 * ALPHA)), dry_run=True)
-    assert any("it is a model of this craft" in text for text in harness.said), harness.said
+    assert any("the model is of this craft" in text for text in harness.said), harness.said
     assert story.ending in ("dry-run", "unchanged")
 
 

@@ -69,7 +69,7 @@ def test_the_same_speed_step_is_flown_before_and_after_and_drawn_as_speed(swift)
     assert story.step_before.meta["size"] == story.step_after.meta["size"]
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert "Throttle steps" in page
-    assert "measured on the water" in page
+    assert "speed measured at this throttle" in page
     json.loads((harness.directory / "gains.json").read_text(encoding="utf-8"))
     recorded = load_trial(next((harness.directory / "trials").glob("*-throttle-1.csv")))
     assert recorded.meta["dof"] == "surge"

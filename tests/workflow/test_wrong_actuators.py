@@ -52,7 +52,9 @@ def test_what_is_odd_about_the_settings_is_said_in_the_vehicle_s_words(tmp_path)
     harness = SitlHarness(tmp_path, names="4.7", parameters=settings)
     with pytest.raises(PreconditionFailed):
         harness.tune()
-    assert any("ARMING_SKIPCHK is -1: this vehicle arms without its own checks" in text for text in harness.said)
+    assert any(
+        "ARMING_SKIPCHK is -1: this vehicle arms without the autopilot's own checks" in text for text in harness.said
+    )
     assert any("MANUAL_OPTIONS" in text for text in harness.said)
 
 
