@@ -1,7 +1,7 @@
-"""Compare sensors that report the same motion twice: :func:`contradictions` of a recorded run.
+"""Compare sensors that measure the same motion: :func:`contradictions` between the columns of a recorded run.
 
 ``windows`` and ``agreement`` compare a position with the integral of a rate. ``rates``, ``track`` and ``commands``
-define the pairs, and ``wording`` describes the result. Nothing is changed. The caller decides whether to warn or to
+define the pairs, and ``wording`` describes the result. The run is not changed. The caller decides whether to warn or to
 reject a run.
 """
 
@@ -21,7 +21,7 @@ __all__ = ["Contradiction", "compared_with_rate", "contradictions"]
 def contradictions(trial: Trial, use: Sequence[str] | None = None) -> tuple[Contradiction, ...]:
     """Return the contradictions in *trial*, each pair once.
 
-    use : columns that are used, None: all. A pair with an unused column is not compared.
+    use : names of the columns that are used; None for all. A pair with an unused column is not compared.
     """
     found = [
         *rate_contradictions(trial, course_of),

@@ -2,8 +2,8 @@
 
 The slopes of both are compared over windows as short as the noise permits (:mod:`.windows`). The noisier side is
 regressed on the quieter one, so that noise does not reduce the ratio. A constant offset of the rate (the bias of a
-gyro) is part of the regression. Its prior is the usual size of such an offset. A craft in a steady turn then still has
-a ratio, while a craft at rest has none.
+gyro) is part of the regression. The prior of the offset is its usual size. A ratio can then still be calculated for a
+craft in a steady turn, but not for a craft at rest.
 """
 
 from __future__ import annotations
@@ -25,49 +25,60 @@ Array = NDArray[np.float64]
 Kind = Literal["agrees", "factor", "sign", "shift", "still-position", "still-rate", "unrelated", "unclear"]
 
 CLEAR = 8.0
-"""Ratio of slopes to their noise above which a side of the comparison is precise. Set by hand."""
+"""Ratio of slopes to their noise above which a side of the comparison counts as precise. Project choice."""
 LEAST_CLEAR = 5.0
-"""Ratio of slopes to their noise below which, on both sides, too little moves. Set by hand."""
+"""Ratio of slopes to their noise, on both sides, below which there is too little motion for a comparison.
+
+Project choice.
+"""
 FEWEST = 8
-"""Minimum number of windows of a comparison."""
+"""Minimum number of windows of a comparison. Project choice."""
 SHORTEST = 0.5
-"""Shortest window [s]; time shifts between sensors of one craft are usually shorter. Set by hand."""
+"""Shortest window [s]. Project choice: time shifts between sensors of one craft are usually shorter."""
 SURE = 4.0
-"""Number of standard errors by which a ratio or a shift must differ to count. Set by hand."""
+"""Number of standard errors by which a ratio or a shift must differ to count. Project choice."""
 TOLERANCE = 0.12
-"""Deviation of the ratio from 1 that filters and scales of good sensors may cause: 0.88 to 1.12. Set by hand."""
+"""Deviation of the ratio from 1 that filters and scales of good sensors may cause (0.88 to 1.12). Project choice."""
 ALIKE, APART = 0.75, 0.5
 """Coherence above which two motions are equal up to a ratio (ALIKE), and below which they differ (APART).
 
-Both are set by hand.
+Project choice.
 """
 STILL = 0.3
-"""Motion relative to the other side below which a side counts as constant. Set by hand."""
-LONGEST_SHIFT = 5.0
-"""Longest time shift [s] that is tried. Set by hand."""
-TURNED_ROUND, LATER = 0.5, 0.04
-"""Penalties for a shift, because half a period of an oscillation and a change of sign look alike.
+"""Motion, relative to that of the other side, below which a side of the comparison counts as constant.
 
-TURNED_ROUND: shift [s] that a change of sign counts as. LATER: reduction of the coherence per second of shift. Both are
-set by hand.
+Project choice.
+"""
+LONGEST_SHIFT = 5.0
+"""Longest time shift [s] that is tried. Project choice."""
+TURNED_ROUND, LATER = 0.5, 0.04
+"""Penalties for a time shift, because half a period of an oscillation and a change of sign look alike. Project choice.
+
+- ``TURNED_ROUND``: shift [s] to which a change of sign is equivalent.
+- ``LATER``: reduction of the coherence per second of shift.
 """
 SPREAD = 0.15
-"""Relative standard error up to which a longer window may contradict a shorter one. Set by hand."""
+"""Relative standard error of the ratio up to which a longer window may contradict a shorter one. Project choice."""
 BETTER = 0.6
-"""Unexplained variance with a shift, relative to that without it, below which the shift counts. Set by hand."""
+"""Unexplained variance with a time shift, relative to that without the shift, below which the shift counts.
+
+Project choice.
+"""
 
 
 PART, STANDING = 8.0, 0.2
-"""Limits for a part of a run in which one side does not change.
+"""Limits for a stretch of a run in which one side does not change. Project choice.
 
-PART [s]: least duration. STANDING: largest motion relative to the other side. Both are set by hand.
+- ``PART`` [s]: least duration of the stretch.
+- ``STANDING``: largest motion of that side, relative to the other side.
 """
 JUMP = 3
-"""Number of windows that contain the jump of a column after it stood still."""
+"""Number of windows that contain the jump of a column after a constant stretch. Project choice."""
 LARGE, MANY = 4.0, 20
-"""Limits for a contradiction between two different motions.
+"""Limits for a contradiction between two different motions. Project choice.
 
-LARGE: least motion, as a multiple of the usual least motion. MANY: least number of windows. Both are set by hand.
+- ``LARGE``: least motion, as a multiple of the usual least motion.
+- ``MANY``: least number of windows.
 """
 
 
@@ -75,9 +86,10 @@ LARGE: least motion, as a multiple of the usual least motion. MANY: least number
 class Expected:
     """Differences that are normal for good sensors of a pair.
 
-    offset : standard deviation of a constant offset of the rate [unit of the rate]. floor : least motion, rms of the
-    rate. way : least total distance of the position, in its unit; in one short turn a filter looks like a
-    contradiction. shift : time [s] by which one may be later than the other.
+    offset : standard deviation of a constant offset of the rate [unit of the rate].
+    floor : least motion for a comparison, as the rms of the rate.
+    way : least total distance of the position, in its unit. In one short turn a filter looks like a contradiction.
+    shift : time [s] by which one sensor may be later than the other.
     """
 
     offset: float
@@ -88,12 +100,14 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Result of a comparison.
+    """Result of the comparison of a position with its rate.
 
-    factor, std : ratio of the position's change to the integral of the rate. shift, shift_std : time [s] by which the
-    position is later than the rate. coherence : -1..1 at that shift. moved, predicted : rms slope of the position and
-    of the rate's integral. clear : rms slope of the quieter side, in standard deviations of its noise. during : the
-    stretch [s] in which one side does not change while the rest of the run agrees; None for the whole run.
+    factor, std : ratio of the position's change to the integral of the rate, and its standard error.
+    shift, shift_std : time [s] by which the position is later than the rate, and its standard error.
+    coherence : coherence of the two at that shift, -1 to 1.
+    moved, predicted : rms slope of the position, and of the rate's integral.
+    clear : rms slope of the quieter side, in standard deviations of its noise.
+    during : stretch [s] in which one side does not change while the rest of the run agrees. None for the whole run.
     """
 
     kind: Kind
@@ -109,10 +123,10 @@ class Comparison:
 
 
 def compare(position: Series, rate: Series, total: Array, expected: Expected) -> Comparison | None:
-    """Compare a *position* with *total* (n,), the integral of *rate* at its stamps; return None if too little moves.
+    """Return the comparison of *position* with *total*, the integral of *rate*, or None if there is too little motion.
 
-    A filter removes fast motion from one side. A contradiction over short windows must therefore also occur over longer
-    ones, if the motion is clear there.
+    *total* (n,) is known at the stamps of *rate*. A filter removes fast motion from one side. A contradiction over
+    short windows must therefore also occur over longer ones, if the motion is clear there.
     """
     most = min(LONGEST_SHIFT, 0.1 * _common(position, rate))
     first: Comparison | None = None
@@ -283,9 +297,9 @@ def _cosine(a: Array, b: Array) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shift:
-    """A shift in ``time`` [s], its standard error, and the slopes (n,) ``predicted`` with it.
+    """A time shift: ``time`` [s], its standard error, and the slopes (n,) ``predicted`` with this shift.
 
-    ``unshifted``, ``changing``: coherence of the varying part without a shift, and with this one.
+    ``unshifted``, ``changing``: coherence of the varying component without a shift, and with this shift.
     """
 
     time: float
@@ -386,7 +400,8 @@ def _is_flat(leading: Array, following: Array) -> bool:
 def _regression(a: Array, b: Array, overlap: float, offset: float, noise: float) -> tuple[float, float, float]:
     """Return the slope of *b* (n,) on *a*, its standard error, and the coherence of both.
 
-    noise : that of *b*. offset : standard deviation of a constant that is fitted with the slope.
+    noise : that of *b*.
+    offset : standard deviation of a constant that is fitted with the slope.
 
     Up to one window in ten may be excluded as an outlier.
     """

@@ -1,7 +1,7 @@
 """Compare commands with outputs, if a run contains both: ``N_ref`` and ``N``, or ``delta_ref`` and ``delta``.
 
-An output follows its command with delay, at a limited rate and within its limits. A contradiction is therefore only one
-of these: an output that stands still, has the opposite sign, is unrelated, or has another size throughout.
+An output follows its command with delay, at a limited rate and within its limits. Only an output that is constant, has
+the opposite sign, is unrelated, or always has another size is therefore reported as a contradiction.
 """
 
 from __future__ import annotations
@@ -22,22 +22,27 @@ Array = NDArray[np.float64]
 OUTPUTS = ("X", "Y", "Z", "K", "M", "N", "delta", "n")
 SUFFIXES = ("_ref", "_cmd", "_command", "_set", "_c")
 LATEST = 10.0
-"""Longest delay [s] of an output; a ship's rudder may take that long from one side to the other. Set by hand."""
-CHANGES = 4
-"""Minimum number of changes of a command. Set by hand."""
-FOLLOWS, APART, STILL = 0.85, 0.4, 0.1
-"""Correlation of an output that follows (FOLLOWS) and of one that does not (APART). Set by hand.
+"""Longest delay [s] of an output that is tried.
 
-STILL: scatter of an output, relative to that of its command, below which it stands still.
+Project choice: a ship's rudder may take that long from one side to the other.
+"""
+CHANGES = 4
+"""Minimum number of changes of a command for a comparison. Project choice."""
+FOLLOWS, APART, STILL = 0.85, 0.4, 0.1
+"""Limits for the comparison of an output with its command. Project choice.
+
+- ``FOLLOWS``: least correlation of an output that follows its command.
+- ``APART``: largest correlation of an output that does not follow its command.
+- ``STILL``: scatter of an output, relative to that of its command, below which the output counts as constant.
 """
 FACTOR = 0.25
-"""Ratio of output to command below which rate limits do not explain the difference. Set by hand."""
+"""Ratio of output to command below which rate limits do not explain the difference. Project choice."""
 LEAST = 0.02
-"""Least scatter of a command, as a fraction of full or in rad. Set by hand."""
+"""Least scatter of a command for a comparison [fraction of full output or rad]. Project choice."""
 
 
 def command_contradictions(trial: Trial) -> Iterator[Contradiction]:
-    """Yield every output that does not follow its command."""
+    """Yield one contradiction for every output of *trial* that does not follow its command."""
     for output in OUTPUTS:
         command = next((f"{output}{s}" for s in SUFFIXES if f"{output}{s}" in trial), None)
         if output in trial and command is not None:

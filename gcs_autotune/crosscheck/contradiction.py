@@ -1,4 +1,4 @@
-"""A contradiction between two columns, in numbers and in words."""
+"""A contradiction between two columns, as numbers and as text."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ class Contradiction:
 
     Attributes
     ----------
-    pair : the columns, joined with " against ", e.g. ``psi against r``.
+    pair : names of the columns, joined with " against ", such as ``psi against r``.
     kind : ``factor``, ``sign``, ``shift``, ``still``, ``unrelated``, ``turned`` or ``exchanged``.
     value, std : the factor, the shift [s] or the angle [rad] with its standard error; NaN if there is none.
     suspect : the column that is more likely wrong; empty if nothing shows which.
     columns : all columns of the comparison.
     unit : the unit that explains the factor; empty for any other factor.
-    cause, cure : in words.
+    cause, cure : cause and remedy as text.
     """
 
     pair: str

@@ -26,9 +26,10 @@ Rates = Callable[[Trial], Channel | None]
 
 @dataclass(frozen=True, slots=True)
 class _Pair:
-    """A position and its rate; ``verb`` describes the motion of the position.
+    """A position and its rate.
 
-    ``earth``: the rate rotated to the earth frame by the attitude.
+    - ``verb``: text for the motion of the position.
+    - ``earth``: function that rotates the rate to the earth frame by the attitude.
     """
 
     position: str
@@ -91,7 +92,7 @@ _PAIRS = (
 
 
 def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) -> Iterator[Contradiction]:
-    """Yield contradictions between positions and rates.
+    """Yield the contradictions between positions and their rates in *trial*.
 
     course : function that returns the course over ground [rad] of a run, for comparison with the heading.
     """
@@ -113,7 +114,9 @@ def rate_contradictions(trial: Trial, course: Callable[[Trial], Series | None]) 
 
 
 def compared_with_rate(position: Channel, rate: Channel) -> Comparison | None:
-    """Return the comparison of a position with its rate; return None for no such pair, or if too little moves."""
+    """Return the comparison of *position* with *rate*, or None if the two are not a known pair, or if there is too
+    little motion.
+    """
     pair = next((p for p in _PAIRS if (p.position, p.rate) == (position.name, rate.name)), None)
     known = None if pair is None else series(position, angle=pair.angle)
     return None if pair is None or known is None else _compared(known, rate, pair.expected)

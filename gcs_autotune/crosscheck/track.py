@@ -26,25 +26,36 @@ __all__ = ["course_of", "heading_contradictions", "speed_contradictions"]
 Array = NDArray[np.float64]
 
 SPANS = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""Window lengths [s] tried for the velocity over ground; the shortest with a clear velocity is used. Set by hand."""
+"""Window lengths [s] that are tried for the velocity over ground.
+
+The shortest one with a clear velocity is used. Project choice.
+"""
 CLEAR = 6.0
 LEAST_SPEED = 0.3
-"""Least speed [m/s]; a slower craft is moved as much by the current as by its thrust. Set by hand."""
+"""Least speed [m/s] for a comparison. Project choice: the current moves a slower craft as much as its thrust does."""
 STRAIGHT = 0.35
-"""Change of heading [rad] above which a window is not used, because of sideslip in the turn. Set by hand."""
+"""Change of heading [rad] above which a window is not used, because of sideslip in the turn. Project choice."""
 CURRENT = 0.35
-"""Standard deviation [m/s] of currents, the prior of the regression. Set by hand."""
+"""Standard deviation of currents [m/s], which is the prior of the regression. Project choice."""
 MOST_CURRENT = 2.0 * CURRENT
 SLIP = 0.25
-"""Velocity across the heading due to waves and manoeuvres, relative to the speed. Set by hand."""
+"""Velocity across the heading due to waves and manoeuvres, relative to the speed. Project choice."""
 LEAST_ANGLE = math.radians(35.0)
-"""Least angle [rad] of a contradiction; sideslip, deviation and wind explain smaller ones. Set by hand."""
+"""Least angle [rad] between heading and track that counts as a contradiction.
+
+Project choice: sideslip, deviation and wind explain smaller angles.
+"""
 AHEAD, SIDEWAYS = 0.05, 0.3
-"""Least throttle ahead, relative to full, and largest sideways force, relative to that throttle. Set by hand."""
+"""Least throttle ahead, relative to full, and largest sideways force, relative to the throttle, in windows that are
+compared. Project choice.
+"""
 FEWEST, LEAST_WAY, LEAST_TIME = 4, 8.0, 5.0
-"""Minimum number of windows, distance [m] and time [s] of a comparison."""
+"""Minimum number of windows, distance [m] and time [s] of a comparison. Project choice."""
 MOSTLY = 0.7
-"""Least fraction of windows in which the craft must move in the direction found. Set by hand."""
+"""Least fraction of windows in which the craft must move in the direction that the comparison yields.
+
+Project choice.
+"""
 ANGLES = 72
 
 
@@ -84,7 +95,10 @@ def _velocities(trial: Trial) -> Iterator[tuple[Windows, NDArray[np.complex128],
 
 
 def course_of(trial: Trial) -> Series | None:
-    """Return the course over ground [rad], without jumps, while the craft moves; return None if it does not."""
+    """Return the course over ground [rad] of *trial*, without jumps, while the craft moves.
+
+    Return None if it does not move.
+    """
     for windows, velocity, noise in _velocities(trial):
         fast = np.abs(velocity) > max(LEAST_SPEED, CLEAR * noise)
         if fast.mean() < 0.8:
@@ -139,7 +153,9 @@ def _held(trial: Trial, name: str, windows: Windows) -> Array | None:
 
 
 def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
-    """Yield a contradiction if the track differs from the heading and nothing else explains the difference."""
+    """Yield a contradiction if the track differs from the heading, and neither sideslip, current nor motion astern
+    is the reason.
+    """
     track = _track(trial)
     if track is None:
         return
@@ -278,11 +294,11 @@ def _across(track: _Track, angle: float) -> tuple[float, complex]:
 
 _SPEED = Expected(offset=0.05, floor=0.1, way=8.0, shift=1.0)
 LEAST_STEPS = 20
-"""Minimum number of steps along a track for its length to be known. Set by hand."""
+"""Minimum number of steps along a track for the length of the track to be known. Project choice."""
 
 
 def speed_contradictions(trial: Trial) -> Iterator[Contradiction]:
-    """Yield contradictions between the length of the track and the measured speeds."""
+    """Yield the contradictions between the length of the track and the measured speeds in *trial*."""
     known = _positions(trial)
     if _stands_ahead(trial):
         never = Comparison("still-rate", math.nan, math.nan, 0.0, 0.0, 0.0, math.nan, 0.0, math.nan)

@@ -1,7 +1,7 @@
-"""Slopes of a signal over short windows, as one linear operator for both sides of a comparison.
+"""Calculate the slopes of a signal over short windows, with one linear operator for both sides of a comparison.
 
-The slope of a position over a window is a weighted sum of its samples. The same weights applied to the integral of the
-rate give the slope that the rate predicts, for any stamps. Gaps and filters then affect both sides equally.
+The slope of a position over a window is a weighted sum of its samples. The same weights, applied to the integral of the
+rate, yield the slope that the rate predicts, for any stamps. Gaps and filters then affect both sides equally.
 """
 
 from __future__ import annotations
@@ -20,26 +20,34 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FEWEST = 20
-"""Minimum number of samples of a channel. Set by hand."""
+"""Minimum number of samples of a channel for a comparison. Project choice."""
 MOST = 20000
-"""Maximum number of samples of one channel; longer ones are thinned, which does not change slow motion. Set by hand."""
+"""Maximum number of samples of one channel.
+
+Longer channels are thinned, which does not change slow motion. Project choice.
+"""
 MOST_WINDOWS = 600
 LEAST_IN_WINDOW = 4
 NO_RADIANS = 1.0
-"""Median step [rad] above which an angle must be in degrees, whatever its column head states.
+"""Median step between samples [rad] above which an angle must be in degrees, whatever its column header states.
 
-It is then not unwrapped. Set by hand.
+The angle is then not unwrapped. Project choice.
 """
 FILLED, GAP = 0.7, 0.4
-"""Fractions of a window: least extent of its samples (FILLED), and longest gap between two (GAP). Set by hand."""
+"""Limits for the samples of a window, as fractions of its length. Project choice.
+
+- ``FILLED``: least extent of the samples.
+- ``GAP``: longest gap between two samples.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """One channel prepared for a comparison.
+    """One channel, prepared for a comparison.
 
-    t, x : (n,) strictly increasing stamps [s], and values, with angles unwrapped. beat : time [s] between two
-    *different* values. noise : standard deviation of the changes from sample to sample.
+    t, x : (n,) strictly increasing stamps [s], and values, with angles unwrapped.
+    beat : time [s] between two *different* values.
+    noise : standard deviation of the changes from sample to sample.
     """
 
     name: str
@@ -50,7 +58,10 @@ class Series:
 
 
 def series(channel: Channel, *, angle: bool = False) -> Series | None:
-    """Return *channel* as a series; return None if it has too few samples."""
+    """Return *channel* as a :class:`Series`, or None if it has too few samples.
+
+    angle : whether the values are angles, which are then unwrapped.
+    """
     good = np.isfinite(channel.t) & np.isfinite(channel.values)
     t, first = np.unique(channel.t[good], return_index=True)
     x = channel.values[good][first]
@@ -87,9 +98,10 @@ def integral(rate: Series) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Windows of ``span`` [s] on stamps; the method ``slopes`` is the operator.
+    """Windows of length ``span`` [s] on the stamps of a signal. The method ``slopes`` calculates the slopes over them.
 
-    middle : (m,) their centres [s]. gain : (m,) standard deviation of a slope per standard deviation of a sample.
+    middle : (m,) their centres [s].
+    gain : (m,) standard deviation of a slope per standard deviation of a sample.
     overlap : number of windows that contain the same sample.
     """
 
@@ -105,15 +117,16 @@ class Windows:
         return len(self.middle)
 
     def slopes(self, x: Array) -> Array:
-        """Return the slopes (m,) of *x* (n,), given at the stamps, over each window."""
+        """Return the slope (m,) over each window of *x* (n,), the values at the stamps."""
         found: Array = np.add.reduceat(self.weights * x[self.which], self.starts)
         return found
 
 
 def windows_on(t: Array, span: float, start: float, end: float, gaps: Array | None = None) -> Windows | None:
-    """Return windows of *span* [s] on the stamps *t* (n,) between *start* and *end*; return None if there are none.
+    """Return windows of length *span* [s] on the stamps *t* (n,) between *start* and *end* [s], or None if there are
+    none.
 
-    gaps : (k, 2) time intervals that no window may touch.
+    gaps : (k, 2) time intervals [s] that no window may overlap.
     """
     hop = max(0.5 * span, (end - start - span) / MOST_WINDOWS)
     if end - start < span:

@@ -1,4 +1,4 @@
-"""Contradictions in words: the difference, the column that is more likely wrong, checks and cure."""
+"""Describe contradictions as text: the difference, the column that is more likely wrong, checks and remedy."""
 
 from __future__ import annotations
 
@@ -14,15 +14,21 @@ UNITS: Mapping[str, Mapping[float, str]] = {
     "angle": {180.0 / math.pi: "degrees", 2.0 * math.pi: "revolutions", 60.0: "per minute"},
     "length": {1000.0: "mm", 100.0: "cm", 3.6: "km/h", 1.0 / 0.3048: "feet", 3600.0 / 1852.0: "knots"},
 }
-"""Kind of quantity -> factor that a wrong unit causes, and the unit."""
+"""Kind of quantity -> factor that a wrong unit causes -> name of that unit."""
 CLOSE = 0.08
-"""Largest relative difference from the factor of a unit. Set by hand."""
+"""Largest relative difference of a ratio from the factor of a unit for which the unit is reported. Project choice."""
 EXACT = 0.02
-"""Largest relative difference if the factor is known more accurately; 2, for example, is not knots. Set by hand."""
+"""Largest relative difference from the factor of a unit if the ratio is known more accurately.
+
+Project choice: 2, for example, is not knots.
+"""
 SAME = 0.01
-"""Relative difference below which a unit is preferred to others that are also near: 60 and 57.3. Set by hand."""
+"""Relative difference below which a unit is preferred to others with similar factors, such as 60 and 57.3.
+
+Project choice.
+"""
 MISTAKABLE = 5.0
-"""Factor below which other causes than a unit are possible. Set by hand."""
+"""Ratio below which other causes than a wrong unit are possible. Project choice."""
 _LENGTHS = ("x", "y", "z", "U", "u", "v", "w")
 
 _CHECKS: Mapping[str, str] = {
@@ -42,9 +48,9 @@ _CHECKS: Mapping[str, str] = {
 
 
 def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspect: str) -> Contradiction:
-    """Return the result of a comparison as a contradiction.
+    """Return the result *found* of a comparison as a :class:`Contradiction`.
 
-    verb : describes the motion of the position.
+    verb : text for the motion of the position.
     """
     does = verb if "," not in position else verb.removesuffix("s")
     said, value, std, kind = _said(position, rate, does, found)
@@ -91,7 +97,7 @@ def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, 
 
 
 def unit_of(position: str, found: Comparison) -> tuple[float, str]:
-    """Return the factor and name of the unit that explains the result; (1, "") if there is none."""
+    """Return the factor and the name of the unit that explains the result *found*, or (1, "") if there is none."""
     kind = "length" if position[0] in _LENGTHS else "angle"
     size = abs(found.factor)
     own = 2.0 * found.std / size

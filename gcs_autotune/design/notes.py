@@ -31,13 +31,13 @@ LONG_DELAY = 0.05
 TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
 """Degree of freedom -> error [rad or m] below which a note does not mention it. Project choice."""
 POOR_MATCH = 0.08
-"""Rms deviation from the reference step, relative to the step, above which a note is given. Project choice."""
+"""Rms deviation from the reference step, relative to the step, above which the proposal has a note. Project choice."""
 NEAR_LIMIT = 0.01
 """Distance to the end of a range, relative to the range, up to which a gain counts as limited. Project choice."""
 ROUNDING = 1e-6
 """Distance outside a range, relative to the range, up to which a value counts as on the limit.
 
-A vehicle stores float32.
+A vehicle stores float32. Project choice.
 """
 
 

@@ -53,7 +53,7 @@ class Rational:
         )
 
     def at(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the values at complex frequencies *s* (n,) [rad/s]."""
+        """Return the values (n,) of the function at the complex frequencies *s* (n,) [rad/s]."""
         value: NDArray[np.complex128] = np.polyval(self.num, s) / np.polyval(self.den, s)
         return value
 

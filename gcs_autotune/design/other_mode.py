@@ -1,4 +1,4 @@
-"""The other mode that uses the same gains: holding a heading and following a turn rate share one turn-rate loop.
+"""The other mode that uses the same gains: holding a heading and following a turn rate use the same turn-rate loop.
 
 GUIDED holds headings, while AUTO and ACRO steer by turn rate. The firmware has one set of gains for both. A heading
 step is nearly the same along a line of gains (less feed-forward, more angle gain), but a turn-rate step is not.

@@ -210,7 +210,7 @@ def design_from(
     Raises
     ------
     AutotuneError
-        As :func:`design`; UsageError if the model does not have this axis.
+        :func:`design` raised the error. UsageError is also raised if the model does not have this axis.
     """
     spec = spec or Spec()
     r = reduce(source, axis.dof, inputs or {}, law=axis.law, speed=spec.speed, names=names, covariance=covariance)

@@ -56,9 +56,9 @@ def reduce(
 ) -> Reduction:
     """Return the plant for the design of a loop of *dof*.
 
-    inputs : name of the input -> unit. A missing unit is SI, or a fraction in a normalised form. law : control law of
-        the
-    autopilot, for advice that names its parameters. speed : speed [m/s] of the design.
+    inputs : name of the input -> unit. A missing unit is SI, or a fraction in a normalised form.
+    law : control law of the autopilot, for advice that names its parameters.
+    speed : speed [m/s] of the design.
     names, covariance : names of the fitted parameters and their covariance (p, p), as in a model file.
 
     Raises

@@ -59,7 +59,7 @@ Project choice.
 RESERVE_BESIDE = 1.01
 """Value of :data:`RESERVE` if another mode counts too.
 
-It is smaller, so that the other mode can use the reserve of the first search.
+It is smaller, so that the other mode can use the reserve of the first search. Project choice.
 """
 MIN_ERROR = 1e-3
 """Lower limit [s^2] of the ITAE, so that penalties still count if the error is zero. Project choice."""

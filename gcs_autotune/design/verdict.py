@@ -43,7 +43,7 @@ TIMES = 3.0
 """Largest difference of two measurements with the same gains, in standard deviations of one half.
 
 94 % of the differences are smaller, if the standard deviation is estimated from two pairs of halves (Student's t of 2
-degrees of freedom).
+degrees of freedom). Project choice.
 """
 SCATTER_OF_PEAKS = 0.2
 """Relative difference of the peaks of an irregular oscillation between two records that counts as scatter.

@@ -60,7 +60,7 @@ It limits the slope of the motion times the squared length of a piece with a hel
 
 
 class ActuatorEffect(Effect):
-    """An effect on one input; its place is the input's channel."""
+    """Base class of effects on one input. The place of such an effect is the channel of the input."""
 
     family = "actuator"
 
@@ -70,7 +70,10 @@ class ActuatorEffect(Effect):
 
 
 class SharedActuatorEffect(ActuatorEffect):
-    """An effect that two thrusters of one kind may share; its place is then both channels, joined by ``+``."""
+    """Base class of effects that may apply to two thrusters of one kind.
+
+    The place is then both channels, joined by ``+``.
+    """
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return the names of all inputs that were used, and all pairs of thrusters of one kind, joined by ``+``.
@@ -84,7 +87,7 @@ class SharedActuatorEffect(ActuatorEffect):
 
 
 class Characteristic(SharedActuatorEffect):
-    """An actuator whose output depends only on the present command: a static curve."""
+    """Base class of effects in which the output depends only on the present command, by a static curve."""
 
     title: ClassVar[str]
 
@@ -107,7 +110,7 @@ class Characteristic(SharedActuatorEffect):
 
 
 class Gradual(SharedActuatorEffect):
-    """An actuator that moves between the stamps of its commands."""
+    """Base class of effects in which the actuator moves between the stamps of its commands."""
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
         """Return the constant :data:`RESOLUTION`, fine enough for this craft's time constant."""
@@ -134,9 +137,9 @@ def quickest(data: DataSummary) -> float:
 
 
 def horizon(data: DataSummary) -> tuple[float, float]:
-    """Return the range of times [s] to search: from one sample to the craft's time constant.
+    """Return the shortest and the longest time [s] to search: one sample and the craft's time constant.
 
-    The upper end is at most a quarter of the run and at least four samples.
+    The longest time is at most a quarter of the run and at least four samples.
     """
     longest = min(data.time_constant, 0.25 * data.duration)
     return data.interval, max(longest, 4.0 * data.interval)

@@ -104,7 +104,7 @@ class EffectInstance:
         return replace(self, values={**self.values, **values})
 
     def to_dict(self) -> dict[str, object]:
-        """Return the instance as plain data."""
+        """Return the instance as data for a model file."""
         return {
             "slug": self.slug,
             "place": self.place,

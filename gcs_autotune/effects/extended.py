@@ -169,7 +169,8 @@ class ExtendedSimulator:
     ) -> dict[str, tuple[Array, Array]] | None:
         """Return name of the signal -> values (n,) at its stamps and Jacobian (n, q), or None if the motion diverges.
 
-        theta : (p,) base parameters in the order of ``form.parameters``. x_0 : (n,) state at the first stamp.
+        theta : (p,) base parameters in the order of ``form.parameters``.
+        x_0 : (n,) state at the first stamp.
 
         The Jacobian is (n, 0) without *sensitivities*.
         """

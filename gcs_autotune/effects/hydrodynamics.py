@@ -440,7 +440,7 @@ class NetBuoyancy(Effect):
         return ({"force": 0.1 * force_scale(place, data)},)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the force as ``Z_0``."""
+        """Return the force as the SNAME derivative ``Z_0``."""
         return {"Z_0": effect["force"]}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:

@@ -22,7 +22,7 @@ __all__ = ["AdvanceSpeedLoss", "PropellerWash", "SpeedDependentSteering"]
 
 
 VARIES = 0.1
-"""Least range of the speed, relative to its root mean square, from which an effect of the speed can be found.
+"""Least range of the speed, relative to its root mean square, from which an effect of the speed can be identified.
 
 Project choice.
 """

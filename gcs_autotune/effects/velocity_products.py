@@ -265,7 +265,7 @@ class ProductEffect(Effect):
     is_structural = True
 
     def term(self, place: str) -> ProductTerm:
-        """Return the term at *place*."""
+        """Return the term of the effect at *place*."""
         raise NotImplementedError
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
@@ -344,7 +344,7 @@ class NamedProduct(ProductEffect):
         cls.grows_with = (cls.derivative,)
 
     def term(self, place: str) -> ProductTerm:
-        """Return the term of this class."""
+        """Return the term of this class, which is the same at every place."""
         return TERMS[self.derivative]
 
     def places(self, data: DataSummary) -> tuple[str, ...]:

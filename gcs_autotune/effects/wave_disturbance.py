@@ -97,7 +97,8 @@ class _Kin:
 def band_of(left: Sequence[EffectResidual], *, velocity: str, lag: float) -> Band | None:
     """Return the narrow frequency band in the residuals *left*, or None if there is none.
 
-    left : residuals of the position and *velocity* of one degree of freedom. lag : time constant of the craft [s].
+    left : residuals of the position and *velocity* of one degree of freedom.
+    lag : time constant of the craft [s].
     """
     groups: dict[str, list[EffectResidual]] = {}
     for x in left:

@@ -1,6 +1,6 @@
 """Compare two models of one degree of freedom by their step responses: steady state and rise time.
 
-With a coarse or slow sensor, the numbers of two models can differ much although their motions hardly differ
+With a coarse or slow sensor, the parameters of two models can differ much although their motions hardly differ
 (Miskovic2010, section 7.2, (7.4)-(7.11)). In (7.11) the factor is ``1/sqrt(|tau|)``; in (7.10) the fraction is tanh(1)
 = 76 %.
 """
@@ -31,17 +31,20 @@ SETTLING_QUADRATIC = math.tanh(1.0)
 """Fraction of the steady state reached after ``alpha / sqrt(beta_nn |tau|)`` with quadratic drag."""
 
 SMALLEST = 0.05
-"""Quantile of the applied inputs that counts as the smallest, so that single samples during a step do not count."""
+"""Quantile of the applied inputs that counts as the smallest input.
+
+Project choice: single samples during a step then do not count.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class DofComparison:
     """Step responses of two models to the largest and to the smallest applied input, SI and radians.
 
-    - ``steady``: steady velocity of each under ``largest``.
-    - ``quantum``: resolution of the velocity, 0 if it is fine.
-    - ``rise``: time [s] of each to the fraction ``share`` of its steady state under ``smallest``.
-    - ``interval`` [s]: between samples.
+    - ``steady``: steady velocity of each model under ``largest``.
+    - ``quantum``: resolution of the velocity, 0 if negligible.
+    - ``rise`` [s]: time of each model to the fraction ``share`` of its steady state under ``smallest``.
+    - ``interval`` [s]: time between samples.
     """
 
     dof: str
@@ -56,12 +59,12 @@ class DofComparison:
 
     @property
     def steady_apart(self) -> float:
-        """Difference of the steady states (Miskovic2010, (7.5), (7.7))."""
+        """Difference of the two steady velocities (Miskovic2010, (7.5), (7.7))."""
         return abs(self.steady[0] - self.steady[1])
 
     @property
     def rise_apart(self) -> float:
-        """Difference of the time constants [s] (Miskovic2010, (7.9), (7.11))."""
+        """Difference of the two rise times [s] (Miskovic2010, (7.9), (7.11))."""
         return abs(self.rise[0] - self.rise[1])
 
     @property
@@ -71,11 +74,11 @@ class DofComparison:
 
     @property
     def samples(self) -> float:
-        """Difference of the time constants in samples."""
+        """Difference of the two rise times, in samples."""
         return self.rise_apart / self.interval
 
     def to_dict(self) -> dict[str, object]:
-        """Return the comparison as plain data, SI and radians."""
+        """Return the comparison as data for JSON, in SI units and radians."""
         return {
             "dof": self.dof,
             "input_unit": self.input_unit,
@@ -94,10 +97,14 @@ class DofComparison:
 def compare_dof(
     models: tuple[SingleDof, SingleDof], largest: float, smallest: float, *, quantum: float = 0.0, interval: float = 0.1
 ) -> DofComparison:
-    """Compare two models of one degree of freedom, without their constant forces.
+    """Return a comparison of two models of one degree of freedom, without their constant forces.
 
-    If both have linear drag only, or both quadratic drag only, time constants are those of Miskovic2010. Any other pair
-    is compared by the time to 63 % of its steady state.
+    If both models have linear drag only, or both quadratic drag only, time constants are those of Miskovic2010. Any
+    other pair is compared by the time to 63 % of the steady state.
+
+    largest, smallest : inputs of the two steps.
+    quantum : resolution of the velocity, 0 if negligible.
+    interval : time between samples [s].
 
     Raises
     ------
@@ -139,14 +146,14 @@ def compare_models(
     units: tuple[Mapping[str, str], Mapping[str, str]],
     runs: Sequence[Trial],
 ) -> tuple[DofComparison, ...]:
-    """Compare two models, axis by axis, under the inputs of *runs*, without coupling.
+    """Return a comparison of two models for each degree of freedom, under the inputs of *runs* and without coupling.
 
-    units : unit of each input.
+    units : name -> unit of the inputs, for each of the two models.
 
     Raises
     ------
     UsageError
-        They have no common degree of freedom that a recorded input drives.
+        The models have no common degree of freedom that a recorded input drives.
     """
     found = []
     for dof in (d for d in one.base.form.dofs if d in other.base.form.dofs):

@@ -1,9 +1,9 @@
 """Scores of a structure from free runs: likelihood, information criteria, held-out errors.
 
-Several runs are split by run, a single one by time. The criteria are calculated from free-run residuals, whichever
-method made the fit, with one noise level per signal at its most likely value. Coloured residuals would make every extra
-parameter look certain. The likelihood is therefore divided by their correlation time, which is common to all rivals, as
-for single axes (:mod:`gcs_autotune.identify.axis.evidence`).
+Several runs are split by run, a single one by time. The criteria are calculated from free-run residuals for every
+method, with one noise level per signal at its most likely value. Coloured residuals would make every extra parameter
+look certain. The likelihood is therefore divided by the correlation time of the residuals, which is common to all
+models compared, as for single axes (:mod:`gcs_autotune.identify.axis.evidence`).
 """
 
 from __future__ import annotations
@@ -33,15 +33,18 @@ __all__ = [
 ]
 
 BLOCKS = 4
-"""Number of blocks that a single run is divided into; three quarters of the run then remain for each fit."""
+"""Number of blocks into which a single run is divided.
+
+Project choice: three quarters of the run remain for each fit.
+"""
 
 MOST_FOLDS = 6
-"""Maximum number of folds; with more runs, several are left out together."""
+"""Maximum number of folds. Project choice. With more runs, several runs are left out together."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """One fold: the model is fitted to ``train`` and predicts ``held``."""
+    """One fold of a cross-validation: the model is fitted to ``train`` and predicts ``held``."""
 
     train: tuple[Trial, ...]
     held: tuple[Trial, ...]
@@ -50,7 +53,7 @@ class Fold:
 def folds_of(trials: Sequence[Trial], inputs: Sequence[str]) -> tuple[Fold, ...]:
     """Return the folds of *trials*.
 
-    inputs : channels that are held across cuts in time.
+    inputs : input channels, whose last value before a cut in time still applies after the cut.
     """
     if len(trials) == 1:
         return _in_time(trials[0], frozenset(inputs))
@@ -83,7 +86,9 @@ Fitter = Callable[[Sequence[Trial]], Fit[Model]]
 
 
 def log_likelihood_of(traces: Sequence[Trace]) -> float:
-    """Return the log-likelihood of white noise, with the most likely noise level for each signal."""
+    """Return the log-likelihood of the residuals of *traces* as white noise, with the most likely noise level for
+    each signal.
+    """
     total = 0.0
     for errors in _by_signal(traces).values():
         rms = math.sqrt(float(np.mean(np.square(errors))))
@@ -92,18 +97,18 @@ def log_likelihood_of(traces: Sequence[Trace]) -> float:
 
 
 def correlation_of(traces: Sequence[Trace]) -> float:
-    """Return the number of samples that carry as much information as one independent sample; 1 for white residuals."""
+    """Return the number of samples that are equivalent to one independent sample. It is 1 for white residuals."""
     errors = [t.measured - t.fitted for t in traces if len(t.t) >= 20]
     return correlation_time(errors) if errors else 1.0
 
 
 def rms_per_signal(traces: Sequence[Trace]) -> dict[str, float]:
-    """Return the root mean square of measured minus simulated, SI units."""
+    """Return name of the signal -> root mean square of measured minus simulated values, SI units."""
     return {n: math.sqrt(float(np.mean(np.square(e)))) for n, e in _by_signal(traces).items()}
 
 
 def amplitudes_of(traces: Sequence[Trace]) -> dict[str, float]:
-    """Return the standard deviation of each measured signal, with which its error is compared."""
+    """Return name of the signal -> standard deviation of the measured values, with which its error is compared."""
     names = dict.fromkeys(t.signal for t in traces)
     return {n: float(np.std(np.concatenate([t.measured for t in traces if t.signal == n]))) for n in names}
 
@@ -111,10 +116,13 @@ def amplitudes_of(traces: Sequence[Trace]) -> dict[str, float]:
 def cross_validated(
     fitter: Fitter, folds: Sequence[Fold], swings: Mapping[str, float]
 ) -> tuple[list[float], dict[str, float]]:
-    """Return the error of each fold relative to the signals' ranges, and the rms per signal over all folds.
+    """Return the error of each fold relative to *swings*, and the rms error per signal over all folds.
 
-    A fold counts as infinite if its training part cannot be fitted or the fit diverges on the held-out data. Such a
-    structure does not generalise. Folds without information are skipped.
+    fitter : function that fits a model to runs.
+    swings : name of the signal -> amplitude (:func:`amplitudes_of`).
+
+    The error of a fold is infinite if its training data cannot be fitted or the fit diverges on the held-out data.
+    Folds without information are skipped.
     """
     errors, traces = [], []
     for fold in folds:

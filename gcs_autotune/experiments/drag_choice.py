@@ -1,4 +1,4 @@
-"""Select the drag law of one degree of freedom by three criteria: Miskovic2010, Bayesian, held-out error.
+"""Select the drag law of one degree of freedom by three criteria: two experiments (Miskovic2010), BIC, held-out error.
 
 The fit contains the two-experiment decision (Miskovic2010 (7.1)-(7.2)) and the Bayesian criterion of its candidates.
 This module adds the free-run error on left-out runs (or blocks of one run).
@@ -21,16 +21,18 @@ from gcs_autotune.trial import Trial
 __all__ = ["AxisChoice", "ScoredDrag", "weigh_drags"]
 
 ALIKE = 0.02
-"""Relative difference of held-out errors below which they count as equal."""
+"""Relative difference of held-out errors below which they count as equal. Project choice."""
 
 
 WORDS = {"linear": "linear damping", "nonlinear": "quadratic damping", "affine": "linear and quadratic damping"}
-"""Structure -> its description."""
+"""Drag structure -> its description."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoredDrag:
-    """One drag structure: its criterion (NaN if the method has none), and its held-out rms error [SI]."""
+    """One drag structure with its information criterion (NaN if the method has none) and its held-out rms error
+    [SI].
+    """
 
     structure: Structure
     bic: float
@@ -40,7 +42,10 @@ class ScoredDrag:
 
 @dataclass(frozen=True, slots=True)
 class AxisChoice:
-    """The structure of ``fit`` and the result of each criterion; ``signal``: the signal of the errors."""
+    """The drag structure of a fit, and the result of each criterion.
+
+    ``signal``: name of the signal for which the held-out errors are calculated.
+    """
 
     chosen: Structure
     decision: Decision | None
@@ -49,7 +54,7 @@ class AxisChoice:
     reasons: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the choice as plain data for a JSON file."""
+        """Return the choice as data for JSON."""
         rows = [{"structure": r.structure, "bic": r.bic, "left_out": r.left_out} for r in self.table]
         verdict = None if self.decision is None else self.decision.verdict
         return {
@@ -62,15 +67,15 @@ class AxisChoice:
 
 
 def weigh_drags(fit: AxisFit, trials: Trial | Sequence[Trial]) -> AxisChoice:
-    """Return the scores of each drag structure, with the fit's own choice.
+    """Return the scores of each drag structure, with the structure that *fit* has.
 
-    Every structure is fitted by output error, with the delay of *fit*, to all but one run (or to three quarters of a
-    single one). The rest is then simulated freely.
+    Every structure is fitted by output error, with the delay of *fit*, to all runs but one (or to three quarters of a
+    single run). The data left out are then simulated freely.
 
     Raises
     ------
     NotInformative
-        As :func:`gcs_autotune.identify.free_run.validate`.
+        :func:`gcs_autotune.identify.free_run.validate` raised the error.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     traces = validate(fit.model, runs).traces

@@ -1,9 +1,9 @@
 """Select the terms of a coupled model: forms are compared by information criteria and held-out errors.
 
 A richer form is preferred to a simpler one under two conditions. Its Bayesian criterion must be lower by more than
-:data:`CLEAR`, and its held-out error must not be larger. :func:`eliminate` starts at a rich form. It drops the least
+:data:`CLEAR`, and its held-out error must not be larger. :func:`eliminate` starts with a rich form. It drops the least
 certain term (smallest value over standard error, the Wald statistic) and fits again. The simpler form is kept unless
-these conditions support the richer one. An unphysical form ranks below all physical ones.
+these conditions support the richer form. An unphysical form ranks below all physical ones.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ __all__ = [
 ]
 
 SURE = 3.0
-"""Number of standard errors below zero from which negative damping is reported."""
+"""Number of standard errors below zero from which negative damping is reported. Project choice."""
 
 
 def complaints_about(fit: Fit[Model]) -> tuple[str, ...]:
-    """Return the unphysical values in *fit*: inertia that is not positive, negative damping.
+    """Return sentences on unphysical values in *fit*: inertia that is not positive, and negative damping.
 
     Inertia must be symmetric positive definite (Fossen2011, (3.54)), and a craft's own drag must damp. Sway may drive
     yaw, so only the diagonal of the damping is checked.
@@ -79,12 +79,13 @@ CLEAR = 2.0
 class ScoredForm:
     """One form with its scores.
 
-    - ``parameters``: number of fitted ones.
-    - ``fit_percent``: that of the free run on the fitted runs.
+    - ``fit``: the fit, None if the form could not be fitted.
+    - ``parameters``: number of fitted parameters.
+    - ``fit_percent``: fit of the free run on the fitted runs [%].
     - ``left_out``: held-out error relative to the signals' ranges, mean over folds.
-    - ``per_fold``: the same for each fold.
-    - ``left_out_rms``: per signal [SI].
-    - ``complaints``: its unphysical values. ``fit`` is None if it could not be fitted.
+    - ``per_fold``: held-out error relative to the signals' ranges, for each fold.
+    - ``left_out_rms``: name of the signal -> held-out rms error [SI].
+    - ``complaints``: sentences on unphysical values of the fit.
     """
 
     form: Form
@@ -101,7 +102,7 @@ class ScoredForm:
     complaints: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers as plain data."""
+        """Return the scores as data for JSON."""
         return {
             "form": self.form.name,
             "free": list(self.form.free),
@@ -118,20 +119,25 @@ class ScoredForm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FormChoice:
-    """The selection among all forms tried: ``chosen``, and ``reasons``, one sentence per rival or dropped term."""
+    """The selection among all forms that were tried.
+
+    - ``chosen``: the selected form with its scores.
+    - ``table``: all forms with their scores.
+    - ``reasons``: one sentence per form that was not selected, or per dropped term.
+    """
 
     chosen: ScoredForm
     table: tuple[ScoredForm, ...]
     reasons: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the selection and the table as plain data."""
+        """Return the selection and the table as data for JSON."""
         rows = [row.to_dict() for row in self.table]
         return {"chosen": self.chosen.form.name, "reasons": list(self.reasons), "table": rows}
 
 
 def needed(richer: ScoredForm, simpler: ScoredForm) -> bool:
-    """Return whether both the criterion and the held-out error support the richer form."""
+    """Return whether the Bayesian criterion and the held-out error both support the *richer* form."""
     if simpler.fit is None:
         return True
     if len(simpler.complaints) > len(richer.complaints):
@@ -140,7 +146,8 @@ def needed(richer: ScoredForm, simpler: ScoredForm) -> bool:
 
 
 def best(table: Sequence[ScoredForm]) -> ScoredForm:
-    """Return the physical form with the smallest criterion, or a simpler one if it is hardly worse.
+    """Return the physical form with the smallest Bayesian criterion, or a simpler form whose criterion is hardly
+    larger.
 
     Raises
     ------
@@ -159,13 +166,13 @@ def best(table: Sequence[ScoredForm]) -> ScoredForm:
 
 
 def said(term: str, richer: ScoredForm, simpler: ScoredForm, wanted: bool) -> str:
-    """Return the reason why *term*, which *simpler* lacks, is needed or not."""
+    """Return a sentence why *term*, which *simpler* lacks, is needed or not."""
     verdict = "is needed" if wanted else "is not supported by the data"
     return f"{term} {verdict}: {_numbers(richer, simpler)}"
 
 
 def compared(chosen: ScoredForm, other: ScoredForm) -> str:
-    """Return the reason for *chosen* instead of *other*."""
+    """Return a sentence why *chosen* was selected instead of *other*."""
     if other.fit is None:
         return f"'{other.form.name}' {other.complaints[0]}"
     richer, simpler = (chosen, other) if chosen.parameters >= other.parameters else (other, chosen)
@@ -191,12 +198,12 @@ def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
 
 
 PATIENCE = 2
-"""Number of terms kept as needed after which no better-determined term is tried."""
+"""Number of needed terms after which no better-determined term is tried. Project choice."""
 
 CERTAIN = 10.0
-"""Standard errors from zero above which a term is needed without a trial.
+"""Distance of a parameter from zero, in standard errors, above which its term is needed without a trial.
 
-The criterion would rise by about the square.
+Project choice. Without the term, the criterion would increase by about the square.
 """
 
 
@@ -272,7 +279,7 @@ def choose_form(
     delay: float | None = 0.0,
     **options: Any,
 ) -> FormChoice:
-    """Fit every form of *forms* and select one.
+    """Return the selection among *forms*, after fitting each of them.
 
     Raises
     ------
@@ -298,12 +305,14 @@ def eliminate(
     delay: float | None = 0.0,
     **options: Any,
 ) -> FormChoice:
-    """Drop the terms of *form* that these runs do not support, one at a time, the least certain first.
+    """Return the form that remains after dropping the terms of *form* that *trials* do not support, with all steps.
+
+    One term is dropped at a time, the least certain first.
 
     Raises
     ------
     UsageError, NotInformative
-        As :func:`choose_form`.
+        Exceptions are those of :func:`choose_form`.
     """
     judge = _judge(trials, [form], method, delay, options)
     now = judge.score(form)
@@ -336,7 +345,9 @@ def eliminate(
 
 
 def droppable(form: Form) -> tuple[str, ...]:
-    """Return the free parameters that a form can do without: all except diagonal inertias and input gains."""
+    """Return the names of the free parameters that may be dropped from *form*: all except diagonal inertias and
+    input gains.
+    """
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     kept = set(RIGID_BODY) | gains
     found = []

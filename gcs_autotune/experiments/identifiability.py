@@ -2,9 +2,9 @@
 
 The root of the information matrix, with columns scaled to length one, is decomposed into singular values and vectors. A
 value of zero is a joint change without any effect on the measured signals. Such a change is *exact*: it is due to the
-model, the inputs or the signals, and does not depend on noise. A value below ``1/TOGETHER`` is a group whose members
-can replace one another ("collinearity index" above 10: Brun2001, (11)). It is reported if the change within the noise
-is relevant. A parameter whose standard error exceeds its value is *poorly identifiable*.
+model, the inputs or the signals, and does not depend on noise. A singular value below ``1/TOGETHER`` indicates a group
+whose members can replace one another ("collinearity index" above 10: Brun2001, (11)). The group is reported if the
+change within the noise is relevant. A parameter whose standard error exceeds its value is *poorly identifiable*.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ __all__ = [
 class Direction:
     """A joint change of parameters with little or no effect on the measured signals.
 
-    - ``derivatives``: the members' SNAME names.
-    - ``changes``: relative to each value (0.4: 40 % larger in magnitude). For a practical direction they are within 95
-      % of the noise; for an ``exact`` one only their ratios matter.
-    - ``scaling``: whether all change by the same factor.
+    - ``derivatives``: SNAME names of the members.
+    - ``changes``: change of each member relative to its value (0.4: 40 % larger in magnitude). For a practical
+      direction they are within 95 % of the noise. For an ``exact`` direction only their ratios matter.
+    - ``scaling``: whether all members change by the same factor.
     """
 
     members: tuple[str, ...]
@@ -60,8 +60,8 @@ class Direction:
 class Unseen:
     """A parameter whose standard error exceeds its value.
 
-    - ``derivative``: its SNAME name.
-    - ``slight``: whether its force is negligible in these runs.
+    - ``derivative``: SNAME name of the parameter.
+    - ``slight``: whether the force of the parameter is negligible in these runs.
     """
 
     name: str
@@ -79,7 +79,7 @@ _HUGE = 10.0
 
 
 def direction_doubt(direction: Direction, seen: ManoeuvringRoom) -> Doubt:
-    """Return the doubt about parameters that are not identifiable separately."""
+    """Return a doubt about parameters that cannot be identified separately."""
     names = joined(direction.members)
     if direction.scaling:
         return Doubt(
@@ -100,7 +100,7 @@ def direction_doubt(direction: Direction, seen: ManoeuvringRoom) -> Doubt:
 
 
 def unseen_doubt(unseen: Unseen, seen: ManoeuvringRoom) -> Doubt:
-    """Return the doubt about a parameter whose standard error exceeds its value."""
+    """Return a doubt about a parameter whose standard error exceeds its value."""
     size = f"{unseen.value:.2g} ± {percent(unseen.std / abs(unseen.value))}" if unseen.value else "zero"
     why = _why(unseen.derivative, seen)
     if math.isinf(unseen.std):
@@ -126,7 +126,7 @@ def joined(names: Sequence[str]) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a fraction as per cent with two digits; above ten times, as a factor."""
+    """Return the fraction *share* as text: in percent with two digits, or as a factor above ten."""
     if math.isinf(share):
         return "any amount"
     if abs(share) >= _HUGE:
@@ -214,21 +214,24 @@ def _cure(derivatives: Sequence[str], seen: ManoeuvringRoom) -> str:
 Array = NDArray[np.float64]
 
 TOGETHER = 10.0
-"""Collinearity index above which parameters count as a group; Brun et al. name 10 to 15."""
+"""Collinearity index above which parameters count as a group. Brun2001 states 10 to 15."""
 
 MATTERS = 0.2
-"""Joint change, relative to the parameters' sizes, that the noise must permit for a group to be reported."""
+"""Joint change, relative to the parameters' sizes, that must be possible within the noise for a group to be reported.
+
+Project choice.
+"""
 
 MEMBER = 0.05
-"""Smallest change, relative to the largest in its group, of a parameter that is listed as a member."""
+"""Smallest change, relative to the largest in its group, of a parameter that is listed as a member. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identifiability:
     """Identifiability of a fit's parameters from runs.
 
-    - ``relative`` (p,): standard errors over sizes (see :mod:`.scales`).
-    - ``directions``: the worst first.
+    - ``relative`` (p,): standard errors divided by sizes (see :mod:`.scales`).
+    - ``directions``: joint changes with little effect, the least identifiable first.
     """
 
     information: Information
@@ -250,7 +253,9 @@ class Identifiability:
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
-        """The result as doubts: ``cannot-tell`` for each group and each poorly identifiable parameter."""
+        """The result as doubts, one for each group and one for each poorly identifiable parameter (slug
+        ``cannot-tell``).
+        """
         groups = [direction_doubt(d, self.seen) for d in self.directions]
         return (*groups, *(unseen_doubt(u, self.seen) for u in self.unseen))
 
@@ -261,13 +266,13 @@ def identifiability(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> Identif
     Raises
     ------
     UsageError, NotInformative
-        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
+        Exceptions are those of :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
     """
     return check_identifiability(fitted_model_of(fit, trials))
 
 
 def check_identifiability(subject: FittedModel) -> Identifiability:
-    """Return the identifiability of the subject's parameters from its runs."""
+    """Return the identifiability of the fitted parameters of *subject* from its runs."""
     information = information_on(subject)
     scales = scales_of(subject)
     seen, _ = room_of_runs(subject)

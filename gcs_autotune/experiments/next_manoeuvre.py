@@ -1,10 +1,10 @@
 """Rank manoeuvres by the information that each would add to the existing runs.
 
 Every candidate is simulated with the identified model, within the range of inputs in the runs. Its information is added
-to that of the runs, which gives the expected standard errors from both together. The ranking uses the largest of them
-relative to the parameters' sizes (``worst``, close to E-optimality) or the volume of the confidence region (``volume``,
-D-optimality; Goodwin1977, chapter 6). The expectation holds at the present estimates and noise. Repeat the ranking
-after each run.
+to that of the runs. The sum determines the expected standard errors. The ranking uses the largest expected standard
+error relative to the parameter's size (``worst``, close to E-optimality) or the volume of the confidence region
+(``volume``, D-optimality; Goodwin1977, chapter 6). The expectation holds at the present estimates and noise. Repeat the
+ranking after each run.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ PRESETS: Mapping[str, Preset] = {p.name: p for kind in MANOEUVRES.values() for p
 Criterion = Literal["worst", "volume"]
 
 FAR = 1.5
-"""Ratio of a motion to that in the runs above which it is flagged."""
+"""Ratio of a motion to that in the runs above which the motion is flagged. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,9 +62,9 @@ class Ranking:
     """One candidate manoeuvre with its expected result.
 
     - ``std`` (p,): standard errors expected from the runs and this manoeuvre together.
-    - ``worst``: the largest of them, relative to the sizes.
-    - ``gain``: factor by which standard errors decrease on (geometric) average, correlations included; infinite if a
-      parameter becomes identifiable.
+    - ``worst``: largest of these standard errors, relative to the size of the parameter.
+    - ``gain``: factor by which standard errors decrease on (geometric) average, correlations included. It is infinite
+      if a parameter becomes identifiable.
     - ``flags``: quantities of the motion that exceed those in the runs.
     """
 
@@ -84,9 +84,12 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RankedManoeuvre:
-    """Ranked manoeuvres, best first, relative to the information ``now``.
+    """Ranked manoeuvres, best first.
 
-    ``hopeless``: parameters that no candidate identifies; the ranking ignores them.
+    - ``now``: identifiability from the existing runs.
+    - ``seconds``: duration of the next run [s].
+    - ``plans``: the manoeuvres with their expected results.
+    - ``hopeless``: parameters that no candidate identifies. The ranking ignores them.
     """
 
     now: Identifiability
@@ -101,18 +104,18 @@ class RankedManoeuvre:
 
     @property
     def best(self) -> Ranking:
-        """The manoeuvre ranked first."""
+        """The highest-ranked manoeuvre, with its expected result."""
         return self.plans[0]
 
     def factors(self, plan: Ranking) -> Mapping[str, float]:
-        """Return the factor by which each standard error decreases."""
+        """Return name -> factor by which the standard error of the parameter decreases with *plan*."""
         before = self.now.information.std
         with np.errstate(invalid="ignore"):
             ratio = np.where(np.isfinite(plan.std), before / plan.std, 1.0)
         return dict(zip(self.names, ratio.tolist(), strict=True))
 
     def say(self, plan: Ranking) -> str:
-        """Return one sentence: the manoeuvre, the standard errors it improves most, and the space it needs."""
+        """Return one sentence on *plan*: the manoeuvre, the standard errors it reduces most, and the space it needs."""
         before, after = self.now.relative, plan.std / self.now.scales.size
         order = [i for i in np.argsort(-before) if self.names[i] not in self.hopeless][:3]
         told = [f"{self.names[i]} from {percent(float(before[i]))} to {percent(float(after[i]))}" for i in order]
@@ -126,7 +129,7 @@ class RankedManoeuvre:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The three best manoeuvres, one sentence each, and the parameters that no manoeuvre identifies."""
+        """Sentences on the three best manoeuvres, and on the parameters that no manoeuvre identifies."""
         lines = [self.say(plan) for plan in self.plans[:3]]
         if self.hopeless:
             lines.append(
@@ -144,11 +147,11 @@ def plan_next(
     seconds: float = 60.0,
     criterion: Criterion = "worst",
 ) -> RankedManoeuvre:
-    """Rank manoeuvres by the information they would add to *trials* about the parameters of *fit*.
+    """Return manoeuvres ranked by the information that they would add to *trials* on the parameters of *fit*.
 
     Parameters
     ----------
-    candidates : names in :data:`PRESETS`, or own manoeuvres; None: all that the inputs permit.
+    candidates : names in :data:`PRESETS`, or user-defined manoeuvres. None takes all that the inputs permit.
     seconds : length of the next run, including its approach.
 
     Raises
@@ -187,21 +190,21 @@ def plan_next(
 ROUGHLY = 0.4
 """Interval [s] of commands and samples for the first, approximate ranking of all manoeuvres.
 
-It is four times the interval with which they are flown.
+Project choice: four times the interval with which they are flown.
 """
 FINALISTS = 12
-"""Number of manoeuvres that are ranked again with the flown interval."""
+"""Number of manoeuvres that are ranked again with the flown interval. Project choice."""
 UNTOLD = 1e3
-"""Relative standard error assumed for a parameter that is not yet identified."""
+"""Relative standard error assumed for a parameter that is not yet identified. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrecisionGain:
     """Expected effect of a manoeuvre on the required precision.
 
-    - ``relative``: expected standard error over value of each parameter.
+    - ``relative``: name -> expected standard error divided by the value of the parameter.
     - ``rate``: improvement per minute, in natural logarithms of the standard errors that are still too large.
-    - ``seconds``: total duration.
+    - ``seconds``: total duration [s].
     """
 
     candidate: Preset
@@ -212,13 +215,17 @@ class PrecisionGain:
 
 
 def shortfall(relative: Mapping[str, float], wanted: Mapping[str, float]) -> float:
-    """Return the distance from the required precision: the sum of logarithms of the ratios of relative standard
-    errors."""
+    """Return the distance from the required precision: the sum over parameters of ln(relative standard error /
+    required one), each at least 0.
+    """
     return sum(math.log(max(min(relative[n], UNTOLD) / share, 1.0)) for n, share in wanted.items())
 
 
 def relative_errors(fit: Fit[Model], names: Iterable[str]) -> Mapping[str, float]:
-    """Return standard error over value of each of *names*; infinite for one that was not fitted."""
+    """Return name -> standard error divided by value, for each of *names*.
+
+    It is infinite for a parameter that was not fitted.
+    """
     found = {}
     for name in names:
         p = fit.parameters.get(name)
@@ -237,25 +244,25 @@ def rank_by_precision(
     overhead: float,
     most: Mapping[str, float] | None = None,
 ) -> tuple[PrecisionGain, ...]:
-    """Rank simulated manoeuvres by how quickly they reach the precision *wanted*.
+    """Return simulated manoeuvres ranked by how quickly they reach the precision *wanted*.
 
     Parameters
     ----------
     fit : a model on *trials*, with normalised inputs.
-    wanted : parameter -> required standard error over value.
+    wanted : parameter -> required standard error divided by its value.
     longest : longest simulated duration [s].
-    overhead : additional time of each [s].
+    overhead : additional time [s] of each manoeuvre.
     most : force -> normalised output at which its actuators saturate, if known.
 
     Expected standard errors follow from the information (Goodwin1977, chapter 6). They are multiplied by the ratio of
-    the present standard errors to those of the information, which exceeds 1 for coloured residuals. An incomplete model
-    then does not promise too much. All manoeuvres are first ranked approximately (:data:`ROUGHLY`). The
-    :data:`FINALISTS` best are ranked again as flown and come first.
+    the present standard errors to those of the information, which exceeds 1 for coloured residuals. The expected
+    precision of an incomplete model is then not too optimistic. All manoeuvres are first ranked approximately
+    (:data:`ROUGHLY`). The :data:`FINALISTS` best manoeuvres are ranked again with the flown interval and come first.
 
     Raises
     ------
     NotInformative, UsageError
-        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
+        :func:`gcs_autotune.identify.problems.information.fitted_model_of` raised the error.
     """
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of_shares(subject.form, most or {})
@@ -297,7 +304,7 @@ def _gain_of(
 
 
 def ranking_of(subject: FittedModel, now: Identifiability, flight: Flight | None, candidate: Preset) -> Ranking | None:
-    """Return the expected result of a flight; return None without a flight, or if its sensitivities diverge."""
+    """Return the expected result of *flight*, or None without a flight or if the sensitivities diverge."""
     if flight is None:
         return None
     try:

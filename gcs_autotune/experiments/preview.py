@@ -1,7 +1,7 @@
-"""Simulation of a proposed manoeuvre: inputs, motion, space, and the expected record.
+"""Simulate a proposed manoeuvre: inputs, motion, space, and the expected record.
 
-A manoeuvre commands normalised forces per equation. The input channels may be any (thrust and moment, a rudder, a pair
-of thrusters). :class:`ChannelAllocation` converts the forces into channel values inside the range of the runs.
+A manoeuvre commands normalised forces per equation. Any input channels are possible (thrust and moment, a rudder, a
+pair of thrusters). :class:`ChannelAllocation` converts the forces into channel values inside the range of the runs.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 Kind = Literal["circle", "straight run", "zig-zag", "run"]
 
 STEADY = 3.0
-"""Ratio of mean yaw rate to its standard deviation above which a turn counts as a circle."""
+"""Ratio of mean yaw rate to its standard deviation above which a turn counts as a circle. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class ManoeuvringRoom:
     - ``room``: longer side of the box around the track [m].
     - ``deep``: range of the depth [m], 0 if the form has none.
     - ``seconds``: duration of the motion.
-    - ``kind``: the kind of manoeuvre it looks like.
+    - ``kind``: kind of manoeuvre that the motion resembles.
     """
 
     largest: Mapping[str, float]
@@ -66,7 +66,9 @@ class ManoeuvringRoom:
     kind: Kind
 
     def beyond(self, seen: ManoeuvringRoom, factor: float) -> tuple[str, ...]:
-        """Return, in words, the quantities that exceed *seen* by more than *factor*, including turning and depth."""
+        """Return descriptions of the quantities that exceed *seen* by more than *factor*, including turning and
+        depth.
+        """
         said = []
         for name, value in self.largest.items():
             unit = SIGNALS[name][0]
@@ -105,7 +107,10 @@ def room_of(form: Form, t: Array, X: Array) -> ManoeuvringRoom:
 
 
 def room_of_runs(subject: FittedModel) -> tuple[ManoeuvringRoom, tuple[ManoeuvringRoom, ...]]:
-    """Return the extremes of all runs together and of each record, simulated with their inputs."""
+    """Return the extremes of all runs of *subject* together, and those of each record.
+
+    Both are simulated with the inputs of the runs.
+    """
     each = tuple(room_of(subject.form, *subject.motion(i)) for i in range(len(subject.records)))
     return _together(each), each
 
@@ -136,17 +141,18 @@ def _kind(r: Array | None, turned: float) -> Kind:
 
 
 ROLES: Mapping[str, str] = {"N": "steer", "X": "thrust", "Z": "heave", "Y": "sway", "K": "roll", "M": "pitch"}
-"""Force letter -> role.
+"""Force letter -> role of a channel.
 
-Roles are assigned to channels in this order, so that a rudder, which also pushes sideways, steers.
+Roles are assigned in this order, so that a rudder, which also pushes sideways, gets the role ``steer``.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelAllocation:
-    """Conversion of roles to channel values.
+    """Conversion of normalised outputs per role to channel values.
 
-    ``columns[role]`` (m,): channel values of a role at full output. ``low``, ``high`` (m,): limits of the channels.
+    - ``columns[role]`` (m,): channel values of a role at full output.
+    - ``low``, ``high`` (m,): limits of the channels.
     """
 
     channels: tuple[str, ...]
@@ -155,7 +161,10 @@ class ChannelAllocation:
     high: Array
 
     def inputs(self, shares: Mapping[str, float]) -> Array:
-        """Return channel values (m,) for normalised outputs of -1..1 per role, limited to the range of the channels."""
+        """Return channel values (m,) for *shares*, the normalised outputs (-1 to 1) by role.
+
+        They are limited to the range of the channels.
+        """
         total = np.zeros(len(self.channels))
         for role, share in shares.items():
             if role in self.columns:  # thrust ahead moves nothing in a model of the yaw alone
@@ -165,7 +174,10 @@ class ChannelAllocation:
 
 
 def allocation_of_shares(form: Form, most: Mapping[str, float]) -> ChannelAllocation:
-    """Return the allocation of a form with normalised forces as inputs, limited to *most*."""
+    """Return the allocation of *form*, whose inputs are normalised forces.
+
+    most : force -> largest normalised output.
+    """
     channels = tuple(form.inputs)
     high = np.array([most.get(c, 1.0) for c in channels])
     columns = {ROLES[c]: np.eye(len(channels))[i] for i, c in enumerate(channels) if c in ROLES}
@@ -173,7 +185,7 @@ def allocation_of_shares(form: Form, most: Mapping[str, float]) -> ChannelAlloca
 
 
 def allocation_of(form: Form, theta: Array, records: Sequence[Segment]) -> ChannelAllocation:
-    """Return the allocation of a form whose gains have the values *theta*, limited to the inputs of *records*.
+    """Return the allocation of *form* with the parameters *theta*, limited to the range of inputs in *records*.
 
     A surge channel that was never negative stays positive; other channels use both signs.
 
@@ -228,14 +240,16 @@ def _gains(form: Form, theta: Array) -> Array:
 _SHOWN = frozenset(f.name for f in fields(Observation))
 
 CONTROL_STEP = 0.1
-"""Interval [s] between two commands of a proposed manoeuvre."""
+"""Interval [s] between two commands of a proposed manoeuvre. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """A simulated flight: ``t`` (j,) and ``inputs`` (j, m) as commanded and held, ``record`` without noise.
+    """A simulated flight.
 
-    ``thinned``: for each signal, the number of samples in the runs that one sample of the record represents.
+    - ``t`` (j,), ``inputs`` (j, m): stamps [s] and held inputs, as commanded.
+    - ``record``: the expected record without noise.
+    - ``thinned``: for each signal, the number of samples in the runs that one sample of the record represents.
     """
 
     t: Array
@@ -246,8 +260,10 @@ class Flight:
     thinned: Mapping[str, float]
 
     def as_fitted_model(self, subject: FittedModel) -> FittedModel:
-        """Return *subject* with this flight as its only run; a sample that represents *n* has the noise of their
-        mean."""
+        """Return *subject* with this flight as its only run.
+
+        A sample that represents *n* samples has the noise of their mean.
+        """
         noise = {n: std / math.sqrt(self.thinned.get(n, 1.0)) for n, std in subject.noise.items()}
         return replace(subject, records=(self.record,), initial=(self.initial,), noise=noise)
 
@@ -261,12 +277,12 @@ def fly(
     to_its_end: bool = False,
     step: float = CONTROL_STEP,
 ) -> Flight | None:
-    """Simulate *preset* with the model for *seconds*; return None if the motion diverges.
+    """Return the flight of *preset*, simulated with the model for *seconds*, or None if the motion diverges.
 
     The simulation starts at rest. If no input drives surge, it starts at the median speed of the runs. ``to_its_end``:
-    the flight ends with the manoeuvre. It is then None if the manoeuvre takes more than *seconds* or is aborted.
-    Otherwise the inputs are zero after the manoeuvre. ``step`` [s]: interval between two commands. A longer one is
-    faster to calculate; the record is then thinned to it as well.
+    whether the flight ends with the manoeuvre. The result is then None if the manoeuvre takes more than *seconds* or is
+    aborted. Otherwise the inputs are zero after the manoeuvre. ``step`` [s]: interval between two commands. A longer
+    interval is faster to calculate. The record is then thinned to this interval as well.
     """
     x_0 = _start(subject, allocation)
     t: Array = np.arange(round(seconds / step), dtype=np.float64) * step

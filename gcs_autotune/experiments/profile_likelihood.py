@@ -1,10 +1,10 @@
 """Profile likelihood of one parameter: the best fit as the parameter moves away from its estimate.
 
 At every value all other parameters and initial states are fitted again. The rise of minus twice the log-likelihood over
-its minimum is chi-squared with one degree of freedom (Wilks). The values below 3.84 therefore form the 95 % interval.
-It need not be symmetric or closed. A side on which the fit does not degrade enough is reported as open (Raue2009,
-"practically non-identifiable"). For coloured residuals the deviance is divided by the square of the factor on the fit's
-standard error.
+its minimum is chi-squared with one degree of freedom (Wilks). The parameter values with a rise below 3.84 therefore
+form the 95 % interval. The interval need not be symmetric or closed. A side on which the rise stays smaller is reported
+as open (Raue2009, "practically non-identifiable"). For coloured residuals the deviance is divided by the square of the
+factor on the fit's standard error.
 """
 
 from __future__ import annotations
@@ -28,26 +28,29 @@ __all__ = ["Profile", "profile"]
 Array = NDArray[np.float64]
 
 ROUNDS = 4
-"""Iterations of parameters, then noise, in the fit that the profile starts from."""
+"""Number of iterations of parameters, then noise, in the fit from which the profile starts. Project choice."""
 
 FARTHEST = 20.0
-"""Distance, in sizes of the parameter, beyond which a side counts as open."""
+"""Distance from the estimate, in sizes of the parameter, beyond which a side counts as open. Project choice."""
 
 GROWTH, FIRST = 1.6, 0.5
-"""Steps away from the estimate: ratio of successive steps, and first step in standard errors."""
+"""Steps away from the estimate: ratio of successive steps, and first step in standard errors. Project choice."""
 
 POLISH, CLOSE = 12, 0.01
-"""Maximum number of steps to locate an interval's end, and its tolerance relative to the parameter."""
+"""Maximum number of steps to locate an end of the interval, and tolerance of the end relative to the parameter.
+
+Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """Profile of one parameter.
+    """Profile likelihood of one parameter.
 
-    - ``values`` (k,): increasing.
-    - ``deviance`` (k,): over the minimum.
-    - ``low``, ``high``: the interval at ``level``; an infinite end means that the runs do not bound the parameter
-      there.
+    - ``values`` (k,): values of the parameter, increasing.
+    - ``deviance`` (k,): rise of minus twice the log-likelihood over its minimum.
+    - ``low``, ``high``: ends of the interval at ``level``. An infinite end means that the runs do not bound the
+      parameter on that side.
     - ``estimate``: the value with the largest likelihood.
     """
 
@@ -79,14 +82,14 @@ class Profile:
 
 
 def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, level: float = 0.95) -> Profile:
-    """Return the profile likelihood of one fitted parameter.
+    """Return the profile likelihood of the fitted parameter *name*.
 
     Raises
     ------
     UnknownName
         *name* was not fitted.
     UsageError, NotInformative
-        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
+        :func:`gcs_autotune.identify.problems.information.fitted_model_of` raised the error.
     """
     subject = fitted_model_of(fit, trials)
     place = lookup({n: i for i, n in enumerate(subject.names)}, name, "fitted parameter")
@@ -107,14 +110,16 @@ def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, leve
 
 @dataclass(slots=True)
 class _Walker:
-    """Move one parameter step by step and fit all others."""
+    """Search that moves one parameter step by step and fits all others."""
 
     likeliest: MostLikely
     place: int
     raised: float
 
     def walk(self, estimate: float, step: float, size: float, threshold: float) -> tuple[float, dict[float, float]]:
-        """Return the end of the interval on one side (infinite: open) and the points evaluated."""
+        """Return the end of the interval on one side, infinite if open, and the evaluated points (value ->
+        deviance).
+        """
         points: dict[float, float] = {}
         begin = (self.likeliest.subject.theta, self.likeliest.subject.initial)
         state: tuple[Array, tuple[Array, ...]] | None = begin
@@ -147,7 +152,10 @@ class _Walker:
     def at(
         self, value: float, near: tuple[Array, tuple[Array, ...]]
     ) -> tuple[float, tuple[Array, tuple[Array, ...]] | None]:
-        """Return the deviance with the parameter at *value* (infinite if no fit converges), and the fit."""
+        """Return the deviance with the parameter at *value*, and the fit.
+
+        The deviance is infinite if no fit converges.
+        """
         found = self.likeliest.holding(self.place, value, *near)
         if found is None:
             return math.inf, None

@@ -21,14 +21,14 @@ __all__ = ["FELT", "Scales", "scales_of"]
 Array = NDArray[np.float64]
 
 FELT = 0.05
-"""Fraction of an equation's largest force that is noticeable to pilots and controllers."""
+"""Fraction of an equation's largest force that is noticeable to pilots and controllers. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scales:
     """Scales of the fitted parameters, in the parameter's unit.
 
-    - ``size`` (p,): with which its error is compared.
+    - ``size`` (p,): size with which the standard error of the parameter is compared.
     - ``felt`` (p,): change with a noticeable effect in the motion of the runs; infinite if nothing excites it.
     """
 

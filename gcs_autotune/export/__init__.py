@@ -1,7 +1,9 @@
-"""Export identified models to other simulators: :func:`export_model`, with one file and one table row per target.
+"""Export identified models to other simulators with :func:`export_model`.
 
-``equations`` converts a model into mass matrix, force terms and inputs (SNAME, Fossen2011). Each target writes them in
-its format. Parts that a target cannot express are always reported.
+Each target has one module and one row in a table.
+
+``equations`` converts a model into mass matrix, force terms and inputs (SNAME, Fossen2011). Each target writes the
+equations in its format. Elements of the model that a target cannot express are always reported.
 """
 
 from __future__ import annotations
@@ -23,9 +25,11 @@ __all__ = ["TARGETS", "Exported", "ForceTerm", "MotionEquations", "Target", "equ
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """An export format: file suffix, one line of help, and its writer.
+    """An export format.
 
-    ``write`` returns the text, and sentences about what it cannot express.
+    - ``suffix``: file suffix.
+    - ``help``: one line of help.
+    - ``write``: function that returns the text, and sentences about what the format cannot express.
     """
 
     suffix: str
@@ -40,12 +44,12 @@ TARGETS: Mapping[str, Target] = {
     "matlab": Target(".m", "MATLAB function of the equations of motion, with an example", to_matlab),
     "csv": Target(".csv", "parameters with units and standard errors", to_csv),
 }
-"""Export formats by name."""
+"""Name -> export format."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """A model for another simulator: text, usual suffix, and sentences about omitted parts."""
+    """A model for another simulator: text, usual file suffix, and sentences about omitted elements of the model."""
 
     text: str
     suffix: str
@@ -55,12 +59,14 @@ class Exported:
 def export_model(file: ModelFile, target: str, full_scale: Mapping[str, float] | None = None) -> Exported:
     """Return the model of *file* in the format of *target*, a name in :data:`TARGETS`.
 
-    full_scale : input -> force [N or N m] at full output, if a target needs it and the file has none.
+    full_scale : input -> force [N or N m] at full output, if *target* needs it and *file* does not contain it.
 
     Raises
     ------
     UnknownName
-        There is no such target. UsageError: the target cannot express the model.
+        There is no such target.
+    UsageError
+        The target cannot express the model.
     """
     chosen = lookup(TARGETS, target, "target")
     equations = equations_of(file, full_scale or {})

@@ -1,5 +1,7 @@
-"""A model as numbers: ``M nu_dot + C(nu) nu = sum of terms``; ``C`` follows from ``M`` (Fossen2011, (3.46)) or is
-zero."""
+"""Equations of motion as numbers, ``M nu_dot + C(nu) nu = sum of terms``.
+
+``C`` follows from ``M`` (Fossen2011, (3.46)) or is zero.
+"""
 
 from __future__ import annotations
 
@@ -33,14 +35,16 @@ Array = NDArray[np.float64]
 POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
 SHAPES = ("sin(phi)", "sin(theta)", "sin(psi)", "cos(psi)")
 WITHIN = ("delay", "lag")
-"""Constants that are not forces and are exported."""
+"""Names of constants that are not forces and are exported."""
 AT_THE_INPUT = {"input-delay": "delay", "actuator-lag": "time_constant"}
-"""Effects that are exported as a delay or lag of their input."""
+"""Slug of an effect that is exported as a delay or lag of its input -> parameter with the time."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForceTerm:
-    """A force ``coefficient * factors`` in row 0 (X) to 5 (N); factors like ``u``, ``abs(r)``, ``sin(phi)``, ``N``."""
+    """A force ``coefficient * factors`` in row 0 (X) to 5 (N), with factors such as ``u``, ``abs(r)``, ``sin(phi)``
+    and ``N``.
+    """
 
     row: int
     coefficient: float
@@ -48,7 +52,7 @@ class ForceTerm:
 
     @property
     def text(self) -> str:
-        """The product as text that is valid in Python and in MATLAB."""
+        """The product as an expression that is valid in Python and in MATLAB."""
         return " * ".join((f"({self.coefficient!r})", *self.factors))
 
 
@@ -58,7 +62,7 @@ class MotionEquations:
 
     Attributes
     ----------
-    rows : indices of the equations that exist, of six.
+    rows : indices (0 to 5) of the equations that exist.
     inertia : M (6, 6), zero in other rows.
     rigid : rigid-body part of M (6, 6), zero if only the sum is known.
     terms : all forces, including those of the inputs.
@@ -66,7 +70,7 @@ class MotionEquations:
     full : channel -> value at full output, if known.
     delay, lag : channel -> seconds.
     parameters : (name, value, unit, standard error) of the model, the error NaN if unknown.
-    left : sentences about parts of the model that are not in these equations.
+    left : sentences about elements of the model that are not in these equations.
     """
 
     name: str
@@ -84,13 +88,15 @@ class MotionEquations:
 
     @property
     def identifier(self) -> str:
-        """The name as a valid identifier."""
+        """Name of the model as a valid identifier."""
         plain = re.sub(r"\W+", "_", self.name).strip("_").lower() or "craft"
         return plain if plain[0].isalpha() else f"craft_{plain}"
 
     def acceleration(self, nu: Array, eta: Array, inputs: Mapping[str, float]) -> Array:
-        """Return nu_dot (6,) for velocity *nu* (6,), position *eta* (6,) and inputs; zero for rows not in
-        :attr:`rows`."""
+        """Return nu_dot (6,) for the velocity *nu* (6,), position *eta* (6,) and *inputs*.
+
+        It is zero in rows not in :attr:`rows`.
+        """
         known = dict(zip(STATES, nu, strict=True)) | dict(zip(POSITIONS, eta, strict=True)) | dict(inputs)
         force = np.zeros(6)
         for term in self.terms:
@@ -115,7 +121,7 @@ def _value(factor: str, known: Mapping[str, float]) -> float:
 def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> MotionEquations:
     """Return the equations of the model in *file*, including effects that are forces, delays or lags.
 
-    full_scale : input -> value at full output; overrides the file.
+    full_scale : input -> value at full output. It overrides the value in *file*.
 
     Raises
     ------

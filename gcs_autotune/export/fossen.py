@@ -11,7 +11,9 @@ __all__ = ["to_fossen"]
 
 
 def to_fossen(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return a Python file with the class; it needs NumPy only and contains all parts of the equations."""
+    """Return the text of a Python file with the class, and an empty tuple, because no element of the equations is
+    omitted. The file needs NumPy only.
+    """
     inputs = tuple(equations.inputs)
     rows = list(equations.rows)
     lines = "\n".join(f"        tau[{t.row}] += {t.text.replace('sin(', 'np.sin(').replace('cos(', 'np.cos(')}"

@@ -1,7 +1,9 @@
-"""Gazebo (gz-sim): the Hydrodynamics plugin's element, in the frame of a link with axes forward, left and up.
+"""Export a model to Gazebo (gz-sim), as an element of the Hydrodynamics plugin.
 
-Its coefficients are SNAME's, negative for damping: ``xU`` times u, ``xUabsU`` times u |u|, ``xUV`` times u v, ``xDotU``
-the added mass. The change of axis from down to up changes the sign of v, w, q, r and of Y, Z, M, N.
+The axes of the link are forward, left and up.
+
+The coefficients of the plugin are SNAME's, negative for damping: ``xU`` times u, ``xUabsU`` times u |u|, ``xUV`` times
+u v, ``xDotU`` the added mass. The change of axis from down to up changes the sign of v, w, q, r and of Y, Z, M, N.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ _SIZE = re.compile(r"abs\((\w)\)")
 
 
 def to_gazebo(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return the plugin's element for a ``<model>``, and sentences about what the plugin cannot express."""
+    """Return the XML element of the plugin for a ``<model>``, and sentences about what the plugin cannot express."""
     found: dict[str, float] = {}
     left: list[str] = []
     added = equations.inertia - equations.rigid

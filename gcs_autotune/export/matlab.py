@@ -8,7 +8,10 @@ __all__ = ["to_matlab"]
 
 
 def to_matlab(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return a ``.m`` file; delays and lags are constants at its start, which the caller must apply."""
+    """Return the text of a ``.m`` file, and sentences about delays and lags.
+
+    These are constants at the start of the file, which the caller must apply.
+    """
     inputs = tuple(equations.inputs)
     late = [
         f"the {what} of {c}, {s:.6g} s (a number in the file, to be applied to the input)"

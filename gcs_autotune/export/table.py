@@ -12,7 +12,7 @@ __all__ = ["to_csv"]
 
 
 def to_csv(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return the parameters as ``name,value,unit,std`` rows, and an empty list of omissions.
+    """Return a CSV text with rows ``name,value,unit,std``, and an empty tuple of omissions.
 
     An unknown standard error is an empty cell.
     """

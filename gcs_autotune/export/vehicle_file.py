@@ -1,8 +1,8 @@
-"""A vehicle file for this project's simulator.
+"""Export a model as a vehicle file for this project's simulator.
 
-The simulator runs with its own autopilot model, or as external physics of ArduPilot (--ardupilot-json). The hull is the
-model's. Sensors, link and parameters are those of a craft in the table: the BlueROV2 for a craft that dives, the
-BlueBoat for a craft on the surface with two thrusters.
+The simulator runs with its own autopilot model, or as external physics of ArduPilot (--ardupilot-json). The hull is
+that of the model. Sensors, link and parameters are those of a craft in the simulator's table: the BlueROV2 for a craft
+that dives, the BlueBoat for a craft on the surface with two thrusters.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from gcs_autotune.models import FORCES
 __all__ = ["to_vehicle_file"]
 
 AXES = {"surge": (0, "u", "X"), "sway": (1, "v", "Y"), "heave": (2, "w", "Z"), "yaw": (5, "r", "N")}
-"""Table of the vehicle file -> row of the equations, velocity, input."""
+"""Table of the vehicle file -> row of the equations, velocity and input."""
 PLANE = ("u", "v", "r")
 
 
 def to_vehicle_file(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
-    """Return the TOML text, and sentences about omitted parts.
+    """Return the TOML text of the vehicle file, and sentences about omitted elements of the model.
 
     Raises
     ------

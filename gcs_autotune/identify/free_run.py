@@ -339,7 +339,7 @@ def _observable(state: str, record: Segment) -> bool:
 
 
 def residual_statistics(trace: Trace) -> ResidualStatistics:
-    """Return the statistics of the residuals of a trace."""
+    """Return the statistics of the residuals (measured minus fitted) of *trace*."""
     error = trace.measured - trace.fitted
     rms = math.sqrt(float(np.mean(error**2)))
     measured_std = float(np.std(trace.measured))

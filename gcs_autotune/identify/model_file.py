@@ -31,8 +31,10 @@ __all__ = ["ModelFile", "load_model", "model_document", "model_file_of", "save_m
 Array = NDArray[np.float64]
 
 _SLIGHT = 1e-3
-"""Tolerance for a correlation matrix that is not exactly symmetric or positive. Rounding in the fit causes errors of
-1e-6."""
+"""Tolerance for a correlation matrix that is not exactly symmetric or positive.
+
+Rounding in the fit causes errors of 1e-6.
+"""
 
 KINDS = ("extended", "coupled", "single-dof")
 

@@ -116,7 +116,7 @@ class DifferentPair:
 def outlier_runs(
     names: Sequence[str], estimate: Callable[[tuple[int, ...]], CraftEstimate | None], sigmas: float = SIGMAS
 ) -> tuple[OutlierRun, ...]:
-    """Return the runs whose parameters differ from those of the others.
+    """Return one :class:`OutlierRun` for each run whose parameters differ from those of the other runs.
 
     Parameters
     ----------

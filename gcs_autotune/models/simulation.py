@@ -27,13 +27,19 @@ __all__ = ["COLUMNS", "SimulatedMotion", "explicit_parameters", "simulate", "sim
 Array = NDArray[np.float64]
 
 COLUMNS = ("b", "a", "c", "d", "delay", "eta_0", "nu_0")
-"""Order of the sensitivities' columns."""
+"""Names of the columns of the sensitivities, in order."""
 
 DEGREE = 12
-"""Highest degree of the Taylor polynomials; with REACH the error is 0.13**13 = 3e-12 of a step's change."""
+"""Highest degree of the Taylor polynomials.
+
+With :data:`REACH` the error is 0.13**13 = 3e-12 of the change in a step. Project choice.
+"""
 
 REACH = 0.2
-"""Longest step as a fraction of the fastest time constant; the solution's poles are 8 times farther away."""
+"""Longest step, as a fraction of the fastest time constant.
+
+The poles of the solution are 8 times farther away. Project choice.
+"""
 
 LEFT = math.log(0.13) * (DEGREE + 1)
 """Logarithm of the truncation error of a full step of :data:`REACH`.
@@ -42,18 +48,19 @@ A shorter step needs fewer terms of the Taylor polynomial for the same error.
 """
 
 RUNAWAY = 1e9
-"""Velocity at which a simulation with destabilising drag is abandoned."""
+"""Velocity [rad/s or m/s] at which a simulation with destabilising drag is abandoned. Project choice."""
 
 STEPS_PER_SAMPLE = 500
-"""Mean steps per output stamp after which a simulation is abandoned as too stiff."""
+"""Mean number of steps per output stamp above which a simulation is abandoned as too stiff. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedMotion:
-    """A simulated run at the requested timestamps.
+    """A simulated run at the requested stamps.
 
-    ``eta``, ``nu`` : (n,) position [rad or m] and velocity. ``eta_by``, ``nu_by`` : (n, 7) their derivatives by
-    :data:`COLUMNS`. ``finite`` is False if the simulation diverged; the arrays then contain NaN.
+    - ``eta``, ``nu`` (n,): position [rad or m] and velocity [rad/s or m/s].
+    - ``eta_by``, ``nu_by`` (n, 7): derivatives of ``eta`` and ``nu`` by :data:`COLUMNS`.
+    - ``finite``: False if the simulation diverged. The arrays then contain NaN.
     """
 
     eta: Array
@@ -196,7 +203,7 @@ _compiled_sweep: Callable[..., bool] = entry_without_lock(_sweep)
 
 
 def explicit_parameters(model: SingleDof) -> tuple[float, float, float, float, float]:
-    """Return ``(b, a, c, d, delay)`` of *model*; ``alpha`` must not be zero."""
+    """Return the explicit parameters ``(b, a, c, d, delay)`` of *model*, whose ``alpha`` must not be zero."""
     b = 1.0 / model.alpha
     return b, b * model.beta, b * model.beta_quadratic, b * model.delta, model.delay
 
@@ -204,18 +211,22 @@ def explicit_parameters(model: SingleDof) -> tuple[float, float, float, float, f
 def simulate(
     model: SingleDof, t_in: Array, tau: Array, t_out: Array, eta_0: float = 0.0, nu_0: float = 0.0
 ) -> SimulatedMotion:
-    """Simulate *model* from ``(eta_0, nu_0)`` at ``t_out[0]``.
+    """Return the motion of *model*, simulated from ``(eta_0, nu_0)`` at ``t_out[0]``, with its derivatives.
 
     Parameters
     ----------
-    t_in, tau : (m,) stamps [s] and input; each value holds from its stamp to the next, the first also before it.
+    t_in, tau : (m,) stamps [s] and input. Each value is held from its stamp to the next, and the first also applies
+        before it.
     t_out : (n,) non-decreasing timestamps [s] of the output, evenly spaced or not.
     """
     return simulate_explicit((*explicit_parameters(model), eta_0, nu_0), t_in, tau, t_out)
 
 
 def simulate_explicit(p: tuple[float, ...] | Array, t_in: Array, tau: Array, t_out: Array) -> SimulatedMotion:
-    """Simulate the explicit form; *p* contains the seven numbers of :data:`COLUMNS`, with ``delay >= 0``."""
+    """Return the motion of the explicit form, with its derivatives.
+
+    *p* contains the seven values of :data:`COLUMNS`, with ``delay >= 0``.
+    """
     n = len(t_out)
     eta, nu, eta_by, nu_by = np.empty(n), np.empty(n), np.empty((n, 7)), np.empty((n, 7))
     as_floats = np.ascontiguousarray

@@ -1,4 +1,4 @@
-"""The model of one degree of freedom, on which the first flight is based.
+"""The model of one degree of freedom.
 
 ``alpha * nu_dot + (beta + beta_quadratic*|nu|) * nu = tau(t - delay) + delta``, ``eta_dot = nu`` (Miskovic2010, eq.
 (6.33)-(6.35); signs in :mod:`gcs_autotune.sname`).
@@ -24,8 +24,10 @@ SCHEMA = 1
 class SingleDof:
     """Identified model of one degree of freedom.
 
-    ``input_unit`` is ``N m``, ``N``, ``rad`` (rudder) or ``1`` (fraction of full output); the other units follow from
-    it, see ``Dof.parameter_units``. ``delay`` [s] is between input and force.
+    - ``dof``: name of the degree of freedom.
+    - ``input_unit``: ``N m``, ``N``, ``rad`` (rudder) or ``1`` (fraction of full output). The units of the other fields
+      follow from it, see ``Dof.parameter_units``.
+    - ``delay`` [s]: delay between input and force.
     """
 
     dof: str
@@ -38,7 +40,7 @@ class SingleDof:
 
     @property
     def axis(self) -> Dof:
-        """Names of the degree of freedom's motion, force and parameters."""
+        """Definition of the degree of freedom: names of its motion, force and parameters."""
         return DOFS[self.dof]
 
     def steady_velocity(self, tau: float) -> float:
@@ -51,12 +53,11 @@ class SingleDof:
         return math.copysign((-b + math.sqrt(b * b + 4.0 * c * abs(force))) / (2.0 * c), force)
 
     def rise_time(self, tau: float, share: float) -> float:
-        """Return the time [s] from rest to *share* of the steady velocity under *tau*, without ``delta`` and
-        ``delay``.
+        """Return the time [s] from rest to the fraction *share* of the steady velocity under *tau*, without ``delta``
+        and ``delay``.
 
-        For linear drag it is ``alpha / beta`` at ``share = 1 - 1/e``. For quadratic drag it is
-        ``alpha / sqrt(beta_nn |tau|)`` at ``tanh(1)`` (Miskovic2010, (7.8), (7.10)). It is NaN if there is no steady
-        velocity.
+        For linear drag it is ``alpha / beta`` at ``share = 1 - 1/e``. For quadratic drag it is ``alpha / sqrt(beta_nn
+        |tau|)`` at ``tanh(1)`` (Miskovic2010, (7.8), (7.10)). The result is NaN if there is no steady velocity.
         """
         sign = math.copysign(1.0, self.alpha)
         b, c = sign * self.beta, sign * self.beta_quadratic
@@ -66,11 +67,13 @@ class SingleDof:
         return 2.0 * abs(self.alpha) / rate * math.atanh(share * rate / (rate + b - share * b))
 
     def equivalent_drag(self, amplitude: float) -> float:
-        """Return the constant drag with the same first harmonic at velocity *amplitude* (Miskovic2010 (6.43))."""
+        """Return the linear drag coefficient with the same first harmonic at the velocity *amplitude* (Miskovic2010
+        (6.43)).
+        """
         return self.beta + 8.0 / (3.0 * math.pi) * self.beta_quadratic * abs(amplitude)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         return {
             "schema": SCHEMA,
             "model": "single-dof",
@@ -85,7 +88,7 @@ class SingleDof:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> SingleDof:
-        """Rebuild a model from the data of :meth:`to_dict`.
+        """Return the model that :meth:`to_dict` wrote as *data*.
 
         Raises
         ------

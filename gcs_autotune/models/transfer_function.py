@@ -19,10 +19,10 @@ __all__ = ["TransferFunction"]
 class TransferFunction:
     """A transfer function with integrators and delay.
 
-    - ``numerator``: b_0..b_m.
-    - ``denominator``: a_0..a_n, both in rising powers of s (Miskovic2010 (6.7)).
-    - ``integrators``: their number.
-    - ``delay``: [s].
+    - ``numerator``: coefficients b_0..b_m in rising powers of s (Miskovic2010 (6.7)).
+    - ``denominator``: coefficients a_0..a_n in rising powers of s.
+    - ``integrators``: number of integrators.
+    - ``delay`` [s]: delay of the input.
     """
 
     numerator: tuple[float, ...]
@@ -49,7 +49,7 @@ class TransferFunction:
     def to_control(self, pade: int = 0) -> control.TransferFunction:
         """Return the transfer function for the ``control`` library.
 
-        The delay is a Pade approximation of that order; 0 omits it.
+        pade : order of the Pade approximation of the delay; 0 omits the delay.
         """
         import control
 
@@ -58,7 +58,7 @@ class TransferFunction:
         return system * control.tf(*control.pade(self.delay, pade)) if pade and self.delay else system
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         return {
             "schema": 1,
             "model": "transfer-function",
@@ -70,6 +70,6 @@ class TransferFunction:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TransferFunction:
-        """Rebuild a transfer function from the data of :meth:`to_dict`."""
+        """Return the transfer function that :meth:`to_dict` wrote as *data*."""
         b, a = (tuple(float(v) for v in data[k]) for k in ("numerator", "denominator"))
         return cls(b, a, int(data["integrators"]), float(data["delay"]))

@@ -1,8 +1,8 @@
 """Natural frequency and damping of the flown heading, depth or speed loop, from relays on its set-point.
 
-Two relays of different size give (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1) from commanded to actual heading
-(Miskovic2010, (6.49), (6.52)), or from commanded to actual depth or speed. The loop is fitted to the whole record,
-starting at two harmonics of each period.
+Two relays of different size determine the transfer function (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1) from commanded
+to actual heading, depth or speed (Miskovic2010, (6.49), (6.52)). The loop is fitted to the whole record, starting at
+two harmonics of each period.
 """
 
 from __future__ import annotations
@@ -34,45 +34,54 @@ __all__ = ["closed_loop_sheet"]
 Array = NDArray[np.float64]
 NAN = math.nan
 STEP = 0.05
-"""Time step [s] of the simulation; a loop closed through a link is far slower."""
+"""Time step [s] of the simulation. Project choice: a loop closed through a link is far slower."""
 LOST, NUDGE, SLOPE_STEP = 1e6, 1e-4, 1e-5
 MOST_DELAY = 1.0
-"""Largest delay [s]; a longer one belongs to the loop itself.
+"""Largest delay [s] that is fitted. Project choice: a longer delay belongs to the loop itself.
 
 A limit on the turn's acceleration looks like such a delay.
 """
 FOLLOWED = 0.9
-"""Least fraction of the motion that a linear loop must explain; without saturation it usually explains more."""
-DISTINCT = 0.05
-"""Difference between the fits of two relays above which a cause is reported."""
-SPAN = 1e3
-"""Range of a coefficient, relative to the relay's frequency (to the power of its order).
+"""Least fraction of the motion that a linear loop must explain.
 
-A faster pole has no visible effect.
+Project choice: without saturation it usually explains more.
+"""
+DISTINCT = 0.05
+"""Relative difference between the fits of two relays above which a cause is reported. Project choice."""
+SPAN = 1e3
+"""Range of a coefficient, relative to the relay's frequency (to the power of the coefficient's order).
+
+Project choice. A faster pole has no visible effect.
 """
 SHORT, LONG = 40, 400
-"""Maximum number of cost evaluations from each start, and for the best fit until convergence.
+"""Maximum number of cost evaluations from each start, and for the best fit until convergence. Project choice.
 
 A slow integral with a zero and a delay makes the cost nearly flat.
 """
 SATURATED, OFTEN = 0.98, 0.05
-"""Output that counts as full, and the fraction of time at it above which the loop counts as nonlinear."""
+"""Normalised output that counts as full, and the fraction of time at full output above which the loop counts as
+nonlinear. Project choice.
+"""
 WELL_DAMPED, POORLY_DAMPED = 0.5, 0.3
-"""Limits of the damping ratio.
+"""Limits of the damping ratio for the verdict.
 
-Above WELL_DAMPED a loop overshoots by less than a sixth, below POORLY_DAMPED by more than a third.
+Above ``WELL_DAMPED`` a loop overshoots by less than a sixth, below ``POORLY_DAMPED`` by more than a third. Project
+choice.
 """
 LARGE_OVERSHOOT = 0.2
-"""Overshoot of a step that counts as large; it exceeds a sixth by more than its scatter."""
+"""Overshoot of a step that counts as large.
+
+Project choice: it exceeds a sixth by more than the scatter of the overshoot.
+"""
 
 
 def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
-    """Return the figures of the loop in a run of relays on its set-point.
+    """Return the sheet of figures of the closed loop, from a run of relays on its set-point.
 
     Raises
     ------
     NotInformative
-        Too few relays that settled, or no stable loop.
+        There are too few relays that settled, or no stable loop fits the run.
     """
     axis = _axis(run)
     alone = next((m for m in run.marks if m.kind == "oscillation"), None)
@@ -198,7 +207,7 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     jumps /= jumps.max()
 
     def left(theta: Array) -> Array:
-        """Return the residual of the loop with these parameters.
+        """Return the residual of the loop with the parameters *theta*.
 
         The command is averaged over each time step and shifted by the delay. A rate limit of the autopilot on its inner
         reference delays larger changes.
@@ -212,7 +221,7 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     def slopes(theta: Array) -> Array:
         """Return the derivatives of :func:`left` as difference quotients.
 
-        The steps are far larger than its rounding, because slow poles lose half the digits.
+        The steps are far larger than the rounding error of :func:`left`, because slow poles lose half the digits.
         """
         here = left(theta)
         columns = []
@@ -283,7 +292,7 @@ def _step_figures(loop: TransferFunction) -> tuple[Figure, ...]:
 
 
 SETTLED = 0.05
-"""Deviation, relative to the step, within which a signal counts as settled."""
+"""Deviation from the end value, relative to the step, within which a signal counts as settled. Project choice."""
 
 
 def _told(loop: TransferFunction) -> Array:
@@ -341,7 +350,7 @@ def _verdict(damping: tuple[float, float], overshoot: tuple[float, float], axis:
 
 
 def relays_of(run: Trial) -> list[Trial]:
-    """Return the relays of a run one by one, with the commands as ``psi_ref`` [rad], ``z_ref`` or ``u_ref``.
+    """Return one run per relay of *run*, with the command as the channel ``psi_ref`` [rad], ``z_ref`` or ``u_ref``.
 
     Raises
     ------
@@ -373,7 +382,7 @@ def relays_of(run: Trial) -> list[Trial]:
 
 
 def oscillation_of(loop: TransferFunction) -> tuple[float, float]:
-    """Return natural frequency [rad/s] and damping ratio of the slower pair of poles of a stable *loop*."""
+    """Return the natural frequency [rad/s] and the damping ratio of the slower pair of poles of a stable *loop*."""
     poles: Sequence[complex] = sorted(loop.poles(), key=abs)
     pairs = [p for p in poles if p.imag > 1e-9]
     if pairs:

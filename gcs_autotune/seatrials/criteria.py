@@ -29,17 +29,21 @@ __all__ = [
 ]
 
 ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH = 4.5, 5.0, 2.5, 15.0
-"""Largest allowed values in ship lengths (5.3.1, 5.3.2 and, full astern, 5.3.4)."""
+"""Largest allowed values in ship lengths. Source: MSC.137(76), 5.3.1, 5.3.2 and, for a stop with full astern, 5.3.4."""
 
 FIRST_OVERSHOOT_20 = math.radians(25.0)
-"""Largest allowed first overshoot of a 20/20 zig-zag [rad] (5.3.3.3)."""
+"""Largest allowed first overshoot of a 20/20 zig-zag [rad]. Source: MSC.137(76), 5.3.3.3."""
 
 Verdict = Literal["meets", "fails", "open"]
 
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """A criterion: the largest allowed value, in the unit of its figure, and its source."""
+    """A criterion for a figure.
+
+    - ``value``: largest allowed value, in the unit of the figure.
+    - ``source``: where the criterion is defined.
+    """
 
     value: float
     source: str
@@ -49,7 +53,7 @@ class Criterion:
 class Figure:
     """One figure of a sea trial, with its criterion if there is one.
 
-    ``verdict`` is ``open`` without a criterion, and if the limit is within two standard errors of the value.
+    The verdict is ``open`` without a criterion, and also if the limit is within two standard errors of the value.
     """
 
     slug: str
@@ -59,7 +63,7 @@ class Figure:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the figure meets its criterion."""
+        """Whether the figure meets its criterion: ``meets``, ``fails`` or ``open``."""
         if self.limit is None or not math.isfinite(self.reading.value):
             return "open"
         spread = 2.0 * self.reading.std if math.isfinite(self.reading.std) else 0.0
@@ -68,7 +72,7 @@ class Figure:
         return "meets" if self.reading.value <= self.limit.value else "fails"
 
     def to_dict(self) -> dict[str, object]:
-        """Return the figure as plain data for a JSON file."""
+        """Return the figure as data for JSON."""
         return {
             "slug": self.slug,
             "name": self.name,
@@ -84,14 +88,14 @@ class Figure:
 def judged(slug: str, name: str, reading: Reading, limit: float | None = None, source: str = "") -> Figure:
     """Return a figure with its criterion.
 
-    limit : None or NaN if no criterion applies.
+    limit : largest allowed value. None or NaN means that no criterion applies.
     """
     applies = limit is not None and math.isfinite(limit)
     return Figure(slug, name, reading, Criterion(float(limit), f"MSC.137(76) {source}") if applies and limit else None)
 
 
 def first_overshoot_limit(length_over_speed: float) -> float:
-    """Return the largest allowed first overshoot [rad] of a 10/10 zig-zag (5.3.3.1).
+    """Return the largest allowed first overshoot [rad] of a 10/10 zig-zag, MSC.137(76), 5.3.3.1.
 
     length_over_speed : L/V [s].
     """
@@ -99,7 +103,7 @@ def first_overshoot_limit(length_over_speed: float) -> float:
 
 
 def second_overshoot_limit(length_over_speed: float) -> float:
-    """Return the largest allowed second overshoot [rad] of a 10/10 zig-zag (5.3.3.2).
+    """Return the largest allowed second overshoot [rad] of a 10/10 zig-zag, MSC.137(76), 5.3.3.2.
 
     length_over_speed : L/V [s].
     """
@@ -119,9 +123,9 @@ NAN = math.nan
 class Particulars:
     """Data of the ship.
 
-    - ``length``: between perpendiculars [m].
+    - ``length``: length between perpendiculars [m].
     - ``speed``: trial speed [m/s], used if no run contains it.
-    - ``scale``: ship length divided by model length; times scale with its square root (Froude).
+    - ``scale``: ship length divided by model length. Times scale with the square root of the scale (Froude).
     """
 
     length: float = NAN
@@ -129,7 +133,7 @@ class Particulars:
     scale: float = 1.0
 
     def seconds(self, approach: float) -> float:
-        """Return full-scale L/V [s], with the approach speed of the run; without it, with the trial speed."""
+        """Return the full-scale L/V [s] for the speed *approach* [m/s] of the run, or else for the trial speed."""
         speed = approach if approach > 0.0 else self.speed
         return self.length / speed * math.sqrt(self.scale)
 
@@ -143,7 +147,10 @@ class Particulars:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
-    """The figures of one manoeuvre in one run; ``verdict`` its conclusion, or ``""``."""
+    """The figures of one manoeuvre in one run.
+
+    ``verdict``: conclusion about the craft as text, empty if there is none.
+    """
 
     run: str
     manoeuvre: str
@@ -153,7 +160,7 @@ class Sheet:
     doubts: tuple[Doubt, ...]
 
     def to_dict(self) -> dict[str, object]:
-        """Return the sheet as plain data for a JSON file."""
+        """Return the sheet as data for JSON."""
         return {
             "run": self.run,
             "manoeuvre": self.manoeuvre,
@@ -169,24 +176,26 @@ class Sheet:
 
 
 def in_lengths(reading: Reading, ship: Particulars) -> Reading:
-    """Convert a length to ship lengths."""
+    """Return the length *reading* [m] converted to ship lengths."""
     return reading.scaled(1.0 / ship.length, "L")
 
 
 def known(*figures: Figure) -> tuple[Figure, ...]:
-    """Return the figures whose value is known."""
+    """Return those of *figures* whose value is known."""
     return tuple(f for f in figures if math.isfinite(f.reading.value))
 
 
 def per_helm(unit: str, helm: str) -> str:
-    """Return the unit of a quantity [*unit*] per *helm*: ``rad`` for a rudder, ``1`` for a normalised output."""
+    """Return the unit of a quantity in *unit* per helm in *helm* (``rad`` for a rudder, ``1`` for a normalised
+    output).
+    """
     if helm == "rad":
         return {"rad/s": "1/s", "rad": "1"}.get(unit, f"{unit}/rad")
     return unit if helm == "1" else f"{unit}/({helm})"
 
 
 def helm_text(helm: float, unit: str) -> str:
-    """Return a rudder angle for a title: degrees, percent of full output, or the number."""
+    """Return the rudder angle *helm* in *unit* as text for a title: degrees, percent of full output, or the number."""
     if unit == "rad":
         return f"{round(math.degrees(helm))}"
     return f"{round(100.0 * helm)} %" if unit == "1" else f"{helm:.3g}"

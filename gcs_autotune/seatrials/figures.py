@@ -36,21 +36,21 @@ NAN = math.nan
 
 
 def ship_figures(run: Trial, ship: Particulars | None = None, manoeuvre: str | None = None) -> tuple[Sheet, ...]:
-    """Return the figures of every manoeuvre found in a run.
+    """Return one sheet of figures for every manoeuvre that *run* contains.
 
     Parameters
     ----------
-    run : with psi and delta (or N); r, x, y, u, v, U are used if present.
-    ship : for figures in ship lengths and the criteria that depend on L/V.
-    manoeuvre : one of :data:`MANOEUVRES`; None: it is recognised (a reverse spiral or a stop only if requested, or
-        from the run's meta data).
+    run : run with psi and delta (or N). The channels r, x, y, u, v and U are used if present.
+    ship : data of the ship, for figures in ship lengths and criteria that depend on L/V.
+    manoeuvre : name in :data:`MANOEUVRES`. None recognises the manoeuvre. A reverse spiral or a stop is recognised only
+        from the run's metadata.
 
     Raises
     ------
     NotInformative
-        No known manoeuvre; the message states what each one lacks.
+        The run contains no known manoeuvre. The message states what each manoeuvre lacks.
     MissingChannel, BadFile
-        As :func:`gcs_autotune.identify.open_loop.ship_log.ship_log`.
+        :func:`gcs_autotune.identify.open_loop.ship_log.ship_log` raised the error.
     UnknownName
         There is no such manoeuvre.
     """
@@ -195,4 +195,4 @@ MANOEUVRES: Mapping[str, Callable[[Trial, Particulars], Sheet]] = {
 """Name of a manoeuvre -> function that returns its sheet."""
 
 ENDS_IN: Mapping[str, Sequence[str]] = {"turning-circle": ("pull-out",)}
-"""Manoeuvre -> manoeuvres that a complete run of it ends with."""
+"""Manoeuvre -> manoeuvres with which a complete run of it ends."""

@@ -1,7 +1,7 @@
 """Free decay of roll or pitch: period and damping from successive extremes (ITTC 7.5-02-07-04.5).
 
-The method is Froude's. The loss per half cycle over its mean amplitude gives linear damping; its increase with
-amplitude gives quadratic damping.
+The method is Froude's. The loss of amplitude per half cycle, divided by the mean amplitude, determines the linear
+damping. Its increase with amplitude determines the quadratic damping.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ __all__ = ["free_decay_sheet"]
 Array = NDArray[np.float64]
 
 LEAST = 0.05
-"""Size of an extreme, relative to the largest, below which it is discarded as noise."""
+"""Size of an extreme, relative to the largest one, below which it is discarded as noise. Project choice."""
 FEWEST = 4
-"""Minimum number of extremes of a decay."""
+"""Minimum number of extremes of a decay. Project choice."""
 
 
 def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
-    """Return period, natural frequency and damping ratio of the oscillation in a run.
+    """Return the sheet of figures with period, natural frequency and damping ratio of the oscillation in *run*.
 
     Raises
     ------
     MissingChannel
         The run has neither phi nor theta.
     NotInformative
-        Fewer than four extremes after the push.
+        The run contains fewer than four extremes after the push.
     """
     signal = str(run.meta.get("signal", "phi"))
     if signal not in run or len(run[signal]) < 10:

@@ -2,10 +2,10 @@
 
 *Direct* spiral (Dieudonne): the rudder is held at one angle after the other, from one side to the other and back, each
 until the rate is steady. A directionally unstable craft jumps at different angles in the two directions, which gives a
-loop. *Reverse* spiral (Bech): the rate is held and the mean rudder angle for it is read. An unstable craft then has a
-curve with a backward slope. *Pull-out*: the rudder goes amidships from a steady turn. From turns to both sides a stable
-craft comes to the same small rate (its trim and the wind). An unstable one keeps turning in either direction. The
-procedures are ITTC 7.5-04-02-01; stability is defined as in IMO MSC/Circ.1053.
+loop. *Reverse* spiral (Bech): the yaw rate is kept constant and the mean rudder angle is measured. An unstable craft
+then has a curve with a backward slope. *Pull-out*: the rudder goes amidships from a steady turn. After turns to both
+sides, a stable craft has the same small yaw rate (trim and wind). An unstable craft keeps turning in either direction.
+The procedures are ITTC 7.5-04-02-01; stability is defined as in IMO MSC/Circ.1053.
 """
 
 from __future__ import annotations
@@ -39,16 +39,17 @@ __all__ = ["PullOut", "Spiral", "SpiralPoint", "read_pull_out", "read_reverse_sp
 Array = NDArray[np.float64]
 
 CLEAR = 3.0
-"""Number of standard errors from which a loop, a backward slope or a difference is significant."""
+"""Number of standard errors from which a loop, a backward slope or a difference is significant. Project choice."""
 
 Verdict = Literal["stable", "unstable", "undecided"]
 
 
 @dataclass(frozen=True, slots=True)
 class SpiralPoint:
-    """One steady state: helm [unit of the input], yaw rate [rad/s].
+    """One steady state of a spiral.
 
-    ``way``: +1 if the helm was raised to it, -1 if lowered, 0 for neither.
+    - ``helm`` [unit of the input], ``rate`` [rad/s]: helm and yaw rate.
+    - ``way``: +1 if the helm was increased to this value, -1 if it was decreased, 0 for neither.
     """
 
     helm: Reading
@@ -58,13 +59,14 @@ class SpiralPoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spiral:
-    """A spiral's curve and its verdict.
+    """Curve of a spiral, with the verdict on directional stability.
 
     - ``residual_rate`` [rad/s]: for a direct spiral, half the difference of the rates in both directions at zero helm.
-      For a reverse spiral, it is the rate at which the curve crosses zero helm away from the middle. It is 0 for a
-      stable craft.
+      For a reverse spiral, the rate at which the curve crosses zero helm away from the middle. It is 0 for a stable
+      craft.
     - ``width``: helm between the jumps (direct) or between the turning points of the curve (reverse).
-    - ``slope`` [rad/s per unit of helm]: that of the curve at zero, in the direction of the helm; NaN inside a loop.
+    - ``slope`` [rad/s per unit of helm]: slope of the curve at zero helm, in the direction of the helm; NaN inside a
+      loop.
     """
 
     run: str
@@ -78,12 +80,12 @@ class Spiral:
 
 
 def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
-    """Return the direct spiral in a run.
+    """Return the direct spiral in *trial*.
 
     Raises
     ------
     NotInformative
-        Fewer than three steady helm angles in each direction.
+        There are fewer than three steady helm angles in each direction.
     """
     orders = [m.t for m in trial.marks if m.kind == "execute"]
     trial = steered(trial)
@@ -182,14 +184,14 @@ def _central_slope(points: Sequence[SpiralPoint]) -> float:
 
 
 def read_reverse_spiral(trial: Trial, log: ShipLog) -> Spiral:
-    """Return the reverse spiral in a run: stretches of steady yaw rate, and the mean helm of each.
+    """Return the reverse spiral in *trial*, from stretches of steady yaw rate and the mean helm of each stretch.
 
-    The stretches are those between the trial's marks ``rate``, if it has any.
+    The stretches are those between the marks ``rate`` of *trial*, if it has any.
 
     Raises
     ------
     NotInformative
-        Fewer than five steady rates to both sides.
+        There are fewer than five steady rates, or none to one side.
     """
     measured = log.channel("r")
     if measured is not None:
@@ -247,20 +249,21 @@ def read_reverse_spiral(trial: Trial, log: ShipLog) -> Spiral:
 
 
 AMIDSHIPS = 0.15
-"""Helm that counts as amidships, relative to the helm before it."""
+"""Largest helm that counts as amidships, relative to the helm before it. Project choice."""
 
 SMALL = 0.02
-"""Residual rate, relative to that of the turn, below which the craft has stopped turning."""
+"""Residual yaw rate, relative to that of the turn, below which the craft has stopped turning. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PullOut:
     """Residual turning after the helm went amidships.
 
-    - ``after_starboard``, ``after_port`` [rad/s]: residual yaw rates after a turn to that side, NaN if not flown.
-    - ``turning`` [rad/s]: mean rate of the turns before.
-    - ``residual``: half the difference of both sides, zero for a stable craft.
-    - ``offset``: their mean, due to trim and wind.
+    - ``after_starboard``, ``after_port`` [rad/s]: residual yaw rates after a turn to starboard and to port, NaN if not
+      flown.
+    - ``turning`` [rad/s]: mean yaw rate of the turns before the pull-outs.
+    - ``residual``: half the difference of the two residual rates, zero for a stable craft.
+    - ``offset``: mean of the two residual rates, due to trim and wind.
     """
 
     run: str
@@ -274,7 +277,7 @@ class PullOut:
 
 
 def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
-    """Return the pull-outs of a run.
+    """Return the pull-outs in *trial*.
 
     Raises
     ------

@@ -25,26 +25,28 @@ __all__ = ["stopping_sheet"]
 Array = NDArray[np.float64]
 
 ENDED, HALF = 0.1, 0.5
-"""Fractions of the approach speed at which the craft counts as stopped, and for the half-speed figures."""
+"""Fractions of the approach speed at which the craft counts as stopped, and for the half-speed figures.
+
+Project choice.
+"""
 NO_THRUST = 0.05
-"""Thrust that counts as zero, relative to the thrust of the approach. It is set by hand."""
+"""Largest thrust that counts as zero, relative to the thrust of the approach. Project choice."""
 FULL_ASTERN = 0.1
-"""Quantile of the thrust during a stop that is reported as thrust astern; thrust builds up slowly. It is set by
-hand."""
+"""Quantile of the thrust during a stop that is reported as thrust astern. Project choice: thrust builds up slowly."""
 BEFORE = 3.0
-"""Longest part of the approach [s] from which its speed is calculated."""
+"""Longest interval before the stop [s] from which the approach speed is calculated. Project choice."""
 WIDTH = 2.0
-"""Length of the window [s] of positions or speeds for one figure."""
+"""Length [s] of the window of positions or speeds for one figure. Project choice."""
 NAN = math.nan
 
 
 def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
-    """Return the figures of the stop in a run.
+    """Return the sheet of figures of the stop in *run*.
 
     Raises
     ------
     MissingChannel
-        No thrust X, no speed u, or no positions.
+        The run has no thrust X, no speed u, or no positions.
     NotInformative
         The thrust is never removed at a steady speed ahead.
     """

@@ -26,7 +26,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Current:
-    """Steady drift of the water over the ground, north and east [m/s], with the standard error of each."""
+    """Steady current of the water over the ground.
+
+    - ``north``, ``east`` [m/s]: components.
+    - ``std`` [m/s]: standard error of each component.
+    """
 
     north: float
     east: float
@@ -39,12 +43,17 @@ class Current:
 
 
 STILL = Current(0.0, 0.0, math.nan)
-"""Current of zero, also used if none is identifiable."""
+"""Current of zero, which is also used if no current can be identified."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Positions through the water: stamps (n,) [s], north and east (n,) [m], heading (n,) [rad] at the same stamps."""
+    """Positions through the water.
+
+    - ``t`` (n,) [s]: stamps.
+    - ``x``, ``y`` (n,) [m]: north and east.
+    - ``psi`` (n,) [rad]: heading.
+    """
 
     t: Array
     x: Array
@@ -52,12 +61,14 @@ class Track:
     psi: Array
 
     def without(self, current: Current, origin: float) -> Track:
-        """Return the track with the current removed; unchanged at time *origin* [s]."""
+        """Return the track with *current* removed. The position at the time *origin* [s] stays unchanged."""
         since = self.t - origin
         return Track(self.t, self.x - current.north * since, self.y - current.east * since, self.psi)
 
     def at(self, t: float, width: float) -> tuple[float, float, float]:
-        """Return north, east [m] at *t* and their standard error, from local quadratics over *width* [s]."""
+        """Return north and east [m] at the time *t* [s] with their standard error [m], from local quadratics over
+        *width* [s].
+        """
         keep = np.abs(self.t - t) <= 0.5 * width
         if int(keep.sum()) < 5:
             keep = np.zeros(len(self.t), dtype=bool)
@@ -69,7 +80,7 @@ class Track:
 
 
 def track_of(log: ShipLog) -> Track:
-    """Return the track of a run.
+    """Return the track of the run *log*.
 
     Raises
     ------
@@ -107,23 +118,28 @@ def current_of(track: Track, start: float, end: float) -> Current | None:
 
 
 AMIDSHIPS, STRAIGHT = 0.15, 0.1
-"""Largest helm and yaw rate of an approach, relative to those of the turn."""
+"""Largest helm and largest yaw rate of an approach, relative to those of the turn. Project choice."""
 
 LAST = 5.0
-"""Length of the approach [s] for speed and course, if the run contains the time of execute."""
+"""Length of the approach [s] for speed and course, if the run contains the time of execute. Project choice."""
 
 SETTLED_TURN = math.pi
-"""Change of heading [rad] after which a turn counts as steady; ITTC requires 540 degrees in total."""
+"""Change of heading [rad] after which a turn counts as steady. Project choice: ITTC requires 540 degrees in total."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurningCircle:
-    """Figures of one turning circle.
+    """Figures of one turning circle. NaN marks figures for which the turn was too short.
 
-    ``rudder`` [unit of the input]; ``turned`` [rad] in total; ``advance``, ``transfer`` at 90 degrees,
-    ``tactical diameter`` at 180, ``steady diameter`` [m]; times to 90 and 180 [s]; ``approach`` and ``steady`` speed
-    [m/s] through the water, ``speed_loss`` the part lost; ``drift`` angle [rad], positive with the bow inside the turn;
-    ``rate`` [rad/s]; ``current`` what was taken out. NaN where the turn was too short for it.
+    - ``rudder`` [unit of the input]: rudder angle.
+    - ``turned`` [rad]: total change of heading.
+    - ``advance``, ``transfer`` [m]: at 90 degrees of heading change.
+    - ``tactical_diameter`` [m]: at 180 degrees; ``steady_diameter`` [m]: of the steady turn.
+    - ``time_90``, ``time_180`` [s]: times to 90 and 180 degrees of heading change.
+    - ``approach`` and ``steady`` speed [m/s] through the water, and ``speed_loss``, the fraction of speed that is lost.
+    - ``drift``: drift angle [rad], positive with the bow inside the turn.
+    - ``rate`` [rad/s]: steady yaw rate.
+    - ``current``: current that was removed.
     """
 
     run: str
@@ -147,9 +163,10 @@ class TurningCircle:
 
 
 def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCircle:
-    """Return the figures of the turning circle in a run.
+    """Return the figures of the turning circle in the run *log*.
 
-    orders : times of execute [s], if the run contains them; the turn is then the longest between two of them.
+    orders : times of execute [s], if the run contains them. The turn is then the longest one between two of these
+        times.
 
     Raises
     ------
@@ -332,9 +349,9 @@ def _steady(track: Track, start: float, end: float, side: float) -> dict[str, Re
 
 
 GAINED, GAINED_STDS = 0.02, 2.0
-"""Limits of a speed gained in a turn: relative, and in standard errors.
+"""Limits of an increase of speed in a turn: relative, and in standard errors.
 
-A gain above both indicates that the approach was not yet steady.
+Project choice. An increase above both indicates that the approach was not yet steady.
 """
 
 

@@ -51,35 +51,36 @@ __all__ = ["ZigZagFigures", "read_zigzag", "zigzag_sheet"]
 Array = NDArray[np.float64]
 
 SLOW = 0.5
-"""Duration of a helm reversal, relative to a half period, above which a run is not a zig-zag."""
+"""Duration of a helm reversal, relative to a half period, above which a run is not a zig-zag. Project choice."""
 
 WIDEST, MOST = math.radians(100.0), 0.75
-"""Limits for recognising a zig-zag.
+"""Limits for recognising a zig-zag. Project choice.
 
-WIDEST: largest mean change of heading. MOST: least fraction of reversals at which the heading is on the correct side.
+- ``WIDEST``: largest mean change of heading [rad].
+- ``MOST``: least fraction of reversals at which the heading is on the correct side.
 """
 
 BEND = 3
-"""Degree of the polynomials in time that approximate the track of the first turn."""
+"""Degree of the polynomials in time that approximate the track of the first turn. Project choice."""
 UNEVEN = 0.15
-"""Relative spread of the headings at the executes above which a doubt is reported."""
+"""Relative spread of the headings at the executes above which a doubt is reported. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZigZagFigures:
-    """Figures of one zig-zag; all angles are positive, whatever the sign of the rudder.
+    """Figures of one zig-zag. All angles are positive, whatever the sign of the rudder. NaN means unknown.
 
     - ``rudder``: mean helm to the positive and to the negative side [unit of the input].
     - ``heading``: mean change of heading at the executes [rad].
     - ``sense``: +1 if a positive input turns to starboard, else -1.
-    - ``overshoots`` [rad]: additional heading after the second, third, ... execute.
-    - ``times_to_check`` [s]: from those executes to the extreme heading.
-    - ``initial_turning_time`` [s]: from first to second execute.
+    - ``overshoots`` [rad]: additional change of heading after the second, third, ... execute.
+    - ``times_to_check`` [s]: from these executes to the extreme heading.
+    - ``initial_turning_time`` [s]: from the first to the second execute.
     - ``reach`` [s]: from the first execute until the heading is back at the initial one.
     - ``period`` [s]: between executes of the same sign.
-    - ``distance`` [m]: along the track from first to second execute.
-    - ``approach`` [m/s]: speed before the first.
-    - ``L`` [m]: length. NaN if unknown.
+    - ``distance`` [m]: along the track from the first to the second execute.
+    - ``approach`` [m/s]: speed before the first execute.
+    - ``L`` [m]: length of the craft.
     - ``approach_psi`` [rad]: initial heading.
     """
 
@@ -102,18 +103,20 @@ class ZigZagFigures:
 
     @property
     def helm(self) -> float:
-        """Mean magnitude of the helm, relative to the middle between both sides."""
+        """Mean magnitude of the helm [unit of the input], relative to the middle between both sides."""
         return 0.5 * (self.rudder[0] + self.rudder[1])
 
 
 def heading_at(log: ShipLog, t: float, start: float, end: float, degree: int = 2) -> LocalFit | None:
-    """Return a local polynomial of the heading near *t* from the samples in [start, end]; None if there are too few."""
+    """Return a local polynomial of the heading about *t* from the samples in [start, end], or None if there are too
+    few.
+    """
     s, psi = log.heading(start, end)
     return local_fit(s, psi, t, degree, log.floor) if len(s) >= degree + 3 else None
 
 
 def read_zigzag(log: ShipLog) -> ZigZagFigures:
-    """Return the figures of the zig-zag in a run.
+    """Return the figures of the zig-zag in the run *log*.
 
     Raises
     ------
@@ -315,7 +318,7 @@ NAN = math.nan
 
 
 def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
-    """Return the figures of a zig-zag, with Nomoto's indices from the same run."""
+    """Return the sheet of figures of the zig-zag in *run*, with Nomoto's indices from the same run."""
     z = read_zigzag(log)
     helm = z.helm
     nominal = _nominal(z)
@@ -381,7 +384,10 @@ def _angles(run: Trial, z: ZigZagFigures, unit: str) -> str:
 
 
 HELM_NEAR, HEADING_NEAR = 0.1, 1.0 / 6.0
-"""Relative difference from a multiple of 5 degrees within which a rudder angle or heading counts as that angle."""
+"""Relative differences from a multiple of 5 degrees within which a rudder angle and a heading count as that multiple.
+
+Project choice.
+"""
 
 
 def _ordered(angle: float, near: float) -> float:

@@ -1,4 +1,4 @@
-"""Thrusters: fit pull tests and open-water tests to force maps, and convert a required force to a command.
+"""Thrusters: fit force maps to pull tests and open-water tests, and convert a required force to a command.
 
 ``pull_test`` reads the table, ``map_fit`` fits a :class:`ThrusterMap` to it and selects its structure. ``propeller``
 fits K_T(J), K_Q(J) and C_n, C_v, C_T.

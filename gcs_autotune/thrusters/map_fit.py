@@ -1,7 +1,7 @@
-"""Thruster mapping: the characteristic of Miskovic2010, eq. (2.8) fitted to a pull test.
+"""Fit a thruster map, the characteristic of Miskovic2010, eq. (2.8), to a pull test.
 
-Each candidate structure (dead zone, shape) is fitted by least squares with a monotonically rising map. The Bayesian
-information criterion selects one.
+Each candidate structure (dead zone, shape) is fitted by least squares, so that the force rises with the command. The
+Bayesian information criterion selects one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["MapCandidate", "ThrusterFit", "fit_thruster", "map_doubts"]
 Array = NDArray[np.float64]
 
 SURE = 1e-3
-"""False-alarm probability of each test; a lower p-value raises a doubt."""
+"""False-alarm probability of each test. A lower p-value raises a doubt. Project choice."""
 
 
 def map_doubts(
@@ -37,9 +37,10 @@ def map_doubts(
     structure: MapStructure,
     noise: float,
 ) -> tuple[Doubt, ...]:
-    """Return the doubts about a map.
+    """Return the doubts about the map *thruster* fitted to *pulls*.
 
-    fitted : (n,) forces of the map for the pulls. noise : standard deviation of one pull [N].
+    fitted : (n,) forces of the map for the pulls.
+    noise : standard deviation of one pull [N].
     """
     found: list[Doubt] = []
     error = pulls.force - fitted
@@ -112,18 +113,21 @@ def _uneven(fitted: Array, error: Array) -> float:
 
 
 STARTS = 3
-"""Number of best points of the grid of edges at which a search starts.
+"""Number of the best points of the grid of edges at which a search starts.
 
-Several are needed because the cost has kinks where an edge passes a pull.
+Project choice. Several are needed because the cost has kinks where an edge passes a pull.
 """
 
 GRID = (1, 21, 13)
-"""Number of start values of each edge parameter, for no, one and two edge parameters."""
+"""Number of start values of each edge parameter, for no, one and two edge parameters. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapCandidate:
-    """One fitted structure, with the numbers for the selection; ``rms`` [N]."""
+    """One fitted structure, with the numbers for the selection.
+
+    ``rms`` [N]: root mean square residual.
+    """
 
     structure: str
     rms: float
@@ -135,9 +139,9 @@ class MapCandidate:
 class ThrusterFit:
     """A thruster map with its uncertainty.
 
-    - ``covariance`` (7, 7): in the order of ``parameters``, ``a_f b_f a_b b_b x_f x_b offset``.
-    - ``offset``: the dynamometer's zero [N], which is not part of the map.
-    - ``noise``: the standard deviation of one pull [N].
+    - ``covariance`` (7, 7): covariance of ``parameters``, in the order ``a_f b_f a_b b_b x_f x_b offset``.
+    - ``offset``: zero error of the dynamometer [N], which is not included in the map.
+    - ``noise``: standard deviation of one pull [N].
     """
 
     map: ThrusterMap
@@ -151,7 +155,7 @@ class ThrusterFit:
     pulls: PullTest
 
     def to_dict(self) -> dict[str, object]:
-        """Return the fit as plain data for a JSON file."""
+        """Return the fit as data for JSON."""
         return {
             "schema": 1,
             "source": self.pulls.name,
@@ -185,18 +189,18 @@ class _Solved:
 def fit_thruster(
     pulls: PullTest, *, neutral: float | None = None, structure: MapStructure | None = None
 ) -> ThrusterFit:
-    """Fit the map of one thruster.
+    """Return the map of one thruster, fitted to *pulls*.
 
     Parameters
     ----------
-    neutral : command of zero force, if known. Otherwise it is 0 for commands of both signs, and fitted for others
-        (pulse widths).
-    structure : structure of the map; None: it is selected by evidence.
+    neutral : command of zero force, if known. None means 0 for commands of both signs. For other commands (pulse
+        widths) the neutral command is then fitted.
+    structure : structure of the map. None selects it by the Bayesian information criterion.
 
     Raises
     ------
     NotInformative
-        Too few pulls for any structure.
+        There are too few pulls for any structure.
     """
     direction = _direction(pulls)
     x, scale = direction * pulls.command, float(np.std(pulls.force))

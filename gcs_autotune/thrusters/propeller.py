@@ -1,10 +1,10 @@
 """Propellers in moving water: K_T(J) and K_Q(J) of Gomes2003, (10)-(17), and bilinear thrust of ZhaoUSV, (4)-(5).
 
-Gomes2003 prints ``K_T`` in (11); its (13) and (17) have the correct ``K_Q``. The two publications regress ratios
-``T/(rho D^4 |n| n)`` on ``J``. At slow rotation the ratio is mostly noise, but has the same weight as at fast rotation.
-Here the forces themselves are fitted. With ``J = V_A/(n D)``, (16) becomes
-``T = rho (alpha_1 D^4 |n| n + alpha_2 D^3 |n| V_A)``. It is linear in the coefficients, and the noise remains that of
-the scale.
+Gomes2003 prints ``K_T`` in (11); its (13) and (17) have the correct ``K_Q``. The two publications regress the ratio
+``T/(rho D^4 |n| n)`` on ``J``. At slow rotation this ratio is mostly noise, but has the same weight as at fast
+rotation. This module therefore fits the forces themselves. With ``J = V_A/(n D)``, (16) becomes ``T = rho (alpha_1 D^4
+|n| n + alpha_2 D^3 |n| V_A)``. This equation is linear in the coefficients, and its noise is that of the measured
+force.
 """
 
 from __future__ import annotations
@@ -30,8 +30,13 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenWaterTest:
-    """Runs of one propeller, all (k,): ``n`` [rad/s], advance speed ``V_A`` [m/s], thrust ``T`` [N], torque ``Q`` [N
-    m]."""
+    """Runs of one propeller in an open-water test, all arrays (k,).
+
+    - ``n`` [rad/s]: rotation speed.
+    - ``V_A`` [m/s]: advance speed.
+    - ``T`` [N]: thrust.
+    - ``Q`` [N m]: torque, None if not measured.
+    """
 
     n: Array
     V_A: Array
@@ -41,12 +46,14 @@ class OpenWaterTest:
 
 @dataclass(frozen=True, slots=True)
 class OpenWater:
-    """``K_T = sum alpha_i J^i``, ``K_Q = sum beta_i J^i``.
+    """Open-water characteristic of a propeller, ``K_T = sum alpha_i J^i`` and ``K_Q = sum beta_i J^i``.
 
-    The constant is first; ``beta`` is empty without torque.
-
+    - ``alpha``: coefficients of ``K_T``, the constant first.
+    - ``beta``: coefficients of ``K_Q``, the constant first. It is empty without torque.
     - ``D`` [m]: diameter.
-    - ``rho`` [kg/m^3]: density. Coefficients are for revolutions per second, as in (10)-(12).
+    - ``rho`` [kg/m^3]: density of the water.
+
+    Coefficients are for revolutions per second, as in Gomes2003 (10)-(12).
     """
 
     D: float
@@ -55,34 +62,43 @@ class OpenWater:
     beta: tuple[float, ...] = ()
 
     def K_T(self, J: ArrayLike) -> Array:  # noqa: N802 (the field's own name)
-        """Return the thrust coefficient (Gomes2003, (14))."""
+        """Return the thrust coefficient K_T at the advance number *J* (any shape), Gomes2003, (14)."""
         return _polynomial(self.alpha, J)
 
     def K_Q(self, J: ArrayLike) -> Array:  # noqa: N802
-        """Return the torque coefficient (Gomes2003, (15))."""
+        """Return the torque coefficient K_Q at the advance number *J* (any shape), Gomes2003, (15)."""
         return _polynomial(self.beta, J)
 
     def efficiency(self, J: ArrayLike) -> Array:
-        """Return thrust power over shaft power, ``T V_A/(2 pi n Q)``, which is ``J K_T/(2 pi K_Q)`` by (10)-(13)."""
+        """Return the efficiency ``T V_A/(2 pi n Q)``, which is ``J K_T/(2 pi K_Q)`` by Gomes2003, (10)-(13)."""
         result: Array = np.asarray(J, dtype=np.float64) * self.K_T(J) / (TURN * self.K_Q(J))
         return result
 
     def thrust(self, n: ArrayLike, V_A: ArrayLike) -> Array:
-        """Return the thrust ``T`` [N] by (16); *n* [rad/s], *V_A* [m/s]. At ``n = 0`` only the ``J^2`` term remains."""
+        """Return the thrust ``T`` [N] at *n* [rad/s] and *V_A* [m/s], Gomes2003, (16).
+
+        At ``n = 0`` only the ``J^2`` term remains.
+        """
         return _force(self.alpha, self.rho, self.D, 4, n, V_A)
 
     def torque(self, n: ArrayLike, V_A: ArrayLike) -> Array:
-        """Return the torque ``Q`` [N m] by (17)."""
+        """Return the torque ``Q`` [N m] at *n* [rad/s] and *V_A* [m/s], Gomes2003, (17)."""
         return _force(self.beta, self.rho, self.D, 5, n, V_A)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the coefficients as plain data for a file."""
+        """Return the coefficients as data for JSON."""
         return {"schema": 1, "model": "open water", **asdict(self)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PropellerFit:
-    """Coefficients and standard errors; ``noise`` of thrust [N] and torque [N m]; ``model`` is None if bilinear."""
+    """Coefficients fitted to an open-water test.
+
+    - ``kind``: kind of the fit.
+    - ``parameters``: coefficients with standard errors.
+    - ``noise``: standard deviations of thrust [N] (``T``) and torque [N m] (``Q``).
+    - ``model``: open-water characteristic, None for a bilinear fit.
+    """
 
     kind: str
     parameters: Mapping[str, Parameter]
@@ -92,7 +108,7 @@ class PropellerFit:
     doubts: tuple[Doubt, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fit as plain data for a JSON file."""
+        """Return the fit as data for JSON."""
         return {
             "schema": 1,
             "kind": self.kind,
@@ -105,18 +121,19 @@ class PropellerFit:
 
 
 def fit_open_water(test: OpenWaterTest, D: float, *, rho: float = 1000.0, degree: int | None = None) -> PropellerFit:
-    """Fit K_T(J), and K_Q(J) if torque was measured.
+    """Return K_T(J), and K_Q(J) if torque was measured, fitted to *test*.
 
     Parameters
     ----------
     D : diameter [m].
     rho : density of the water [kg/m^3]; that of sea water is 1025.
-    degree : of both polynomials, 1 as in (14)-(15) or 2; None: selected by the Bayesian information criterion.
+    degree : degree of both polynomials: 1 as in Gomes2003 (14)-(15), or 2. None selects it by the Bayesian information
+        criterion.
 
     Raises
     ------
     NotInformative
-        Fewer runs than coefficients, or all runs at one advance number.
+        There are fewer runs than coefficients, or all runs are at one advance number.
     """
     _check(test)
     degrees = (1, 2) if degree is None else (degree,)
@@ -138,7 +155,8 @@ def fit_open_water(test: OpenWaterTest, D: float, *, rho: float = 1000.0, degree
 
 
 def fit_bilinear(test: OpenWaterTest) -> PropellerFit:
-    """Fit ZhaoUSV (4), ``T = C_n n|n| - C_v V_A |n|``, or (5), ``T = C_T n|n|``, whichever the runs support.
+    """Return a fit of ZhaoUSV (4), ``T = C_n n|n| - C_v V_A |n|``, or (5), ``T = C_T n|n|``, whichever the runs
+    support.
 
     ``n`` is in rad/s, so ``C_n`` and ``C_T`` are in N s^2/rad^2, ``C_v`` in N s^2/(m rad). For bollard pulls only
     (``V_A = 0``), (5) is fitted.
@@ -146,7 +164,7 @@ def fit_bilinear(test: OpenWaterTest) -> PropellerFit:
     Raises
     ------
     NotInformative
-        Too few runs.
+        There are too few runs.
     """
     _check(test, advance=False)
     full = np.column_stack([test.n * np.abs(test.n), -test.V_A * np.abs(test.n)])

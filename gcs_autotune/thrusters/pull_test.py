@@ -1,4 +1,4 @@
-"""Pull tests: command against force, as measured with a dynamometer (Miskovic2010, 4.1)."""
+"""Read and write pull tests: command and force, as measured with a dynamometer (Miskovic2010, 4.1)."""
 
 from __future__ import annotations
 
@@ -32,16 +32,20 @@ __all__ = [
 Array = NDArray[np.float64]
 
 COMMANDS = ("n", "command", "pwm", "voltage", "throttle")
-"""Column names of the command, in order of preference."""
+"""Names of columns that may contain the command, in order of preference."""
 
 FORCES = ("T", "force", "thrust", "X", "Z")
-"""Column names of the force, in order of preference."""
+"""Names of columns that may contain the force, in order of preference."""
 
 MIN_PULLS = 5
-"""Minimum number of pulls for a map."""
+"""Minimum number of pulls for a map. Project choice."""
 
 SLACK, GRID = 0.2, 0.1
-"""SLACK: fraction of a bollard run that a load cell's log may lack. GRID: step of the clock search [s]."""
+"""Settings for matching a load cell's log to a bollard run. Project choice.
+
+- ``SLACK``: largest fraction of the run that the log may lack.
+- ``GRID``: step of the search for the clock offset [s].
+"""
 
 _RAW = {"us": "us", "pwm": "us"}
 """Command units that are not converted; a pulse width denotes a stick position, not a duration."""
@@ -49,7 +53,7 @@ _RAW = {"us": "us", "pwm": "us"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PullTest:
-    """Pulls of one thruster: ``command`` (n,) in ``unit``, ``force`` (n,) [N], positive along the thruster."""
+    """Pulls of one thruster: ``command`` (n,) in ``unit``, and ``force`` (n,) [N], positive along the thruster."""
 
     name: str
     command: Array
@@ -75,12 +79,12 @@ class PullTest:
 
 
 def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
-    """Read a CSV table with ``name[unit]`` heads: name -> (unit, values), in SI except pulse widths.
+    """Return name -> (unit, values) of a CSV table with ``name[unit]`` headers, in SI except pulse widths.
 
     Raises
     ------
     BadFile
-        The file is not readable, has no rows, a cell that is no number, or an unknown unit.
+        The file is not readable, has no rows, or contains a cell that is not a number or an unknown unit.
     """
     cells = cells_of(path)
     try:
@@ -100,20 +104,20 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
 def read_pull_test(
     path: Path, *, command: str | None = None, force: str | None = None, pulls: Sequence[float] | None = None
 ) -> PullTest:
-    """Read a pull test from CSV: one row per pull, or a recording with a ``t`` column.
+    """Return the pull test in a CSV file with one row per pull, or in a recording with a ``t`` column.
 
     Consecutive rows of a recording with one command are one pull (their mean force), because samples within a pull are
     not independent. Rows without either value are omitted.
 
     Parameters
     ----------
-    command, force : column names; None: the first of :data:`COMMANDS` and of :data:`FORCES` in the file.
-    pulls : forces [N] of the rows, instead of those in the file.
+    command, force : names of the columns. None takes the first of :data:`COMMANDS` and of :data:`FORCES` in the file.
+    pulls : forces [N] of the rows, which replace those in the file.
 
     Raises
     ------
     BadFile, MissingChannel, NotInformative
-        Not a table; no such columns; too few pulls.
+        The file is not a table, lacks the columns, or has too few pulls.
     """
     columns = read_columns(path)
     n_name, n_unit, n = _column(path, columns, command, COMMANDS, "command")
@@ -137,16 +141,15 @@ def read_pull_test(
 
 
 def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple[list[float], float]:
-    """Return the pull [N] of each level of a flown *table* (:func:`write_pulls`) in a load cell's *log*.
-
-    Also return the offset [s] of the log's clock from the vehicle's. It is the one for which command and squared
-    command explain most of the measured force, to a tenth of a second. A level's pull is the mean from its middle to
-    shortly before its end; NaN if the log does not cover it.
+    """Return the pull [N] of each level of a flown *table* (:func:`write_pulls`), measured in a load cell's *log*, and
+    the clock offset. The clock offset [s] is that of the log from the vehicle. With this offset, command and squared
+    command explain most of the measured force. It is accurate to a tenth of a second. The pull of a level is the mean
+    force from its middle to shortly before its end. It is NaN if the log does not cover the level.
 
     Raises
     ------
     BadFile, MissingChannel, NotInformative
-        Not such tables; the log is shorter than four fifths of the run, or its force never changes.
+        The files are not such tables, the log is shorter than four fifths of the run, or its force never changes.
     """
     levels, cell = read_columns(table), read_columns(log)
     for path, columns, wanted in ((table, levels, ("from", "to")), (log, cell, ("t",))):
@@ -186,7 +189,7 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
 
 
 def write_pulls(run: Trial, force: str, path: Path) -> None:
-    """Write the levels of a bollard run as a table of pulls, to be completed with the forces.
+    """Write the command levels of a bollard run to *path* as a table of pulls. The user adds the measured forces.
 
     ``command``: the actuator output, as the mean over the second half of the level. ``from`` and ``to`` [s]: begin and
     end of the level on the vehicle's clock.
@@ -208,12 +211,13 @@ def write_pulls(run: Trial, force: str, path: Path) -> None:
 
 
 def read_open_water(path: Path) -> OpenWaterTest:
-    """Read an open-water test: columns ``n``, ``V_A``, ``T`` or another of :data:`FORCES`, and ``Q`` if measured.
+    """Return the open-water test in a CSV file with ``n``, ``V_A``, ``T`` or another of :data:`FORCES`, and ``Q`` if
+    measured.
 
     Raises
     ------
     BadFile, MissingChannel
-        Not a table; no such columns.
+        The file is not a table, or lacks the columns.
     """
     columns = read_columns(path)
     _, unit, n = _column(path, columns, "n", COMMANDS, "command")
@@ -228,7 +232,7 @@ def read_open_water(path: Path) -> OpenWaterTest:
 
 
 def resolution(values: Array) -> float:
-    """Return the decimal place of *values* (0.01 for 1.25 and 3.40); 0 if there is none."""
+    """Return the resolution of *values*: their last decimal place (0.01 for 1.25 and 3.40), or 0 if there is none."""
     largest = float(np.max(np.abs(values)))
     for digits in range(-2, 7):
         step = 10.0**-digits

@@ -1,4 +1,4 @@
-"""The static characteristic of a thruster: command to force and its exact inverse, with candidate structures."""
+"""The static characteristic of a thruster from command to force, its exact inverse, and candidate structures."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ _SHAPES: dict[str, Array] = {
 class MapStructure:
     """One candidate structure of a map.
 
-    ``ahead``/``astern``: which sides were tested. ``neutral``: known command of zero force, or None. The parameters of
-    the fit are slopes ``c``, then edges ``k``, then the offset of the dynamometer. The slopes are those of the force at
-    the edge of the dead zone and at the end of the range. A map with ``c >= 0`` therefore rises.
+    ``ahead``, ``astern``: whether pulls in this direction were measured. ``neutral``: known command of zero force, or
+    None. The parameters of the fit are c slopes, k edges and the offset of the dynamometer, in this order. The slopes
+    are those of the force at the edge of the dead zone and at the end of the range. In a map with slopes of 0 or more,
+    the force therefore rises with the command.
     """
 
     shape: Shape
@@ -44,14 +45,14 @@ class MapStructure:
 
     @property
     def name(self) -> str:
-        """Description, e.g. ``quadratic, sides differ, dead zone free``."""
+        """Description of the structure, such as ``quadratic, sides differ, dead zone free``."""
         sides = "" if not (self.ahead and self.astern) else (", sides alike" if self.same_sides else ", sides differ")
         dead = {"none": "no dead zone", "symmetric": "dead zone symmetric", "free": "dead zone free"}[self.dead]
         return f"{self.shape}{sides}, {dead}" + (", offset" if self.offset else "")
 
     @property
     def slopes(self) -> Array:
-        """Matrix (4, c) from slope parameters to slopes: ahead at edge and end, astern at edge and end."""
+        """Matrix (4, c) from the slope parameters to four slopes: ahead at edge and end, astern at edge and end."""
         one = _SHAPES[self.shape]
         if self.same_sides:
             return np.vstack([one, one])
@@ -63,10 +64,10 @@ class MapStructure:
 
     @property
     def edges(self) -> Array:
-        """Matrix (2, k) from edge parameters to ``x_f`` and ``x_b``.
+        """Matrix (2, k) from the edge parameters to ``x_f`` and ``x_b``.
 
         The edge parameters are the middle (if free), then the half-width (if there is a dead zone, never < 0). They are
-        added to ``neutral``, or to 0 if that is unknown.
+        added to ``neutral``, or to 0 if ``neutral`` is unknown.
         """
         if self.dead == "symmetric":
             return np.array([[1.0], [-1.0]])
@@ -83,7 +84,7 @@ class MapStructure:
 
 
 def all_structures(ahead: bool, astern: bool, neutral: float | None) -> tuple[MapStructure, ...]:
-    """Return every structure that pulls in these directions can distinguish."""
+    """Return every structure that can be distinguished by pulls in the directions *ahead* and *astern*."""
     both = ahead and astern
     deads: tuple[Dead, ...] = ("none", "symmetric", "free") if both and neutral is not None else ("none", "free")
     if not both and neutral is None:
@@ -105,12 +106,13 @@ SCHEMA = 1
 class ThrusterMap:
     """Force map of Miskovic2010, eq. (2.8) with a dead zone, for each direction.
 
-    Let ``x = direction * n``, and let ``s`` be the distance from the edge of the dead zone. Then ``T = a_f s^2 + b_f
-    s`` for ``s = x - x_f > 0``, ``T = -(a_b s^2 + b_b s)`` for ``s = x_b - x > 0``, and 0 between. ``direction`` -1: a
-    higher command pulls astern.
+    Let ``x = direction * n``, and let ``s`` be the distance from the edge of the dead zone. For ``s = x - x_f > 0`` the
+    force is ``T = a_f s^2 + b_f s``. For ``s = x_b - x > 0`` it is ``T = -(a_b s^2 + b_b s)``. Between the two edges it
+    is 0. A ``direction`` of -1 means that a higher command pulls astern.
 
-    - ``low``, ``high``: limits of the commands tested, which are the ends of the map.
-    - ``unit``: that of the command (``a`` in N/unit^2, ``b`` in N/unit). The map rises strictly outside the dead zone.
+    - ``low``, ``high``: smallest and largest command tested, which are the ends of the map.
+    - ``unit``: unit of the command (``a`` in N/unit^2, ``b`` in N/unit). Outside the dead zone the force rises strictly
+      with ``x``.
     """
 
     a_f: float
@@ -126,7 +128,7 @@ class ThrusterMap:
 
     @property
     def dead_zone(self) -> tuple[float, float]:
-        """The commands between which the force is zero, lower first."""
+        """Commands between which the force is zero, the lower one first."""
         first, second = sorted((self.direction * self.x_b, self.direction * self.x_f))
         return first, second
 
@@ -142,18 +144,20 @@ class ThrusterMap:
         return float(ends.min()), float(ends.max())
 
     def force(self, command: ArrayLike) -> Array:
-        """Return the force [N] of *command* (any shape); commands outside the tested range give the force at its
-        end."""
+        """Return the force [N] for *command* (any shape).
+
+        Commands outside the tested range produce the force at its end.
+        """
         x = self.direction * np.clip(np.asarray(command, dtype=np.float64), self.low, self.high)
         ahead, astern = np.maximum(x - self.x_f, 0.0), np.maximum(self.x_b - x, 0.0)
         result: Array = (self.a_f * ahead + self.b_f) * ahead - (self.a_b * astern + self.b_b) * astern
         return result
 
     def inverse(self, force: ArrayLike) -> Array:
-        """Return the command that gives *force* [N] (any shape): the compensation of Miskovic2010, 3.1.
+        """Return the command that produces *force* [N] (any shape), which is the compensation of Miskovic2010, 3.1.
 
-        Zero force gives ``neutral``. The smallest force gives the edge of the dead zone. A force outside the range
-        gives the nearest end.
+        For zero force the result is ``neutral``. For the smallest force it is the edge of the dead zone. For a force
+        outside the range it is the nearest end.
         """
         f = np.asarray(force, dtype=np.float64)
         ahead = self.x_f + _root(self.a_f, self.b_f, np.maximum(f, 0.0))
@@ -163,12 +167,12 @@ class ThrusterMap:
         return result
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the map as plain data for a file."""
+        """Return the map as data for JSON."""
         return {"schema": SCHEMA, "model": "thruster", **asdict(self)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ThrusterMap:
-        """Rebuild a map from the data of :meth:`to_dict`."""
+        """Return the map that :meth:`to_dict` wrote as *data*."""
         return cls(**{k: v for k, v in data.items() if k not in ("schema", "model")})
 
 

@@ -220,7 +220,8 @@ def _mixed(steering: float, throttle: float) -> float:
 def shaped_throttle(throttle: float, least: float, expo: float) -> float:
     """Return the pulse [-1, 1] that the firmware sends for *throttle* [-1, 1].
 
-    least : smallest pulse as a fraction (MOT_THR_MIN). expo : curvature, as MOT_THST_EXPO.
+    least : smallest pulse as a fraction (MOT_THR_MIN).
+    expo : curvature, as MOT_THST_EXPO.
     """
     if throttle == 0.0:
         return 0.0

@@ -135,11 +135,11 @@ class PositionLoop(Loop):
     def demand(
         self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, float]:
-        """Return the result of :func:`peak_demand`."""
+        """Return the largest output [fraction] and the largest velocity, from :func:`peak_demand`."""
         return peak_demand(model, wanted, step)
 
     def drags(self, model: SingleDof, wanted: ReferenceModel, step: float, speed: float | None) -> tuple[float, ...]:
-        """Return the result of :func:`linearisations`."""
+        """Return the values of linear drag for which stability is checked, from :func:`linearisations`."""
         return linearisations(model, wanted, step)
 
     def simulate(

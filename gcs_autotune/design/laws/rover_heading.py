@@ -30,7 +30,7 @@ __all__ = ["RoverHeading", "alike"]
 
 ANG = "ATC_STR_ANG_P"
 LOW_FEED = 0.7
-"""Feed-forward, relative to that of the model, below which a note is given. Project choice."""
+"""Feed-forward, relative to that of the model, below which the proposal has a note. Project choice."""
 BARELY = 1.1
 """Largest ATC_STR_ANG_P for which the note names its documented minimum of 1 as the reason. Project choice."""
 
@@ -48,8 +48,9 @@ class RoverHeading(PositionLoop):
     gyro = steering.GYRO
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return *speed*, or a speed just above MOT_SPD_SCA_BASE. There the scale is the same as below, but the
-        integral acts.
+        """Return *speed*, or a speed just above MOT_SPD_SCA_BASE.
+
+        There the scale is the same as below, but the integral acts.
         """
         return steering.matching_speed(settings, speed)
 

@@ -122,8 +122,9 @@ def integral_grows(settings: Settings, speed: float | None) -> bool:
 
 
 def matching_speed(settings: Settings, speed: float | None) -> float | None:
-    """Return *speed*, or a speed just above MOT_SPD_SCA_BASE. There the scale is the same as below, but the
-    integral acts.
+    """Return *speed*, or a speed just above MOT_SPD_SCA_BASE.
+
+    There the scale is the same as below, but the integral acts.
     """
     if speed is None or is_skid(settings):
         return speed

@@ -101,8 +101,9 @@ class SubHeading(PositionLoop):
         )
 
     def angle_loop(self, settings: Settings) -> Cascade:
-        """Return the stages: the moving target, the angle controller and the rate PID. The yaw stick uses the same
-        stages.
+        """Return the stages: the moving target, the angle controller and the rate PID.
+
+        The yaw stick uses the same stages.
         """
         kp, ki, kd, angle = (settings.get(name, 0.0) for name in (P, I, D, ANG))
         shape = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)

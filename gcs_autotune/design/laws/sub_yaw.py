@@ -54,8 +54,9 @@ class SubYaw(VelocityLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Return a rate P with damping ``2/a1``, an angle gain at a quarter of that speed, and a slower I. In a second
-        set of gains all three are half as fast.
+        """Return a rate P with damping ``2/a1``, an angle gain at a quarter of that speed, and a slower I.
+
+        In a second set of gains all three are half as fast.
         """
         drag = model.equivalent_drag(0.5 * self.usual_step)
         return [

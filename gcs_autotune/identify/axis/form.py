@@ -121,7 +121,7 @@ class ExplicitForm(Form):
 
     @classmethod
     def of(cls, dof: Dof) -> ExplicitForm:
-        """Return the explicit form of *dof*."""
+        """Return the explicit form for the degree of freedom *dof*."""
         return cls(f"{dof.name}/explicit", dof.name, (dof.name,), Explicit._fields, {}, {})
 
 

@@ -47,7 +47,7 @@ GAIN, LAG, BIAS, COLOUR = 0.02, 0.1, 0.02, 0.2
 """Limits within which a measured velocity is added to the fit.
 
 They are the gain error [1], the lag [sampling steps], the bias [fraction of rms] and the autocorrelation of the errors.
-Within these limits no parameter changes by more than about 2 %.
+Within these limits no parameter changes by more than about 2 %. Project choice.
 """
 
 SURELY = 3.0

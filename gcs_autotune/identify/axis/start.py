@@ -35,7 +35,7 @@ SLOWEST = 60.0
 """
 
 FASTEST = 50.0
-"""Largest drag rate that is fitted [1/s]. No hull responds within 20 ms."""
+"""Largest drag rate that is fitted [1/s]. No hull responds within 20 ms. Project choice."""
 
 DELAYS = (0.0, 0.3)
 """Delays that the scan tries [s]. Project choice.
@@ -47,7 +47,7 @@ SAMPLES = 400
 """Maximum number of samples per stretch in the scan. Project choice: start values need no more accuracy."""
 
 LONGEST_DELAY = 2.0
-"""Longest delay that is fitted [s]. A telemetry link with a longer delay is faulty."""
+"""Longest delay that is fitted [s]. A telemetry link with a longer delay is faulty. Project choice."""
 
 
 LINEAR = [Explicit._fields.index(n) for n in ("b", "d")]

@@ -47,7 +47,10 @@ The scale of a parameter is the value at which its term is as large as the known
 """
 
 MOST_RUNAWAY = 50.0
-"""Cost per sample assigned to a diverging motion. It is higher than any cost of a simulation that does not diverge."""
+"""Cost per sample assigned to a diverging motion.
+
+It is higher than any cost of a simulation that does not diverge. Project choice.
+"""
 
 PATIENCE = 15
 """Maximum number of integration steps per stamp. Project choice.

@@ -21,7 +21,10 @@ OPTIONS = (
 """Options of ``fit`` that set limits, with a line of help each."""
 
 LONGEST_DELAY = 3.0
-"""Longest delay and longest lag that are searched [s]. A craft with a longer one should be repaired first."""
+"""Longest delay and longest lag that are searched [s].
+
+A craft with a longer one should be repaired first. Project choice.
+"""
 
 SHORTEST_LAG = 0.1
 """Shortest lag that is fitted [sampling steps]. The samples do not show a shorter one. Project choice."""

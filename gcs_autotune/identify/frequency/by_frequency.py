@@ -30,7 +30,10 @@ from gcs_autotune.models import Nomoto1, SingleDof
 __all__ = ["METHOD", "OPTIONS", "fit_by_frequency", "frequency_doubts"]
 
 DECADE_PART = 3.0
-"""Minimum ratio of the highest to the lowest measured frequency from which a slope can be determined: half a decade."""
+"""Minimum ratio of the highest to the lowest measured frequency from which a slope can be determined: half a decade.
+
+Project choice.
+"""
 
 MISFIT = 0.05
 """Fraction of the motion, beyond noise, that the model may leave unexplained.

@@ -148,7 +148,9 @@ Beyond it the static gain is not determined. Project choice.
 """
 
 BISECTIONS = 10
-"""Number of bisections in the search for the logarithm of the model error. They leave the model error uncertain by 1 %.
+"""Number of bisections in the search for the logarithm of the model error.
+
+They leave the model error uncertain by 1 %. Project choice.
 """
 
 

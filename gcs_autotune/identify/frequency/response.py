@@ -29,7 +29,7 @@ COHERENT = 0.6
 """Squared coherence from which a frequency counts as measured.
 
 With eight averages the gain is then known to 20 %. Pure noise exceeds this value by chance once in six hundred
-frequencies.
+frequencies. Project choice.
 """
 
 

@@ -40,26 +40,29 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 TAPERS = 4
-"""Default number of tapers at low frequency. It is the smallest from which a coherence can be calculated reliably."""
+"""Default number of tapers at low frequency.
+
+It is the smallest from which a coherence can be calculated reliably. Project choice.
+"""
 
 MOST_TAPERS = 24
 
 WIDTH = 0.5
 """Largest bandwidth of a spectral estimate, as a fraction of its frequency.
 
-Half an octave resolves every corner frequency.
+Half an octave resolves every corner frequency. Project choice.
 """
 
 HIGHEST = 0.4
 """Highest frequency that is used, as a fraction of half the sampling rate.
 
-Below it, the error of linear interpolation between samples is negligible.
+Below it, the error of linear interpolation between samples is negligible. Project choice.
 """
 
 ROUNDS = 3
 """Number of times that the first-order model is fitted and subtracted.
 
-The third round changes a gain by less than its error.
+The third round changes a gain by less than its error. Project choice.
 """
 
 STRONG = 1e-4
@@ -213,11 +216,14 @@ def _response(omega: Array, left: _Spectra, raw: _Spectra, known: Complex | Arra
 HARMONICS = (1, 3, 5)
 """Numbers of the harmonics that are used by default.
 
-The power of the input falls as 1/h^2 with the number h of the harmonic, that of the position as 1/h^6.
+The power of the input falls as 1/h^2 with the number h of the harmonic, that of the position as 1/h^6. Project choice.
 """
 
 FITTED = 9
-"""Number of harmonics that are fitted to a period. Higher harmonics then do not distort those that are used."""
+"""Number of harmonics that are fitted to a period.
+
+Higher harmonics then do not distort those that are used. Project choice.
+"""
 
 
 def harmonic_response(
@@ -230,8 +236,8 @@ def harmonic_response(
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative is also raised if no limit
-        cycle has two whole periods with enough samples in each.
+        :func:`gcs_autotune.identify.signals.preparation.prepare` raised the error. NotInformative is also raised if no
+        limit cycle has two whole periods with enough samples in each.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [

@@ -36,7 +36,10 @@ FILTER_OPTIONS = (
 )
 
 PASSES = 40
-"""Default maximum number of passes over the runs. 10 to 25 suffice, because the noise levels converge geometrically."""
+"""Default maximum number of passes over the runs. 10 to 25 suffice, because the noise levels converge geometrically.
+
+Project choice.
+"""
 
 CLOSE = 0.5
 """Largest move of every parameter in a pass, in standard errors, from which the next passes use smoothed first states.

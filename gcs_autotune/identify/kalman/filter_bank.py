@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 LONGEST = 0.5
 """Longest interval [s] that a filter crosses in one step. A longer interval is divided by stamps without samples.
 
-For craft with time constants above half a second, Simpson's rule for the process noise is then accurate to 1 %.
+For craft with time constants above half a second, Simpson's rule for the process noise is then accurate to 1 %. Project
+choice.
 """
 
 HASTE = 1.5

@@ -99,8 +99,10 @@ def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
 
 
 NEAR_ZERO = 1e-3
-"""Product of damping and interval below which the exponential is calculated by a series. The direct formula would lose
-digits by cancellation."""
+"""Product of damping and interval below which the exponential is calculated by a series.
+
+The direct formula would lose digits by cancellation. Project choice.
+"""
 
 
 @njit(cache=True, nogil=True)

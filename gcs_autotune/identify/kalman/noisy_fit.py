@@ -77,7 +77,7 @@ class NoisyFit(ModelFit):
 
     @property
     def samples(self) -> int:
-        """Number of predicted samples."""
+        """Number of predicted samples in all records."""
         return sum(len(e) for _, e, _ in self.innovations)
 
     def price(self, more: int) -> float:

@@ -30,7 +30,7 @@ STEP = 0.3
 """Length of a finite difference, in standard errors that apply with all other unknowns fixed.
 
 For correlated unknowns this is a small fraction of their total error. A step of 0.02 was too short. Because of
-rounding, one fit ended 1.3 nats early and its errors were half the true ones.
+rounding, one fit ended 1.3 nats early and its errors were half the true ones. Project choice.
 """
 
 LONGEST_MOVE = 2.0
@@ -42,7 +42,7 @@ LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
 SHORTEST_MEMORY = 2.0
 """Shortest time constant of the drifting force, in sampling intervals.
 
-A faster force cannot be distinguished from sensor noise.
+A faster force cannot be distinguished from sensor noise. Project choice.
 """
 
 

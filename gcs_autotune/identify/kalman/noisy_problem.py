@@ -42,7 +42,10 @@ ROUNDS = 30
 """Maximum number of scoring rounds of a fit, that is, of steps that lower its cost. Project choice."""
 
 MOST_TRIALS = 10_000
-"""Maximum number of trials of a fit. In practice the number of scoring rounds or the damping ends it first."""
+"""Maximum number of trials of a fit.
+
+In practice the number of scoring rounds or the damping ends it first. Project choice.
+"""
 
 ENOUGH = 2e-2
 """Expected gain of the log-likelihood below which a fit ends. Project choice."""

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 PEM_OPTIONS = (*OPTIONS, ("rounds", "maximum number of scoring rounds (20)"))
 
 ROUNDS = 20
-"""Maximum number of scoring rounds. Three to six suffice from the smoother's result."""
+"""Maximum number of scoring rounds. Three to six suffice from the smoother's result. Project choice."""
 
 STEP = 1e-2
 """Length of a finite difference, in standard errors of the parameter. Project choice.
@@ -45,11 +45,13 @@ The log-likelihood is nearly a parabola over this length.
 """
 
 ENOUGH = 1e-3
-"""Expected gain of the log-likelihood below which the search ends. It corresponds to a thousandth of a standard
-error."""
+"""Expected gain of the log-likelihood below which the search ends.
+
+It corresponds to a thousandth of a standard error. Project choice.
+"""
 
 SMOOTHER_ROUNDS = 30
-"""Maximum number of rounds of the smoother that provides the start."""
+"""Maximum number of rounds of the smoother that provides the start. Project choice."""
 
 ACTIVE = 1e-3
 """Smallest influence of process noise on the likelihood for which its intensity is estimated. Project choice.

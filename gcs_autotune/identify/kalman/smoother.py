@@ -32,7 +32,9 @@ Array = NDArray[np.float64]
 SMOOTHER_OPTIONS = (*OPTIONS, ("rounds", "most rounds (60)"))
 
 ROUNDS = 60
-"""Maximum number of rounds of the smoother. Parameters need five to ten; noise levels that go to zero need up to forty.
+"""Maximum number of rounds of the smoother.
+
+Parameters need five to ten; noise levels that go to zero need up to forty. Project choice.
 """
 
 WIDE = 10.0

@@ -62,7 +62,7 @@ class Task:
 
     @property
     def prior(self) -> Prior:
-        """Prior before the first sample."""
+        """Prior of states and parameters before the first sample."""
         theta = self.start.theta[self.bank.places]
         return Prior(self.start.states, self.start.spread, theta, np.diag((self.spread * self.start.scale) ** 2))
 

@@ -22,11 +22,17 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SHORT = 0.3
-"""Product of interval and fastest rate below which a series gives the root of a transition. Its error is 3e-4."""
+"""Product of interval and fastest rate below which a series gives the root of a transition.
+
+Its error is 3e-4. Project choice.
+"""
 
 
 MAX_STEPS = 400.0
-"""Maximum number of Runge-Kutta steps between two stamps. A model that needs more counts as too stiff."""
+"""Maximum number of Runge-Kutta steps between two stamps.
+
+A model that needs more counts as too stiff. Project choice.
+"""
 
 
 @njit(cache=True)
@@ -70,8 +76,8 @@ def inertia(P: Program, theta: Array, M: Array, M_inverse: Array) -> bool:
 def measure(P: Program, theta: Array, x: Array, code: int, free: Index, H: Array) -> float:
     """Return one output, and fill *H* (N,) with its derivatives by the states, then by the free parameters.
 
-    code : index of the output. 0 to 5 are velocities over ground, 6 to 11 positions. free : (p,) column of each
-        parameter in *H*, -1 if it is known.
+    code : index of the output. 0 to 5 are velocities over ground, 6 to 11 positions.
+    free : (p,) column of each parameter in *H*, -1 if it is known.
     """
     H[:] = 0.0
     column = P.column[code]

@@ -171,7 +171,7 @@ def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:
 HALF = 0.5
 """Fraction of the helm change above which a change counts as a reversal. Project choice.
 
-The beginning of the reversal is found by going back in time from that point.
+The beginning of the reversal is then searched backwards in time.
 """
 
 QUIET = 0.08

@@ -85,7 +85,7 @@ class StepReading:
 
 
 def read_steps(records: Sequence[Segment]) -> tuple[StepReading, ...]:
-    """Return the readings of every interval of constant input that is long enough."""
+    """Return the readings of every interval of constant input that is long enough to be evaluated."""
     name = first_names(records)[0]
     return tuple(s for record in records for s in _of_record(record, name))
 

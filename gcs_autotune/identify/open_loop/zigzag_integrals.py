@@ -179,7 +179,7 @@ def _instant(record: Segment, at: float, within: tuple[float, float], width: flo
 RATE_WINDOW = 0.3
 """Width of the windows for the slopes in the integral of |r| r, as a fraction of the time from extreme to crossing.
 
-Wider windows smooth the corners of r. With 0.6 the nonlinear drag is a sixth too small.
+Wider windows smooth the corners of r. With 0.6 the nonlinear drag is a sixth too small. Project choice.
 """
 
 

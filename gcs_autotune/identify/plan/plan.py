@@ -202,7 +202,7 @@ def load_plan(path: Path | str) -> Plan:
 def plan_from(data: Mapping[str, Any], origin: str) -> Plan:
     """Return the plan defined by *data*, the contents of the plan file *origin*.
 
-    Errors are those of :func:`load_plan`.
+    Exceptions are those of :func:`load_plan`.
     """
     parsed = conformed(data, _PlanData, origin)
     steps = tuple(_step(step, parsed, origin) for step in parsed.step)

@@ -125,7 +125,8 @@ MISFIT = 1.3
 def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] = ()) -> tuple[Doubt, ...]:
     """Return the doubts about the whole plan. Doubts about a single step are in the fit of that step.
 
-    joint : the fit of all runs. unused : names of runs that belong to no step.
+    joint : the fit of all runs.
+    unused : names of runs that belong to no step.
     """
     plan, rows, found = result.plan, result.agreements, list[Doubt]()
     if unused:

@@ -94,7 +94,7 @@ class FittedModel:
     def recorded_motion(self, record: int) -> RecordedMotion:
         """Return the simulated motion of the record with the index *record*, with accelerations and inputs.
 
-        Errors are those of :meth:`motion`.
+        Exceptions are those of :meth:`motion`.
         """
         own = self.records[record]
         t, X = self.motion(record)

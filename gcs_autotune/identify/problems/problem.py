@@ -47,7 +47,10 @@ The whole distance covered would be too large a spread.
 """
 
 TOLERANCE = 1e-8
-"""Relative decrease of the cost that ends a search. The cost is about ten times the number of samples."""
+"""Relative decrease of the cost that ends a search. The cost is about ten times the number of samples.
+
+Project choice.
+"""
 
 LESSONS = 3
 """Number of rounds of fitting and updating, if a disturbance is learnt from the residuals. Project choice."""

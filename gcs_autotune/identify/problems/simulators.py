@@ -148,7 +148,7 @@ class FormSimulator:
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """Return every signal with its Jacobian; see :class:`SegmentSimulator`."""
+        """Return name of the signal -> values (n,) at its stamps and their Jacobian; see :class:`SegmentSimulator`."""
         values = np.zeros(self._size)
         values[self._places] = theta
         t_in = segment.t_in + shift if shift and segment.dating else segment.t_in
@@ -196,7 +196,7 @@ class EffectSimulator:
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """Return every signal with its Jacobian; see :class:`SegmentSimulator`."""
+        """Return name of the signal -> values (n,) at its stamps and their Jacobian; see :class:`SegmentSimulator`."""
         found = self._simulator.run(theta, effects, x_0, segment.passage_at(shift), sensitivities=sensitivities)
         if found is None or not (sensitivities and self._dated):
             return found

@@ -44,8 +44,10 @@ From a usable start three or four suffice. Project choice.
 """
 
 ROUNDING_ROUNDS = 20
-"""Maximum number of rounds of fitting parameters, then noise, for a rounding sensor. The noise has to decrease from the
-level of the Gaussian fit."""
+"""Maximum number of rounds of fitting parameters, then noise, for a rounding sensor.
+
+The noise has to decrease from the level of the Gaussian fit. Project choice.
+"""
 
 THOROUGH = Effort(15)
 """Effort for a bad start, for which correct weights are more important than full convergence. Project choice."""

@@ -245,7 +245,7 @@ def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
     Raises
     ------
     MissingChannel, NotInformative, BadFile
-        As for :func:`gcs_autotune.identify.signals.preparation.prepare`.
+        :func:`gcs_autotune.identify.signals.preparation.prepare` raised the error.
     """
     return tuple(found.cycle for record in prepare(trial, dof) for found in settled_cycles(trial, record))
 

@@ -106,7 +106,7 @@ def process_from_response(
     Raises
     ------
     NotInformative
-        As for :func:`identify_process`.
+        :func:`identify_process` raised the error.
     """
     value = np.asarray(response, dtype=np.complex128)
     weight = np.ones(len(value)) if std is None else np.abs(value) / np.asarray(std, dtype=np.float64)
@@ -230,7 +230,7 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`loop_trial` and :func:`gcs_autotune.identify.relay.limit_cycle.find_cycles`.
+        :func:`loop_trial` or :func:`gcs_autotune.identify.relay.limit_cycle.find_cycles` raised the error.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [loop_trial(run) for run in runs]

@@ -200,7 +200,7 @@ def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
 def contradictions_of(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:
     """Return a doubt for each pair of columns of *trial* that contradict each other.
 
-    Errors are those of :func:`check_units`.
+    Exceptions are those of :func:`check_units`.
     """
     found = contradictions(trial, use)
     for c in found:

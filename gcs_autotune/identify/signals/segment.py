@@ -161,8 +161,10 @@ class Segment:
     def after(self, delay: float) -> Segment:
         """Return the segment without the samples that depend on inputs before the first input stamp.
 
-        delay : delay of the inputs [s]. Commands before the record are unknown. With a delay, the start of the record
-            therefore cannot be simulated. The segment is returned unchanged if too few samples would remain.
+        delay : delay of the inputs [s].
+
+        Commands before the record are unknown. With a delay, the start of the record therefore cannot be simulated. The
+        segment is returned unchanged if too few samples would remain.
         """
         start = float(self.t_in[0]) + delay
         if delay <= 0.0 or start <= self.start:

@@ -1,4 +1,4 @@
-"""Identify surge of a boat under way: inertia, drag and thrust curve together.
+"""Identify surge of a boat with speed: inertia, drag and thrust curve together.
 
 Thrust is rarely proportional to throttle, because the thrust of a propeller grows with the square of its speed. The
 input is replaced by ``(1 - q) X + q X|X|`` (the affine thruster of Miskovic2010 (2.7), gain 1 at full throttle). The
@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 CURVE = "thrust_curve"
 """Key of the thrust curve in ``AxisFit.extra``."""
 BY_DESIGN = ("one-sided-input", "saturated-input")
-"""Slugs of doubts that are expected for these runs, in which a boat is under way with a burst of full throttle."""
+"""Slugs of doubts that are expected for surge runs, in which a boat has speed and a burst of full throttle is flown."""
 
 GRID = (-0.3, 0.2, 0.7, 1.2)
 LEAST, MOST = -0.3, 1.3
@@ -142,7 +142,7 @@ def fit_surge(
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.fit_axis`.
+        :func:`gcs_autotune.identify.fit_axis` raised the error.
     """
     along = along_track(trials) or along
     if along is None or not along.matters:

@@ -45,8 +45,10 @@ QUADRATIC = "quadratic-actuator"
 DEAD_ZONE = "dead-zone"
 LEVEL = "saturation"
 _UNEXPLAINED = 0.8
-"""Largest ratio of the unexplained part with the curve to that without it, for the curve to be kept. The value is
-chosen: the ratio of a curve that matters is far smaller."""
+"""Largest ratio of the unexplained part with the curve to that without it, for the curve to be kept.
+
+The value is chosen: the ratio of a curve that matters is far smaller.
+"""
 _WORTH_A_LOOK = 4.0
 """Unexplained part [percent] of a model with a linear actuator, below which no curve is tried."""
 _BEYOND = 1.1
@@ -54,15 +56,19 @@ _BEYOND = 1.1
 _SIZES = 3
 """Number of oscillation sizes that can distinguish a dead band from a curve."""
 _STDS = 5.0
-"""Number of standard errors by which the curve must differ from a straight line. The value is chosen: a curve that
-matters differs by far more."""
+"""Number of standard errors by which the curve must differ from a straight line.
+
+The value is chosen: a curve that matters differs by far more.
+"""
 _WIDEST = 0.6
 """Widest neutral band tried, relative to the smallest oscillation."""
 _LEVELS = 60
 """Maximum number of neutral bands tried."""
 _CLOSER = 2
-"""Number of neutral bands that are fitted together with all other parameters. They are the ones that predict the step
-best."""
+"""Number of neutral bands that are fitted together with all other parameters.
+
+They are the ones that predict the step best.
+"""
 _HALF = 0.5
 """Output [fraction of full] at which a curve is described in the report."""
 _SHARES = (0.1, 1.5)

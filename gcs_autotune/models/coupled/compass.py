@@ -1,9 +1,9 @@
-"""Compass deviation: its effect on the heading, and on velocities rotated into the body frame with that heading.
+"""Effect of a compass deviation on the heading, and on velocities rotated into the body frame with that heading.
 
-The deviation is that of the compass adjuster, ``d = A + B sin(psi) + C cos(psi)``. A is the misalignment, B and C are
-due to iron and electric currents on board. The ``u``, ``v`` of a log may come from a satellite receiver and the compass
-heading. They then contain a false sway velocity ``-sin(d) u``, which is proportional to speed and changes sign with the
-heading.
+The deviation has the compass adjuster's form, ``d = A + B sin(psi) + C cos(psi)``. A is the misalignment. B and C are
+due to iron and electric currents on board. ``u`` and ``v`` of a log may be calculated from a satellite receiver and the
+compass heading. They then contain a false sway velocity ``-sin(d) u``, which is proportional to speed and changes sign
+with the heading.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ COEFFICIENTS = ("A_psi", "B_psi", "C_psi")
 """Names of the coefficients A, B, C of the deviation [rad]."""
 
 Output = tuple[Array, Array]
-"""A signal (s,) and its sensitivities (s, q); the latter are (s, 0) if not requested."""
+"""Type of a signal (s,) and its sensitivities (s, q), which are (s, 0) if not requested."""
 
 
 def seen_by_compass(
     signal: str, true: Mapping[str, Output], values: Mapping[str, float], columns: Mapping[str, int]
 ) -> Output:
-    """Return *signal* (``u``, ``v`` or ``psi``) as measured with a deviating compass.
+    """Return *signal* (``u``, ``v`` or ``psi``) as measured with a deviating compass, and its sensitivities.
 
     Parameters
     ----------
-    true : the true signals: ``psi``, and for a velocity ``u`` and ``v``.
-    values : coefficients by name.
-    columns : for each free coefficient, its column in the sensitivities.
+    true : name -> true signal: ``psi``, and for a velocity ``u`` and ``v``.
+    values : name -> coefficient of the deviation [rad].
+    columns : name of each free coefficient -> its column in the sensitivities.
     """
     psi, by_psi = true["psi"]
     sine, cosine = np.sin(psi), np.cos(psi)

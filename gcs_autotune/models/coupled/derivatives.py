@@ -63,10 +63,10 @@ __all__ = [
 ]
 
 FORCES = ("X", "Y", "Z", "K", "M", "N")
-"""Force letters in SNAME order; their index is the row of the equation."""
+"""Force letters in SNAME order. The index of a letter is the row of its equation."""
 
 STATES = ("u", "v", "w", "p", "q", "r")
-"""Velocity letters in SNAME order."""
+"""Velocity letters in SNAME order. The index of a letter is its column in the inertia matrix."""
 
 RIGID_BODY: Mapping[str, str] = {
     "m": "kg",
@@ -78,10 +78,10 @@ RIGID_BODY: Mapping[str, str] = {
     "y_G": "m",
     "z_G": "m",
 }
-"""Rigid-body constants and their units."""
+"""Rigid-body constant -> unit."""
 
 WALLS = tuple(f"wall_{force}" for force in FORCES)
-"""Parameters of the relative increase of drag at the bottom, one for each row."""
+"""Names of the parameters for the relative increase of drag at the bottom, one for each row."""
 
 SPECIAL: Mapping[str, str] = {
     **dict.fromkeys(("delay", "lag"), "s"),
@@ -91,13 +91,13 @@ SPECIAL: Mapping[str, str] = {
     **dict.fromkeys(("reach", "bottom"), "m"),
     **dict.fromkeys(WALLS, "1"),
 }
-"""Parameters that are neither forces nor inertias, with their units."""
+"""Parameter that is neither force nor inertia -> unit."""
 
 PAYLOAD, DEPTH = "payload", "depth"
 """Names of the input that multiplies the inertia, and of the input that replaces ``z``."""
 
 SEEN: Mapping[str, str] = {"u": "surge", "v": "sway", "w": "heave", "p": "roll", "q": "pitch", "r": "yaw"}
-"""Velocity -> the input that replaces it if it is measured and not simulated."""
+"""Velocity -> name of the input that replaces it if it is measured and not simulated."""
 
 _POSITIONS = {"x": 12, "y": 13, "z": 14, "phi": 15, "theta": 16, "psi": 17}
 _SHAPES = {
@@ -113,7 +113,7 @@ _NAME = re.compile(r"^(?P<force>[XYZKMN])_(?P<rest>.+)$")
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A force ``coefficient * factors`` in one row; ``factors`` are at most three codes of :mod:`.kernel`."""
+    """A force ``coefficient * factors`` in one row. ``factors`` are at most three codes of :mod:`.kernel`."""
 
     row: int
     factors: tuple[int, ...]
@@ -121,14 +121,14 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Inertia:
-    """An added-mass derivative: ``-coefficient`` is the entry (row, column) of M."""
+    """An added-mass derivative. Its value times -1 is the element (row, column) of M."""
 
     row: int
     column: int
 
 
 def inertia_of(name: str) -> Inertia | None:
-    """Return the matrix entry of an added-mass derivative; return None for any other name."""
+    """Return the element of M for the added-mass derivative *name*, or None for any other name."""
     match = _NAME.match(name)
     if match is None or not match["rest"].endswith("dot"):
         return None
@@ -139,12 +139,12 @@ def inertia_of(name: str) -> Inertia | None:
 
 
 def term_of(name: str, inputs: Sequence[str]) -> Term:
-    """Return the force term of a derivative.
+    """Return the force term of the derivative *name*.
 
     Raises
     ------
     BadFile
-        The name does not follow the table above.
+        *name* has none of the forms in the table of this module.
     """
     match = _NAME.match(name)
     if match is None:
@@ -195,10 +195,11 @@ def _code(word: str, modulus: bool, inputs: Sequence[str]) -> int:
 def unit_of(
     name: str, inputs: Mapping[str, str], *, normalised: bool = False, per_inertia: Collection[str] = ()
 ) -> str:
-    """Return the unit of a parameter; *inputs* maps input names to their units.
+    """Return the unit of the parameter *name*.
 
-    normalised : forces are known only as fractions, so ``N`` and ``N m`` do not appear. per_inertia : force letters of
-    the equations divided by their inertia, in which forces are accelerations.
+    inputs : name of the input -> unit.
+    normalised : whether forces are known only as fractions, so that ``N`` and ``N m`` do not appear.
+    per_inertia : force letters of the equations divided by their inertia, in which forces are accelerations.
     """
     if name in SPECIAL:
         return SPECIAL[name]

@@ -42,16 +42,16 @@ _ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 class Form:
     """The structure of a coupled model.
 
-    - ``dofs``: in SNAME order.
-    - ``free``: the parameters to identify.
-    - ``known``: constants. Both have names of :mod:`.derivatives`.
-    - ``inputs``: maps a channel to ``(force letter, gain)`` pairs. A gain is a number or a parameter's name, preceded
-      by ``-`` for the opposite sign.
-    - ``start``: start values of a search (optional).
+    - ``dofs``: degrees of freedom in SNAME order.
+    - ``free``: names of the parameters to identify (see :mod:`.derivatives`).
+    - ``known``: name -> value of the other parameters.
+    - ``inputs``: channel -> ``(force letter, gain)`` pairs. A gain is a number or a parameter's name, preceded by ``-``
+      for the opposite sign.
+    - ``start``: name -> start value for a search (optional).
     - ``optional``: inputs that are omitted if no run has their channel.
-    - ``normalised``: forces are normalised outputs, so inertias and drags contain no newtons.
+    - ``normalised``: whether forces are normalised outputs, so that inertias and drags contain no newtons.
     - ``per_inertia``: force letters of the equations that are divided by their inertia, because no run determines a
-      force there. Their terms are accelerations.
+      force in them. The terms of these equations are accelerations.
     """
 
     name: str
@@ -71,11 +71,11 @@ class Form:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """All parameters: free ones first, then known."""
+        """Names of all parameters: the free ones first, then the known ones."""
         return (*self.free, *self.known)
 
     def fixing(self, values: Mapping[str, float]) -> Form:
-        """Return the form with some free parameters fixed at known values."""
+        """Return the form with the parameters in *values* fixed at these values."""
         return replace(
             self,
             free=tuple(n for n in self.free if n not in values),
@@ -83,12 +83,12 @@ class Form:
         )
 
     def knowing(self, values: Mapping[str, float]) -> Form:
-        """Return the form with user-supplied constants of the craft.
+        """Return the form with the user-supplied constants *values* of the craft.
 
         Raises
         ------
         UsageError
-            A mass was supplied, but no force of the equations is in newtons.
+            *values* contain a mass, but no force of the equations is in newtons.
         """
         masses = [f"{n} = {v:g}" for n, v in values.items() if n in RIGID_BODY]
         if masses and (self.per_inertia or self.normalised):
@@ -106,7 +106,7 @@ class Form:
         return unit_of(name, inputs, normalised=self.normalised, per_inertia=self.per_inertia)
 
     def freeing(self, *names: str) -> Form:
-        """Return the form with some known (or new) parameters free; known values become start values."""
+        """Return the form with the known (or new) parameters *names* free. Their known values become start values."""
         start = {**self.start, **{n: self.known[n] for n in names if n in self.known}}
         known = {n: v for n, v in self.known.items() if n not in names}
         free = (*self.free, *(n for n in names if n not in self.free))
@@ -137,14 +137,14 @@ class Form:
 
     @property
     def in_shares(self) -> Form | None:
-        """The form of surge, sway and yaw with each equation relative to full output of its own force.
+        """This form of surge, sway and yaw, with each equation relative to full output of its own force.
 
-        It is None if this form cannot be converted. A momentum then has different numbers in two equations. The
+        The result is None if the form cannot be converted. A momentum then has different numbers in two equations. The
         products that the Coriolis term forms from one inertia are therefore separate parameters, ``X_vr``, ``Y_ur``,
         ``N_uv``. An equation without an input is per unit of its inertia. A mass in kg is not possible.
 
-        An off-diagonal inertia appears in sway only. In yaw it is not distinguished from ``N_v`` and ``N_r``, because
-        the acceleration of an undriven sway depends on ``v``, ``r`` and ``u r``.
+        An off-diagonal inertia appears in sway only. In yaw it cannot be distinguished from ``N_v`` and ``N_r``,
+        because the acceleration of an undriven sway depends on ``v``, ``r`` and ``u r``.
         """
         forces = {DOFS[d].force: DOFS[d].velocity for d in self.dofs}
         given = [n for n in self.known if n not in RIGID_BODY and n not in SPECIAL]
@@ -168,7 +168,7 @@ class Form:
         )
 
     def without(self, *names: str) -> Form:
-        """Return the form without some parameters (their terms are zero)."""
+        """Return the form without the parameters *names*, whose terms are then zero."""
         return replace(
             self,
             free=tuple(n for n in self.free if n not in names),
@@ -223,7 +223,7 @@ def _check(form: Form) -> None:
 
 
 def form_from(data: Mapping[str, Any], origin: str) -> Form:
-    """Build a form from plain data.
+    """Return the form that *data*, the contents of the form file *origin*, describes.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def form_from(data: Mapping[str, Any], origin: str) -> Form:
 
 
 def form_of(told: FormData, origin: str) -> Form:
-    """Return the form that a file contains; errors are those of :func:`form_from`."""
+    """Return the form in the contents *told* of a form file. Exceptions are those of :func:`form_from`."""
     try:
         return Form(
             name=told.name,

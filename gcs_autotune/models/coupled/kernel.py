@@ -47,23 +47,26 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 NU, NU_SIZE, ETA, SIN_PHI, SIN_THETA, SIN_PSI, COS_PSI, NEAR, INPUT, INPUT_SIZE = 0, 6, 12, 18, 19, 20, 21, 22, 30, 60
-"""Codes of the factors of a term.
+"""Codes of the factors of a term, in the order of these names.
 
 They are velocity j, its magnitude, and position j (x y z phi theta psi). Then follow sines and cosine, nearness to the
 bottom ``exp((z - bottom) / reach)``, input i, and its magnitude.
 """
 
 STEEPEST = 50.0
-"""Largest exponent of the nearness to the bottom.
+"""Largest exponent in the nearness to the bottom. Project choice.
 
 A simulation below the bottom then diverges without overflow.
 """
 
 REACH = 0.4
-"""Longest step times the fastest rate; the error of a Runge-Kutta step is then REACH**5/120 = 9e-5 of its change."""
+"""Longest Runge-Kutta step times the fastest rate.
+
+Project choice: the error of a step is then REACH**5/120 = 9e-5 of its change.
+"""
 
 RUNAWAY = 1e6
-"""Value of a state above which a simulation is abandoned."""
+"""Value of a state above which a simulation is abandoned. Project choice."""
 
 
 # What is called for every stage is inlined: without passing a hundred words per call a simulation takes a quarter of
@@ -74,19 +77,18 @@ RUNAWAY = 1e6
 class Program(NamedTuple):
     """A form as arrays.
 
-    - ``active`` (k,): degrees of freedom.
-    - ``column`` (12,): index of eta and nu in the state, -1 if absent.
+    - ``active`` (k,): indices of the degrees of freedom.
+    - ``column`` (12,): indices of eta and nu in the state, -1 if absent.
     - ``rows``, ``pars``, ``scales``, ``coefs`` (T,), ``factors`` (T, 3): the terms (-1: no parameter, no second
       parameter, no factor).
-    - ``inertia`` (E, 3): row, column, parameter of each entry of M.
-    - ``inertia_coefs`` (E,): its coefficients.
-
-    Further fields are parameter indices, -1 if absent. They are those of delay, lag, current, drift (a current not
-    included in measured velocities), reach and bottom.
-
-    - ``payload``: the input that multiplies the inertia.
-    - ``depth``: the input that replaces z. Both are -1 if absent.
+    - ``inertia`` (E, 3): row, column and parameter of each element of M.
+    - ``inertia_coefs`` (E,): coefficients of these elements.
+    - ``payload``: index of the input that multiplies the inertia, -1 if absent.
+    - ``depth``: index of the input that replaces z, -1 if absent.
     - ``m``: number of inputs.
+
+    Further fields are indices of parameters, -1 if absent. They are those of delay, lag, current, drift (a current not
+    included in measured velocities), reach and bottom.
     """
 
     active: Index
@@ -258,7 +260,7 @@ def _factor(
 
 
 class Scratch(NamedTuple):
-    """Work arrays, so that nothing is allocated per evaluation; see :func:`scratch`."""
+    """Work arrays of a simulation, so that no evaluation allocates memory; see :func:`scratch`."""
 
     full: Array
     force: Array
@@ -288,7 +290,8 @@ class Scratch(NamedTuple):
 def scratch(n: int, q: int) -> Scratch:
     """Return work arrays for *n* states and *q* sensitivities.
 
-    The function is not compiled, because compiling array creation takes long, and it is called once per simulation.
+    The function is not compiled, because compiling the creation of arrays takes long, and each simulation calls it only
+    once.
     """
     return Scratch(
         np.zeros(12),
@@ -332,10 +335,11 @@ def evaluate(
     B: Array,
     W: Scratch,
 ) -> None:
-    """Calculate the state's rate *f* (n,), and with *deriv* its derivatives ``A`` (n, n) and ``B`` (n, q), in *W*.
+    """Calculate the rate *f* (n,) of the state, and with *deriv* its derivatives *A* (n, n) and *B* (n, q), in place.
 
-    M : (6, 6). M_inverse : (k, k) of its active part. free : (p,) column of ``B`` for each parameter, -1 if not
-    requested.
+    M : (6, 6) inertia matrix.
+    M_inverse : (k, k) inverse of its active part.
+    free : (p,) column of ``B`` for each parameter, -1 if not requested.
 
     The column of the delay stays zero, because a delay acts only at the jumps.
     """
@@ -588,8 +592,9 @@ def _carry(
 ) -> tuple[bool, float, int, float]:
     """Advance state *x* (n,) and sensitivities *S* (n, q) from *t* to *stop* through the jumps of the inputs.
 
-    free : (p,) column of each parameter in *S*, -1 if it is known. max_rate : fastest rate [1/s] that steps are sized
-    for. max_steps : maximum number of steps.
+    free : (p,) column of each parameter in *S*, -1 if it is known.
+    max_rate : fastest rate [1/s] that steps are sized for.
+    max_steps : maximum number of steps.
 
     Return whether the motion stayed finite, the fastest rate, the input row at *stop*, and the number of steps.
     """
@@ -625,7 +630,7 @@ def _carry(
 
 carry = called(_carry)
 _carried = pasted(_carry)
-"""Do the same as :func:`_carry`, inlined for simulations.
+"""Same function as :func:`_carry`, inlined for simulations.
 
 Passing the hundreds of words of ``P`` and ``W`` once per sample takes a third of the simulation time.
 """
@@ -690,12 +695,16 @@ def sweep(
     S_out: Array,
     abandon_rate: float = np.inf,
 ) -> tuple[bool, float]:
-    """Simulate from ``x_0`` at ``t_out[0]``; fill ``X`` (s, n), and ``S_out`` (s, n, q) if q is not zero.
+    """Simulate from ``x_0`` at ``t_out[0]``, and fill the states ``X`` (s, n) and the sensitivities ``S_out`` (s, n,
+    q).
 
-    inputs : (j, m), each row from its stamp ``t_in`` (plus the delay) on, the first also before it. state_column : (n,)
-    column of the sensitivity to each initial state, -1 if it is known. free : as for :func:`evaluate`, all -1 without
-    sensitivities. max_rate : fastest rate [1/s] that steps are sized for. max_steps : maximum number of steps.
-    abandon_rate : rate [1/s] above which ``S_out`` is left unfilled, because all is repeated with shorter steps.
+    inputs : (j, m), each row applies from its stamp in ``t_in`` (plus the delay). The first row also applies before it.
+    state_column : (n,) column of the sensitivity to each initial state, -1 if it is known.
+    free : as for :func:`evaluate`, all -1 without sensitivities.
+    max_rate : fastest rate [1/s] that steps are sized for.
+    max_steps : maximum number of steps.
+    abandon_rate : rate [1/s] above which ``S_out`` is not filled, because the simulation is repeated with shorter
+        steps.
 
     Return whether the motion stayed finite, and the fastest rate that occurred.
     """

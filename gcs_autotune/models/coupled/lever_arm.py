@@ -1,8 +1,8 @@
-"""An off-centre sensor: its measured velocity and position, and its depth if the craft tilts.
+"""Velocity, position and (if the craft tilts) depth measured by an off-centre sensor.
 
-The sensor is ``x_P`` ahead and ``y_P`` to starboard of the point to which the equations refer. Its velocity is that of
-a point of a rigid body, ``v + omega x r_P``. Turning looks like sway at a sensor ahead, and like surge at a sensor
-abeam.
+The sensor is ``x_P`` ahead and ``y_P`` to starboard of the point to which the equations refer. The velocity of the
+sensor is that of a point of a rigid body, ``v + omega x r_P``. Turning looks like sway at a sensor ahead, and like
+surge at a sensor abeam.
 """
 
 from __future__ import annotations
@@ -27,21 +27,22 @@ SHOWN_OFF_CENTRE: Mapping[str, tuple[str, ...]] = {
     "z": ("theta", "phi"),
     "w": ("q", "p"),
 }
-"""Signal -> states that an off-centre sensor adds to it."""
+"""Signal -> states that add to the signal if the sensor is off-centre."""
 
 Output = tuple[Array, Array]
-"""A signal (s,) and its sensitivities (s, q); the latter are (s, 0) if not requested."""
+"""Type of a signal (s,) and its sensitivities (s, q), which are (s, 0) if not requested."""
 
 
 def seen_off_centre(
     signal: str, true: Mapping[str, Output], arm: tuple[float, float], columns: Mapping[str, int]
 ) -> Output:
-    """Return *signal*, one of :data:`SHOWN_OFF_CENTRE`, as measured at *arm* ``(x_P, y_P)``; tilt to first order.
+    """Return *signal* as measured at *arm* ``(x_P, y_P)``, and its sensitivities. Tilt is included to first order.
 
     Parameters
     ----------
-    true : the true signals: *signal* itself, and those of the added states that are available.
-    columns : the columns of ``x_P`` and ``y_P`` in the sensitivities, if they are free.
+    signal : one of :data:`SHOWN_OFF_CENTRE`.
+    true : name -> true signal: *signal* itself, and the states that add to it, if available.
+    columns : columns of ``x_P`` and ``y_P`` in the sensitivities, if they are free.
     """
     x_P, y_P = arm
     value, by = true[signal]

@@ -5,9 +5,9 @@ of a search have this form, because modified, delayed or scaled commands do not 
 then exponentials. They are ten times as fast as the Runge-Kutta steps of :mod:`.kernel`, and no step is too long for a
 fast craft.
 
-With ``z = a h`` over a time *h*: ``E = exp(z)``, ``A1`` its integral, ``A2`` that of ``A1``, ``C1`` that of
-``s exp(a s)``, ``D1`` that of ``C1``. A sensitivity obeys ``s_dot = a s + b0 + b1 nu``, so that
-``s(h) = E s + A1 b0 + b1 (h E nu + C1 f)``.
+Over a time *h*, with ``z = a h``, the exponential is ``E = exp(z)``. ``A1`` is the integral of ``E``, ``A2`` that of
+``A1``, ``C1`` that of ``s exp(a s)``, and ``D1`` that of ``C1``. A sensitivity obeys ``s_dot = a s + b0 + b1 nu``, so
+that ``s(h) = E s + A1 b0 + b1 (h E nu + C1 f)``.
 """
 
 from __future__ import annotations
@@ -27,21 +27,24 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 NEAR = 0.5
-"""Size of ``z`` below which the series are summed; the closed forms lose a digit there for every factor of ten."""
+"""Size of ``z`` (rate times time) below which the series are summed.
+
+Project choice. Below it the closed forms lose a digit for every factor of ten.
+"""
 
 ORDER = 14
-"""Number of terms of the series; the first omitted term is ``NEAR**14 / 14!``, below rounding."""
+"""Number of terms of the series. The first omitted term is ``NEAR**14 / 14!``, which is below rounding."""
 
 
 class LinearProgram(NamedTuple):
-    """The terms of :class:`.kernel.Program` that act on its only velocity, with the corresponding entries of the
+    """The terms of a :class:`.kernel.Program` that act on its only velocity, with the corresponding elements of the
     inertia.
 
     - ``moving`` (T,): 1 if a term is proportional to the velocity.
     - ``factors`` (T, 3): codes of inputs, -1 for none.
-    - ``inertia`` (E,): parameters of the inertia.
-    - ``inertia_coefs`` (E,): their coefficients.
-    - ``delay``: its parameter, or -1.
+    - ``inertia`` (E,): indices of the parameters of the inertia.
+    - ``inertia_coefs`` (E,): coefficients of these parameters.
+    - ``delay``: index of the parameter for the delay, -1 if absent.
     """
 
     pars: Index
@@ -55,7 +58,9 @@ class LinearProgram(NamedTuple):
 
 
 def linear_program_of(P: Program) -> LinearProgram | None:
-    """Return the linear form of *P*; return None if it has more than one velocity, or is not linear in it alone."""
+    """Return the linear form of *P*, or None if *P* has more than one velocity or is not linear in that velocity
+    alone.
+    """
     others = (P.lag, P.current_x, P.current_y, P.drift_x, P.drift_y, P.reach, P.bottom, P.payload, P.depth)
     if len(P.active) != 1 or max(others) >= 0 or P.coriolis or P.spatial:
         return None
@@ -117,7 +122,9 @@ def _sweep(
 ) -> bool:  # fmt: skip
     """Fill *X* (s, 2) and *S_out* (s, 2, q) from *x* (position, velocity) at ``t_out[0]`` on.
 
-    inverse : one over the inertia. row : index of the present inputs. b (2, q) : work array.
+    inverse : one over the inertia.
+    row : index of the present inputs.
+    b (2, q) : work array.
 
     Return False if the motion diverged.
     """
@@ -181,7 +188,10 @@ def linear_sweep(
     P: LinearProgram, theta: Array, inverse: float, x_0: Array, t_in: Array, inputs: Array, t_out: Array, free: Index,
     state_column: Index, X: Array, S_out: Array,
 ) -> bool:  # fmt: skip
-    """Simulate as :func:`.kernel.sweep`, with the linear equation *P* and *inverse*, one over its inertia."""
+    """Simulate like :func:`.kernel.sweep` with the linear equation *P*, and return whether the motion stayed finite.
+
+    inverse : inverse of the inertia.
+    """
     q = S_out.shape[2]
     S = np.zeros((2, q))
     for i, column in enumerate(state_column):

@@ -1,4 +1,4 @@
-"""A form with numbers: matrices, and simulation with or without sensitivities."""
+"""A form with values: its matrices, and its simulation with or without sensitivities."""
 
 from __future__ import annotations
 
@@ -34,33 +34,41 @@ _NU = ("u", "v", "w", "p", "q", "r")
 _ETA = ("x", "y", "z", "phi", "theta", "psi")
 
 PACES = 2.0 ** (np.arange(-8, 41) / 2.0)
-"""Rates [1/s] that a simulation's steps may be sized for.
+"""Rates [1/s] for which the steps of a simulation may be chosen.
 
-They are a fixed ladder, so that simulations with similar parameters take the same steps.
+They are fixed, so that simulations with similar parameters take the same steps. Project choice.
 """
 
 
 TRIES, FINER = 4, 8.0
-"""Number of tries of a diverging motion, and factor by which each has shorter steps.
+"""Number of attempts for a diverging motion, and factor by which the steps of each attempt are shorter.
 
-Steps that are too long make a motion diverge by themselves.
+Project choice. Steps that are too long cause divergence by themselves.
 """
 
 PATIENCE, STEPS = 70, 2000
-"""Maximum number of steps of a simulation: per stamp (PATIENCE), and in addition for a short run (STEPS)."""
+"""Maximum number of steps of a simulation: per stamp (PATIENCE), and additional steps for a short run (STEPS).
+
+Project choice.
+"""
 
 HOPELESS = 1.000001
-"""Number of steps needed, relative to the maximum, above which a simulation is not started."""
+"""Number of steps needed, relative to the maximum, above which a simulation is not started. Project choice."""
 
 SLACK = 0.2
-"""Fastest rate of a motion, relative to that of its steps, below which the next simulation may take longer steps."""
+"""Fastest rate of a motion, relative to the rate for which its steps were chosen, below which the next simulation
+may take longer steps. Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoupledMotion:
-    """A simulated run: ``values[signal]`` (s,) at the requested timestamps; ``finite`` is False if it diverged.
+    """A simulated run.
 
-    ``by[signal]`` (s, q): derivatives by the free parameters, then by the free initial states; empty if not requested.
+    - ``values[signal]`` (s,): signal at the requested stamps.
+    - ``by[signal]`` (s, q): derivatives by the free parameters, then by the free initial states; empty if not
+      requested.
+    - ``finite``: whether the motion stayed finite.
     """
 
     values: Mapping[str, Array]
@@ -69,17 +77,19 @@ class CoupledMotion:
 
 
 class Simulator:
-    """Simulator of a form, for one choice of free parameters and free initial states.
+    """Simulator of a form, for one selection of free parameters and free initial states.
 
     Parameters
     ----------
     free : names of the parameters with sensitivities, in this order.
-    free_states : names of the initial states with sensitivities (``u``, ``psi``, ``x`` ...), after the parameters.
-    patience : steps per timestamp above which a simulation is abandoned as too stiff; linear models do not need it.
+    free_states : names of the initial states with sensitivities (``u``, ``psi``, ``x`` ...). Their columns follow those
+        of the parameters.
+    patience : number of steps per stamp above which a simulation is abandoned as too stiff. Linear models do not need
+        it.
 
     Attributes
     ----------
-    states : names of the state vector: positions, velocities, then lagged inputs if there is a lag.
+    states : names of the states, in order: positions, velocities, then lagged inputs if there is a lag.
     """
 
     def __init__(
@@ -125,12 +135,13 @@ class Simulator:
     def run(
         self, theta: Array, x_0: Array, t_in: Array, inputs: Array, t_out: Array, *, sensitivities: bool = True
     ) -> tuple[Array, Array] | None:
-        """Simulate; return None if the motion diverges or M is singular.
+        """Return the simulated states and their sensitivities, or None if the motion diverges or M is singular.
 
         Parameters
         ----------
-        theta : (p,) in the order of ``form.parameters``. x_0 : (n,) state at ``t_out[0]``.
-        t_in, inputs : (j,), (j, m) each row holds from its stamp on, the first also before it.
+        theta : (p,) parameters in the order of ``form.parameters``.
+        x_0 : (n,) state at ``t_out[0]``.
+        t_in, inputs : stamps (j,) and values (j, m). Each row applies from its stamp, and the first also before it.
         t_out : (s,) non-decreasing stamps.
 
         Returns
@@ -179,7 +190,7 @@ class Simulator:
         return (X, S) if enough else None
 
     def outputs(self, theta: Array, X: Array, S: Array, signal: str) -> tuple[Array, Array]:
-        """Return one signal (s,) and its sensitivities (s, q) from the result of :meth:`run`.
+        """Return *signal* (s,) and its sensitivities (s, q) from the result *X*, *S* of :meth:`run`.
 
         Velocities are over ground: a current is added to those through the water. Velocities and positions are those at
         the sensor, see :mod:`.lever_arm`. With a deviating compass, velocities and heading are as measured with it, see
@@ -229,7 +240,7 @@ class Simulator:
 
 @dataclass(frozen=True, slots=True)
 class CoupledModel:
-    """An identified (or assumed) model of several degrees of freedom: a form and a value per parameter."""
+    """A model of several degrees of freedom: a form and a value for each of its parameters."""
 
     form: Form
     values: Mapping[str, float]
@@ -240,7 +251,7 @@ class CoupledModel:
 
     @property
     def theta(self) -> Array:
-        """The values (p,) in the order of ``form.parameters``."""
+        """Values (p,) of the parameters, in the order of ``form.parameters``."""
         return np.array([self[n] for n in self.form.parameters])
 
     @property
@@ -259,7 +270,7 @@ class CoupledModel:
     def simulate(
         self, t_in: Array, inputs: Mapping[str, Array], t_out: Array, initial: Mapping[str, float] | None = None
     ) -> CoupledMotion:
-        """Simulate from *initial* states (default 0) at ``t_out[0]``; see :meth:`Simulator.run`."""
+        """Return the motion, simulated from *initial* states (default 0) at ``t_out[0]``; see :meth:`Simulator.run`."""
         simulator = Simulator(self.form)
         columns = [np.asarray(inputs[n], dtype=np.float64) for n in self.form.inputs]
         table = np.column_stack(columns) if columns else np.zeros((len(t_in), 0))
@@ -272,7 +283,7 @@ class CoupledModel:
         return CoupledMotion({n: simulator.outputs(self.theta, X, S, n)[0] for n in names}, {}, True)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         form = self.form
         return {
             "schema": SCHEMA,
@@ -295,12 +306,12 @@ class CoupledModel:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> CoupledModel:
-        """Rebuild a model from the data of :meth:`to_dict`; errors are those of :meth:`of_data`."""
+        """Return the model that :meth:`to_dict` wrote as *data*. Exceptions are those of :meth:`of_data`."""
         return cls.of_data(conformed(data, CoupledData, "model"))
 
     @classmethod
     def of_data(cls, told: CoupledData) -> CoupledModel:
-        """Return the model that a file contains.
+        """Return the model described by the contents *told* of a model file.
 
         Raises
         ------
@@ -340,7 +351,7 @@ class CoupledModel:
                 raise BadFile(f"its inertia in {dof} is {value:g}, but it must be above 0")
 
     def with_values(self, values: Mapping[str, float]) -> CoupledModel:
-        """Return the model with some values replaced."""
+        """Return the model with *values* replaced."""
         return replace(self, values={**self.values, **values})
 
 

@@ -1,4 +1,4 @@
-"""Convert a form to the arrays that the kernel uses: states, inertia entries, terms."""
+"""Convert a form to the arrays that the compiled simulation uses: states, elements of the inertia matrix, terms."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ _ETA = ("x", "y", "z", "phi", "theta", "psi")
 
 
 def states_of(form: Form) -> tuple[str, ...]:
-    """Return the names of the state vector of *form*."""
+    """Return the names of the states of *form*, in the order of the state vector."""
     rows = [FORCES.index(DOFS[d].force) for d in form.dofs]
     lagged = tuple(f"lagged {c}" for c in form.inputs) if "lag" in form.parameters else ()
     return (*(_ETA[i] for i in rows), *(_NU[i] for i in rows), *lagged)
 
 
 def inertia_matrix(form: Form, theta: Array) -> Array:
-    """Return M (6, 6), zero outside the active degrees of freedom."""
+    """Return the inertia matrix M (6, 6) for the parameters *theta*, zero outside the active degrees of freedom."""
     program = program_of(form)
     M = np.zeros((6, 6))
     for (i, j, par), coefficient in zip(program.inertia, program.inertia_coefs, strict=True):
@@ -91,7 +91,7 @@ def _program(key: tuple[Any, ...]) -> Program:
 
 
 class _Key:
-    """Hashable key of a form, made of its content, because a form contains mappings."""
+    """Hashable key made of the content of a form, because a form contains mappings and is not hashable."""
 
     __slots__ = ("_content", "form")
 
@@ -109,7 +109,7 @@ class _Key:
 
 
 def program_of(form: Form) -> Program:
-    """Return the arrays that the kernel uses."""
+    """Return *form* as the arrays that the compiled simulation uses."""
     return _program((_Key(form),))
 
 

@@ -2,8 +2,7 @@
 
 They are ``M nu_dot + C(nu) nu - F(nu, eta, inputs) = sum_p theta_p E_p + E_0``. The regression matrices of
 Miskovic2010, eq. (4.17)-(4.22), of Miskovic2007, eq. (8), and of ZhaoUSV, eq. (25) are special cases. The code uses
-NumPy over all stamps at once, independently of the compiled kernel, which has the same terms. Each is tested against
-the other.
+NumPy over all stamps at once, independently of the compiled kernel, which has the same terms. Tests compare the two.
 """
 
 from __future__ import annotations
@@ -23,9 +22,10 @@ Array = NDArray[np.float64]
 
 
 class Balance(NamedTuple):
-    """``F - C nu - M nu_dot`` (s, k), which is zero if the equations hold, and its derivatives (s, k, p).
+    """Force balance of the equations of motion.
 
-    The derivatives are those by the parameters that enter linearly; columns of special parameters have no meaning.
+    - ``F - C nu - M nu_dot`` (s, k), which is zero if the equations are satisfied.
+    - Derivatives (s, k, p) by the parameters that enter linearly. Columns of special parameters have no meaning.
     """
 
     values: Array
@@ -33,7 +33,7 @@ class Balance(NamedTuple):
 
 
 def balance_of(program: kernel.Program, theta: Array, X: Array, nu_dot: Array, inputs: Array) -> Balance:
-    """Return the balance at states *X* (s, n), rates of the velocities *nu_dot* (s, k) and inputs (s, m)."""
+    """Return the force balance for the states *X* (s, n), the accelerations *nu_dot* (s, k) and the *inputs* (s, m)."""
     full = np.zeros((len(X), 12))
     here = program.column >= 0
     full[:, here] = X[:, program.column[here]]
@@ -62,7 +62,10 @@ def _products(program: kernel.Program, inputs: Array) -> Array:
 
 
 def inertia_columns(form: Form, nu_dot: Array) -> Array:
-    """Return the contribution of accelerations (n, 6) to the rows (n, k, p + 1); the last column has no parameter."""
+    """Return the contribution of the accelerations *nu_dot* (n, 6) to the rows (n, k, p + 1).
+
+    The last column has no parameter.
+    """
     return _inertia(program_of(form), len(form.parameters), nu_dot)
 
 
@@ -76,7 +79,8 @@ def _inertia(program: kernel.Program, parameters: int, nu_dot: Array) -> Array:
 def force_columns(form: Form, nu: Array, eta: Array, drives: Array) -> Array:
     """Return ``C(nu) nu - F`` per parameter (n, k, p + 1).
 
-    nu, eta : (n, 6). drives : (n, T) the product of each term's input factors.
+    nu, eta : (n, 6) velocities and positions.
+    drives : (n, T) product of the input factors of each term.
 
     Other parameters of a term (walls, bottom, reach) have the known values of the form.
     """
