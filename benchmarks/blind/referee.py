@@ -79,7 +79,7 @@ class Outcome:
             return self.causes[:1] == self.truth
         if self.kind in ("clean", "clean-track"):
             return self.verdict == "no-effect"
-        if self.kind == "weather":
+        if self.kind == "process-noise":
             return self.causes[:1] == self.truth[:1]
         if self.kind == "double":
             return set(self.truth) <= set(self.causes)
@@ -217,7 +217,7 @@ def _answer(found: Diagnosis, case: Case) -> dict[str, Any]:
         "gain": found.gain.ratio if found.gain is not None else float("nan"),
         "doubts": [d.slug for d in found.doubts],
         "doubted": [n.name for n in found.wrong_numbers],
-        "worth": _worth(case) if case.kind == "weather" else float("nan"),
+        "worth": _worth(case) if case.kind == "process-noise" else float("nan"),
     }
 
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from benchmarks.blind.craft import Craft, draw_craft, log_uniform
 from benchmarks.blind.flying import driving
+from benchmarks.blind.process_noise import CALM, drawn_weather, smoothed
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
 from benchmarks.blind.voyage import Case, Flown, Voyage, case_of, draw_voyage, fly
-from benchmarks.blind.weather import CALM, drawn_weather, smoothed
 
 __all__ = ["CIRCUMSTANCES", "EXCUSED", "PAIR", "draw_rough"]
 

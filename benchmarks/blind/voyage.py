@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from benchmarks.blind.craft import POSITION, Craft, log_uniform
 from benchmarks.blind.flying import MANOEUVRES, draw_commands
 from benchmarks.blind.foreign import FOREIGN
+from benchmarks.blind.process_noise import WEATHER
 from benchmarks.blind.secret import Hidden
-from benchmarks.blind.weather import WEATHER
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects import HiddenEffect, make_effect
 from sitl.open_loop import Hull, open_loop
