@@ -31,12 +31,12 @@ from scipy.optimize import minimize
 
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.axes import AXES
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design import StepMetrics, combine, step_metrics
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law
 from gcs_autotune.design.margins import Plant, margins_of_each, worst
 from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise
 from gcs_autotune.design.plant import Region
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.design.selection import MAX_OVERSHOOT, choose
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.errors import AutotuneError

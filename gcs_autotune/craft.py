@@ -33,10 +33,11 @@ __all__ = [
 class Observation:
     """The state of the craft at one moment of its own time. Unknown numbers are NaN. SI and radians.
 
-    ``t`` is the vehicle's timestamp [s] of the attitude in this observation; ``psi`` is unwrapped (continuous from the
-    first one); ``d`` is the distance to a wall ahead [m]. ``output`` is the *measured* actuator demand per force name
-    (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW); ``output_t`` is its time
-    stamp. ``age`` is seconds of link-clock time since the last message.
+    ``t`` is the vehicle's timestamp [s] of the attitude in this observation; ``psi`` is unwrapped
+    (continuous from the first one); ``d`` is the distance to a wall ahead [m]; ``d_starboard`` that of a second
+    rangefinder. ``output`` holds the *measured* actuator
+    demand per force name (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
+    ``output_t`` its stamp. ``age`` is seconds of link-clock time since the last message.
     """
 
     t: float
@@ -52,6 +53,7 @@ class Observation:
     w: float = math.nan
     speed: float = math.nan
     d: float = math.nan
+    d_starboard: float = math.nan
     output: Mapping[str, float] = field(default_factory=dict)
     output_t: float = math.nan
     armed: bool = False

@@ -85,6 +85,7 @@ SIGNALS: dict[str, Signal] = {
     "delta": Signal("rad", "rudder angle"),
     "n": Signal("rad/s", "propeller speed"),
     "d": Signal("m", "distance to a flat surface ahead"),
+    "d_starboard": Signal("m", "distance to a flat surface ahead, second rangefinder"),
     "psi_ref": Signal("rad", "commanded heading"),
     "z_ref": Signal("m", "commanded depth"),
     "u_ref": Signal("m/s", "commanded speed ahead"),

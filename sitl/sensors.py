@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sitl.plants import Plant, State, measured_speed
@@ -15,7 +15,7 @@ __all__ = ["Rangefinder", "SensorData", "SensorReading", "Sensors"]
 
 @dataclass(frozen=True, slots=True)
 class SensorData:
-    """Standard deviations of noise, which is white from one sensor sample to the next (50 a second, held in
+    """Standard deviations of noise, which is white from one sensor sample to the next (50 a second, constant in
     between).
 
     ``heading_quantum`` [rad] is the resolution of the compass (0: none). ``speed_noise`` has a value for the speed
@@ -51,32 +51,41 @@ class SensorReading:
     w: float = 0.0
     az: float = 0.0
     d: float = math.nan
+    d_starboard: float = math.nan
 
 
 class Rangefinder:
     """Measures the distance ahead to a flat wall, perpendicular to *heading* [rad] and *wall* [m] from the origin.
 
-    A new distance is measured every *period* [s], with *noise* [m], and held in between. It is NaN while the wall is
-    not ahead.
+    A new distance comes every *period* [s], with *noise* [m], and is held in between; NaN while the wall is not ahead.
+    With *apart* [m] it is two, so far apart on either side of the craft; else one in the middle.
     """
 
-    def __init__(self, wall: float, heading: float, noise: float, period: float, seed: int) -> None:
-        self._wall, self._heading, self._period = wall, heading, period
+    def __init__(self, wall: float, heading: float, noise: float, period: float, seed: int, apart: float = 0.0) -> None:
+        self._wall, self._heading, self._period, self.apart = wall, heading, period, apart
         self._noise = functools.partial(random.Random(f"{seed}/distance").gauss, 0.0, noise)
-        self._next, self._held = 0.0, math.nan
+        self._next = 0.0
+        self._held = [math.nan] * (2 if apart > 0.0 else 1)
 
-    def measure(self, t: float, state: State) -> float:
-        """Return the measured distance [m] at *t* [s]."""
+    def measure(self, t: float, state: State) -> Sequence[float]:
+        """Return the measured distances [m] at *t* [s], that of port first."""
         if t >= self._next:
             self._next = t + self._period
-            towards = math.cos(state.psi - self._heading)
+            turned = state.psi - self._heading
+            towards = math.cos(turned)
             gone = state.x * math.cos(self._heading) + state.y * math.sin(self._heading)
-            self._held = (self._wall - gone) / towards + self._noise() if towards > 0.1 else math.nan
+            sides = (-0.5 * self.apart, 0.5 * self.apart) if self.apart > 0.0 else (0.0,)
+            self._held = [
+                (self._wall - gone + side * math.sin(turned)) / towards + self._noise() if towards > 0.1 else math.nan
+                for side in sides
+            ]
         return self._held
 
 
 class Sensors:
-    """Samples the sensors of a plant. Every sensor has its own random numbers, so one does not affect another."""
+    """Samples the sensors of a plant. Every sensor has its own random numbers, so a change of one sensor's noise does
+    not affect the others.
+    """
 
     def __init__(self, data: SensorData, seed: int, *, floats: bool) -> None:
         self._data = data
@@ -105,7 +114,7 @@ class Sensors:
         self._noise: list[float] = []
 
     def sample(self, plant: Plant, reading: SensorReading, *, new: bool = True) -> None:
-        """Fill *reading* with the present measurement. The noise of the last one is reused unless *new* is set."""
+        """Fill *reading* with the present measurement. Unless *new* is set, the noise of the last sample is reused."""
         if new or not self._noise:
             self._noise = [draw() for draw in self._draws]
         noise, quantum = self._noise, self._data.heading_quantum

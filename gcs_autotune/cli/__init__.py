@@ -51,6 +51,7 @@ COMMANDS: Mapping[str, Verb] = {
         "fly relay experiments and identify one degree of freedom; writes no parameter", "experiment_cmd"
     ),
     "fly": Verb("fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model", "fly_cmd"),
+    "hold": Verb("hold heading or depth with a controller of our own, in manual mode", "hold_cmd"),
     "recheck": Verb(
         "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMAND", "RESTORED", "tune_settings"]
 
-FUNCTIONS = ("bessel", "butterworth")
+FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
 RESTORED = 8
 """Exit code: the new gains were tested but the old ones proved better and are restored."""

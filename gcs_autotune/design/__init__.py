@@ -1,15 +1,14 @@
 """Calculate gains for the autopilot's own control law from an identified model. Nothing is written to a vehicle.
 
-:func:`design` returns a :class:`Proposal`; :func:`design_from` does so from a model with effects. :func:`provisional`
-returns nearly the same gains in a fifth of the time, while experiments are still being flown. :func:`step_metrics` and
-:func:`is_better` measure and compare the flown steps by the same criteria. :func:`design_ipd` and
-:func:`stability_bound` implement the controller of Miskovic2010.
+:func:`design` returns a :class:`Proposal` for a plain model, and :func:`design_from` one for a model with effects.
+:func:`provisional` returns nearly the same gains in a fifth of the time, while experiments are still being flown.
+:func:`step_metrics` and :func:`is_better` measure and compare the flown steps by the same criteria. Controllers of this
+project are in ``control``.
 """
 
 from __future__ import annotations
 
 from gcs_autotune.design.actuator import USED, Actuator
-from gcs_autotune.design.ipd import IpdGains, Uncertainty, design_ipd, stability_bound, uncertainty_of
 from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
@@ -21,8 +20,7 @@ from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
-from gcs_autotune.design.reference_model import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
-from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
+from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Proposal, StepMetrics
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.verdict import Verdict, is_better, is_followed, scatter_of
@@ -30,13 +28,11 @@ from gcs_autotune.design.verdict import Verdict, is_better, is_followed, scatter
 __all__ = [
     "LAWS",
     "OTHER_MODE",
-    "REFERENCE_MODELS",
     "SHORTER",
     "USED",
     "Actuator",
     "Change",
     "Hunting",
-    "IpdGains",
     "Law",
     "Margins",
     "OpenLoop",
@@ -44,34 +40,26 @@ __all__ = [
     "Proposal",
     "ProvisionalGains",
     "Reduction",
-    "ReferenceModel",
     "Remark",
     "Scenario",
     "Spec",
     "StepMetrics",
-    "Uncertainty",
     "Verdict",
     "combine",
     "crossings",
     "design",
     "design_from",
-    "design_ipd",
     "holding",
     "in_fractions",
     "is_better",
     "is_followed",
-    "omega_for_settling",
     "over_windows",
     "provisional",
     "pulse_of",
     "reduce",
-    "reference_model",
     "scatter_of",
-    "settling_time",
     "shortfall_of",
-    "stability_bound",
     "step_metrics",
     "throttle_of",
     "turn_rate_step",
-    "uncertainty_of",
 ]

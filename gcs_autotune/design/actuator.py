@@ -1,4 +1,4 @@
-"""The actuator between the autopilot's output and the force, as far as a diagnosis has identified it."""
+"""Model of the actuator between the autopilot's output and the force, as a diagnosis identified it."""
 
 from __future__ import annotations
 
@@ -17,23 +17,25 @@ __all__ = ["PERFECT", "Actuator", "ActuatorStep"]
 Array = NDArray[np.float64]
 
 MIN_SLOPE = 0.25
-"""Local gains below this value are excluded from the margins.
+"""Local gain [1] of the actuator below which margins are not calculated.
 
-The loop is then nearly open, which the simulation covers.
+Project choice. The loop is then nearly open, and the simulation evaluates it instead.
 """
 USED = 0.5
-"""Largest output for which margins must hold [normalised], independent of the relay sizes.
+"""Largest output [normalised] for which the margins must be met, independent of the relay sizes.
 
-The gain of a quadratic thrust curve at most doubles from here to full output, and this range is only passed through. A
-gain margin of 2.5 is then still 1.25.
+Project choice. From this output to full output, the gain of a quadratic thrust curve at most doubles. The loop passes
+through that range only briefly. A gain margin of 2.5 is then still 1.25.
 """
 
 
 class ActuatorStep(NamedTuple):
     """An :class:`Actuator` with its constants per loop, all floats.
 
-    ``rate`` is per loop, ``lag`` is the fraction of the distance covered in one loop, ``backlash`` is half the width.
-    ``acts`` is 0 for an ideal actuator.
+    - ``acts``: 0 for an ideal actuator, else 1.
+    - ``rate``: rate limit per loop.
+    - ``lag``: fraction of the distance to the target that is covered in one loop.
+    - ``backlash``: half the width of the backlash.
     """
 
     acts: float
@@ -54,13 +56,20 @@ class ActuatorStep(NamedTuple):
 class Actuator:
     """The actuator from output to force, with its elements in this order.
 
-    Outputs are in the model's input unit, or in fractions once scaled. ``limit``: saturation. ``rate`` [1/s]: rate
-    limit. ``lag`` [s]: first-order lag. ``backlash`` and ``dead_zone`` (half-width): those of its linkage or speed
-    controller. ``subtracted``: fraction of the half-width that is lost outside the dead zone (1: the force starts from
-    zero; 0: it starts with a jump). ``square``: fraction of its force that is proportional to ``u|u|/reference``.
-    ``ahead`` and ``astern``: gains for positive and negative outputs. ``weakest``: the gain to which it may decrease in
-    use. ``dither``: rms of noise on its output that is too fast for the craft, so that the force is the mean over the
-    noise.
+    Outputs are in the model's input unit, or in fractions of full output after :meth:`in_fractions`.
+
+    - ``limit``: saturation.
+    - ``rate`` [1/s]: rate limit.
+    - ``lag`` [s]: time constant of a first-order lag.
+    - ``backlash``: width of the backlash of its linkage.
+    - ``dead_zone``: half-width of the dead zone of its linkage or speed controller.
+    - ``subtracted``: fraction of the half-width that is lost outside the dead zone (1: the force starts from zero; 0:
+      it starts with a jump).
+    - ``square``: fraction of its force that is proportional to ``u|u|/reference``.
+    - ``ahead``, ``astern``: gains for positive and negative outputs.
+    - ``weakest``: the gain to which the force may decrease in use.
+    - ``dither``: rms of noise on its output that is too fast for the craft, so that the force is the mean over the
+      noise.
     """
 
     limit: float = math.inf
@@ -83,20 +92,20 @@ class Actuator:
 
     @property
     def is_plain(self) -> bool:
-        """Whether its static curve is linear; it may still have a lag, limits or a decreasing gain."""
+        """Whether the static curve is linear. The actuator may still have a lag, limits or a decreasing gain."""
         return self == replace(
             PERFECT, limit=self.limit, rate=self.rate, lag=self.lag, reference=self.reference, weakest=self.weakest
         )
 
     @property
     def lost(self) -> float:
-        """The part of an output outside the dead zone that the dead zone subtracts."""
+        """Amount that the dead zone subtracts from an output outside it, in the unit of the output."""
         return self.subtracted * self.dead_zone
 
     def in_fractions(self, full: float) -> Actuator:
         """Return the actuator with outputs as fractions of *full* [input unit].
 
-        *full* is negative if full output acts in the opposite direction.
+        A negative *full* means that full output acts in the opposite direction.
         """
         size = abs(full)
         turned = {"ahead": self.astern, "astern": self.ahead} if full < 0.0 else {}
@@ -112,7 +121,9 @@ class Actuator:
         )
 
     def static(self, u: Array) -> Array:
-        """Return the force (n,) of steady outputs *u* (n,), with backlash taken up in their direction."""
+        """Return the force (n,) of steady outputs *u* (n,), with the backlash taken up in the direction of each
+        output.
+        """
         held = np.clip(u, -self.limit, self.limit)
         size = np.maximum(np.abs(held) - 0.5 * self.backlash, 0.0)
         held = np.sign(held) * np.where(size > self.dead_zone, size - self.lost, 0.0)
@@ -121,20 +132,21 @@ class Actuator:
         return force
 
     def output_for(self, force: float) -> float:
-        """Return the steady output that gives *force*.
+        """Return the steady output that produces *force*.
 
         Raises
         ------
         NoGainsMeetSpec
-            Full output does not give that force.
+            Full output does not produce *force*.
         """
         return _output_for(self, force)
 
     def slopes(self) -> tuple[float, ...]:
-        """Return the local gains for small motions: by direction, size of output and state of the battery.
+        """Return the local gains for small motions, for each direction, size of output and state of the battery.
 
-        Outputs are normalised (:meth:`in_fractions`) and range from rest to ``USED``, less dead zone and backlash.
-        Margins must hold for each gain. Inside dead zone and backlash the loop is open, which the simulation covers.
+        Outputs are normalised (:meth:`in_fractions`) and range from rest to ``USED``, less dead zone and backlash. The
+        margins must be met for each gain. Inside dead zone and backlash the loop is open, and the simulation evaluates
+        it instead.
         """
         return _slopes(self)
 

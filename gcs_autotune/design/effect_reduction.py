@@ -19,17 +19,22 @@ from gcs_autotune.sname import Dof
 __all__ = ["Draft", "Remark", "take"]
 
 IN_USE = 1800.0
-"""Time [s] for which a drift of the gain is extrapolated: half an hour on the water."""
+"""Time [s] for which a drift of the gain is extrapolated: half an hour on the water. Project choice."""
 
 WEAKEST = 0.3
-"""Smallest thrust considered, as a fraction; a battery is changed before thrust falls below it."""
+"""Smallest thrust considered, as a fraction of that with a fresh battery.
+
+Project choice: a battery is changed before thrust falls below it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Remark about one effect.
+    """Remark about one effect of a model.
 
-    ``treated``: its treatment in the design. ``advice``: further action, if any.
+    - ``slug``, ``place``: the effect and where it acts.
+    - ``treated``: treatment of the effect in the design.
+    - ``advice``: further action, if any.
     """
 
     slug: str
@@ -46,7 +51,7 @@ class Remark:
 
 @dataclass(slots=True)
 class Draft:
-    """A reduction in progress: ``numbers`` and ``gain`` (per unit of ``channel``) of the axis' force, SI."""
+    """A reduction in progress: ``numbers`` of the axis, and ``gain`` of its force per unit of ``channel``, SI."""
 
     dof: Dof
     channel: str
@@ -61,7 +66,7 @@ class Draft:
 
 
 def take(draft: Draft, own: EffectInstance) -> None:
-    """Apply one effect to the draft and add a remark about it."""
+    """Apply the effect *own* to *draft*, and add a remark about it."""
     here = own.place in (draft.channel, draft.dof.name)
     if own.slug in _REDUCED and (here or own.slug in _ANYWHERE):
         treated, advice = _REDUCED[own.slug](draft, own)

@@ -20,14 +20,21 @@ __all__ = ["hunting_of"]
 Array = NDArray[np.float64]
 
 LONG = 300.0
-"""Duration of the simulation after the step [s]. The last half is evaluated, once the step response has decayed."""
+"""Duration of the simulation after the step [s].
+
+Project choice. The last half is evaluated, because the step response has decayed by then.
+"""
 
 REST = 1e-3
-"""Amplitude relative to the step below which the craft counts as at rest."""
+"""Amplitude, relative to the step, below which the craft counts as at rest. Project choice."""
 
 
 def hunting_of(problem: DesignProblem, settings: Settings, step: float) -> Hunting:
-    """Return the residual motion long after a step of *step* [rad or m] on the identified model, without noise."""
+    """Return the residual motion long after a step of *step* [rad or m], simulated with *settings* on the identified
+    model.
+
+    The simulation has no noise.
+    """
     motion = problem.law.simulate(
         problem.model, settings, Scenario(step, LONG), problem.spec.speed, problem.delay, problem.actuator
     )

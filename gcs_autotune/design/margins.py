@@ -1,6 +1,6 @@
 """Gain, phase and delay margin of one loop, or of many plants with one controller.
 
-A design calculates the margins of a few dozen plants thousands of times. The parts that depend on the plants alone are
+A design calculates the margins of a few dozen plants thousands of times. Responses that depend on the plants alone are
 cached.
 """
 
@@ -24,16 +24,19 @@ Complex = NDArray[np.complex128]
 Index = NDArray[np.intp]
 
 NO_CROSSING = 1000.0
-"""Value of a margin (a ratio, or seconds) that no crossing limits; it is finite, so that files can contain it."""
+"""Value of a margin (a ratio, or seconds) that no crossing limits.
+
+Project choice: it is finite, so that files can contain it.
+"""
 
 GRID = np.logspace(-3.0, 2.7, 700)
-"""Frequencies [rad/s] at which margins are searched; boats and ROVs are in the middle of the range."""
+"""Frequencies [rad/s] at which margins are searched. Project choice: boats and ROVs are in the middle of the range."""
 
 _S: Complex = (1j * GRID).astype(np.complex128)
 
 
 class Plant(NamedTuple):
-    """``gain / (alpha s + drag) * exp(-delay s)``: the plant of a velocity controller; ``delay`` [s]."""
+    """Plant of a velocity controller, ``gain / (alpha s + drag) * exp(-delay s)``, with ``delay`` in s."""
 
     gain: float
     alpha: float
@@ -42,7 +45,7 @@ class Plant(NamedTuple):
 
 
 def margins_of(loop: OpenLoop) -> Margins:
-    """Return gain, phase and delay margin; all are zero if the closed loop is unstable.
+    """Return the gain, phase and delay margin of *loop*. All are zero if the closed loop is unstable.
 
     The gain margin covers both directions: the increase *or decrease* of gain that the loop tolerates.
     """
@@ -60,7 +63,7 @@ def margins_of_each(controller: Rational, plants: Sequence[Plant]) -> list[Margi
 
 
 def worst(margins: list[Margins]) -> Margins:
-    """Return the smallest of each margin over several loops."""
+    """Return the smallest gain, phase and delay margin over several loops. The result is stable if all loops are."""
     return Margins(
         min(m.gain for m in margins),
         min(m.phase for m in margins),
@@ -72,8 +75,10 @@ def worst(margins: list[Margins]) -> Margins:
 class Crossings(NamedTuple):
     """Crossings of the frequency responses of several loops.
 
-    ``row`` (k,): index of the loop. ``at`` (k,): frequency [rad/s]. ``value`` (k,): at 180 degrees of phase, the
-    logarithm of the magnitude; at magnitude one, the angle from 180 degrees [rad].
+    - ``row`` (k,): index of the loop.
+    - ``at`` (k,): frequency [rad/s].
+    - ``value`` (k,): at 180 degrees of phase, the logarithm of the magnitude; at magnitude one, the angle from 180
+      degrees [rad].
     """
 
     row: Index
@@ -82,7 +87,7 @@ class Crossings(NamedTuple):
 
 
 def crossings(value: Complex, omega: Array) -> tuple[Crossings, Crossings]:
-    """Return the crossings of 180 degrees, and those of magnitude one.
+    """Return the crossings of 180 degrees of phase, and those of magnitude one.
 
     value : (k, n) frequency responses at *omega* (n,) [rad/s].
     """

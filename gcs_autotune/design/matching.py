@@ -1,10 +1,10 @@
-"""Select gains so that the simulated step follows the reference model, inside the documented ranges.
+"""Select gains inside the documented ranges with which the simulated step follows the reference model.
 
-Without a user-supplied specification, :mod:`gcs_autotune.design.refinement` continues from the result. Algebra gives
-the start values, and bounded least squares fits the simulated response. The response consists of a step, a smaller step
-in the other direction, and a constant disturbance halfway (so that integral action has a benefit). Margins and noise
-are residuals that are zero inside their limits. A small weight keeps gains without effect on the response near the
-start values.
+Without a user-supplied specification, :mod:`gcs_autotune.design.refinement` improves the result. Algebra gives the
+start values, and bounded least squares fits the simulated response. The response consists of a step, a smaller step in
+the other direction, and a constant disturbance halfway (so that integral action has a benefit). Margins and noise are
+further residuals, which are zero inside their limits. Deviations from the start values have a small weight. Gains
+without effect on the response therefore stay near their start values.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from gcs_autotune.control import ReferenceModel, settling_time, wanted_step
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.laws import Law, Scenario, Settings
 from gcs_autotune.design.laws.loops import linearisations, peak_demand
 from gcs_autotune.design.margins import Plant, margins_of_each, worst
 from gcs_autotune.design.open_loop import OpenLoop, constant, open_loop, slow
 from gcs_autotune.design.plant import Region
-from gcs_autotune.design.reference_model import settling_time, wanted_step
-from gcs_autotune.design.result import Margins, ReferenceModel
+from gcs_autotune.design.result import Margins
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.firmware import Gain
 from gcs_autotune.models import SingleDof
@@ -43,40 +43,53 @@ __all__ = [
 Array = NDArray[np.float64]
 
 NOISE_LIMIT = 0.05
-"""Largest actuator motion that measurement noise may cause (rms, fraction of full): 5 %. It is set by hand."""
+"""Largest actuator motion that measurement noise may cause (rms, fraction of full).
+
+Project choice: more noise wears the actuator.
+"""
 PUSH = 0.06
-"""Constant force at half time, relative to the largest output of the required step. It is set by hand."""
+"""Constant force in the second half of the simulation, relative to the largest output of the required step.
+
+Project choice.
+"""
 PUSH_WEIGHT = 0.5
 INTEGRAL, TRIM_TIME = 0.05, 30.0
-"""Limits for the slowest removal of constant forces.
+"""Limits for the slowest removal of constant forces. Project choice.
 
-INTEGRAL: relative to the reference model's speed ``1/a1``. TRIM_TIME [s]: a removal faster than 30 s is not required.
-If ``ATC_STR_ANG_P`` cannot be low enough, integral action causes overshoot.
+- ``INTEGRAL``: smallest rate of removal, relative to the reference model's speed ``1/a1``.
+- ``TRIM_TIME`` [s]: a removal faster than 30 s is not required. If ``ATC_STR_ANG_P`` cannot be low enough, integral
+  action causes overshoot.
 """
 SAMPLES = 80
 RELUCTANCE = 0.02
-"""Weight of a deviation from the start values, per full documented range; the response's residuals are rms
-fractions."""
+"""Weight of a deviation of a gain from its start value, in units of its documented range.
+
+Project choice. The residuals of the response are rms fractions of the step.
+"""
 RESERVE = 1.05
 """Factor by which margins must exceed the specification, as a reserve for rounding and for compromises of least
-squares."""
+squares. Project choice.
+"""
 HARDEST = 2
-"""Number of samples of the 95 % region whose margins are checked during the descent: the worst ones at the start."""
+"""Number of samples of the 95 % region whose margins are checked during a descent: those with the worst margins at
+its start. Project choice.
+"""
 DESCENTS = 3
-"""Maximum number of descents for a user-supplied specification."""
+"""Maximum number of descents for a user-supplied specification. Project choice."""
 MARGIN_WEIGHT = 0.5
 DIFFERENCE = 1e-3
-"""Step of finite differences, as a fraction of a gain's range."""
+"""Step of finite differences, as a fraction of a gain's range. Project choice."""
 WORST_RESIDUAL = 3.0
 DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignProblem:
-    """Inputs of matching except the specification.
+    """Inputs of the design of one loop, except the specification of its speed.
 
-    ``delay`` [s]: in addition to the model's. ``present_overshoot``: that of the same step with the present gains.
-    ``late``: gains that only refinement changes.
+    - ``delay`` [s]: delay in addition to that of the model.
+    - ``present_overshoot``: overshoot of the same step with the present gains.
+    - ``late``: gains that only refinement changes.
     """
 
     law: Law
@@ -97,23 +110,23 @@ class DesignProblem:
 
     @property
     def speed(self) -> float | None:
-        """The speed [m/s] at which the gains are matched."""
+        """Speed [m/s] at which the gains are matched."""
         return self.law.matching_speed(self.settings, self.spec.speed)
 
     def with_gains(self, x: Array) -> dict[str, float]:
-        """Return the settings with the tuned gains at *x* (n,), as fractions of their ranges."""
+        """Return the settings with the tuned gains set to *x* (n,), given as fractions of their ranges."""
         tuned = {g.parameter: g.low + float(v) * (g.high - g.low) for g, v in zip(self.gains, x, strict=True)}
         return {**self.settings, **self.law.fixed, **self.spec.measured, **tuned}
 
     def as_fractions(self, values: Mapping[str, float]) -> Array:
-        """Return gains as fractions of their ranges, limited to them."""
+        """Return the gains in *values* as fractions (n,) of their ranges, limited to 0 and 1."""
         x = [(values[g.parameter] - g.low) / (g.high - g.low) for g in self.gains]
         known = np.nan_to_num(np.array(x, dtype=np.float64), nan=0.5, posinf=1.0, neginf=0.0)
         inside: Array = np.clip(known, 0.0, 1.0)
         return inside
 
     def margins(self, settings: Settings, wanted: ReferenceModel, models: Sequence[SingleDof]) -> list[Margins]:
-        """Return the margins of each of *models*: the worse of those at rest and in the motion of *wanted*."""
+        """Return the margins for each of *models*: the smaller of those at rest and in the motion of *wanted*."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants, counts = [], []
         for m in models:
@@ -124,7 +137,7 @@ class DesignProblem:
         return [worst([next(each) for _ in range(count)]) for count in counts]
 
     def loops(self, settings: Settings, wanted: ReferenceModel) -> tuple[OpenLoop, ...]:
-        """Return the loops of the identified model that :meth:`margins` judges, opened at the actuator."""
+        """Return the open loops of the identified model that :meth:`margins` evaluates, opened at the actuator."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants = self._plants(self.model, settings, wanted)
         return tuple(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay) for p in plants)
@@ -136,7 +149,9 @@ class DesignProblem:
         return [Plant(g, model.alpha, d, model.delay + self.delay) for d in drags for g in gains]
 
     def demand(self, model: SingleDof, wanted: ReferenceModel) -> tuple[float, float]:
-        """Return (actuator use, largest velocity or acceleration) for following *wanted* exactly."""
+        """Return the actuator use [fraction] and the largest velocity or acceleration, for following *wanted*
+        exactly.
+        """
         return self.law.demand(model, wanted, self.step, self.settings, self.spec.speed)
 
     def hardest(self, settings: Settings, wanted: ReferenceModel, count: int) -> list[SingleDof]:
@@ -148,7 +163,7 @@ class DesignProblem:
 
 
 def integral_shortfall(problem: DesignProblem, settings: Settings, wanted: ReferenceModel) -> float:
-    """Return by what fraction the removal of a constant force is too slow.
+    """Return the fraction by which the removal of a constant force is too slow, or 0 if it is fast enough.
 
     The requirement is relaxed if the integral gain's range does not permit it.
     """
@@ -159,8 +174,9 @@ def integral_shortfall(problem: DesignProblem, settings: Settings, wanted: Refer
 
 
 def output_noise(problem: DesignProblem, settings: Settings) -> float:
-    """Return the rms of the actuator's motion [fraction] due to the measured position noise, white up to its
-    bandwidth."""
+    """Return the rms of the actuator's motion [fraction of full] due to measurement noise of the position, white up
+    to its bandwidth.
+    """
     spec = problem.spec
     if spec.jitter == 0.0:
         return 0.0
@@ -172,8 +188,9 @@ def output_noise(problem: DesignProblem, settings: Settings) -> float:
 def match(problem: DesignProblem, wanted: ReferenceModel, start: Settings | None = None) -> dict[str, float]:
     """Return the gains (rounded, inside their ranges) whose simulated step is closest to *wanted*.
 
-    Descents may start at the algebraic gains, the present gains and *start* (of a neighbouring specification). Each has
-    a small weight towards its start. For a user-supplied specification several starts are used, otherwise the best one.
+    Descents may start at the algebraic gains, the present gains and *start* (gains for a neighbouring specification).
+    Each descent has a small weight towards its start. For a user-supplied specification descents from several starts
+    are made, otherwise only from the best start.
     """
     residuals = _Residuals(problem, wanted)
     algebra = problem.law.starts(problem.model, wanted, problem.settings, problem.speed)

@@ -1,8 +1,8 @@
-"""Notes for the user beside the numbers of a proposal.
+"""Notes for the user on the numbers of a proposal.
 
 One note gives the margins at speeds other than that of the identification. A ship's turning scales with its speed
 (Nomoto's K' and T' are constant: K = K' U/L, T = T' L/U). ArduRover divides its steering by speed above
-MOT_SPD_SCA_BASE. The two cancel in the gain, but not in the time constant.
+MOT_SPD_SCA_BASE. This division cancels the effect of speed on the gain, but not that on the time constant.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from gcs_autotune.control import ReferenceModel, settling_time
 from gcs_autotune.design.hunting import LONG
 from gcs_autotune.design.laws import SKID, Settings
 from gcs_autotune.design.matching import DesignProblem
-from gcs_autotune.design.reference_model import settling_time
-from gcs_autotune.design.result import Beside, Hunting, Margins, ReferenceModel
+from gcs_autotune.design.result import Beside, Hunting, Margins
 from gcs_autotune.design.selection import GainCandidate
 from gcs_autotune.design.verdict import is_better
 from gcs_autotune.firmware import Axis
@@ -27,15 +27,18 @@ from gcs_autotune.sname import DOFS
 __all__ = ["NEAR_LIMIT", "at_speed", "notes_on", "on_other_speeds", "other_mode_notes", "said"]
 
 LONG_DELAY = 0.05
-"""Delay [s] above which a note explains that its location matters. It is set by hand."""
+"""Delay [s] above which a note explains that its location matters. Project choice."""
 TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
-"""Errors [rad or m] below which a note does not mention them."""
+"""Degree of freedom -> error [rad or m] below which a note does not mention it. Project choice."""
 POOR_MATCH = 0.08
-"""Rms deviation from the reference step, relative to it, above which a note is given. It is set by hand."""
+"""Rms deviation from the reference step, relative to the step, above which a note is given. Project choice."""
 NEAR_LIMIT = 0.01
-"""Distance to the end of a range, relative to the range, at which a gain counts as limited. It is set by hand."""
+"""Distance to the end of a range, relative to the range, up to which a gain counts as limited. Project choice."""
 ROUNDING = 1e-6
-"""Distance outside a range, relative to it, that counts as on the limit, because a vehicle stores float32."""
+"""Distance outside a range, relative to the range, up to which a value counts as on the limit.
+
+A vehicle stores float32.
+"""
 
 
 def notes_on(
@@ -47,9 +50,9 @@ def notes_on(
     is_refined: bool,
     wider: GainCandidate | None = None,
 ) -> Iterator[str]:
-    """Yield notes: validity of the gains, problems of the present ones, limits of the specification.
+    """Yield notes on the validity of the gains, on problems of the present gains, and on limits of the specification.
 
-    wider : better gains outside the documented ranges.
+    wider : better gains outside the documented ranges, if any.
     """
     yield from problem.law.notes(problem.model, shown.settings, problem.spec.speed)
     if axis.steers_by_way:
@@ -63,7 +66,9 @@ def notes_on(
 
 
 def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
-    """Yield sentences on the residual motion after a small step, with the present and the proposed gains."""
+    """Yield sentences on the residual motion after a small step, with the present gains (*before*) and the new ones
+    (*after*).
+    """
     if max(h.amplitude for h in (before, after)) == 0.0 and max(abs(h.offset) for h in (before, after)) < TINY[dof]:
         return
     yield (
@@ -153,11 +158,11 @@ BESIDE: Mapping[str, str] = {
     "rover-heading": "headings (GUIDED)",
     "sub-heading": "headings (ALT_HOLD)",
 }
-"""Law of another mode -> what it controls, and the names of its modes."""
+"""Law of another mode -> what the law controls, and the names of the modes that use it."""
 
 
 def other_mode_notes(beside: Beside) -> Iterator[str]:
-    """Yield the prediction for the other mode with the same gains."""
+    """Yield a sentence with the prediction for the other mode that uses the same gains."""
     yield (
         f"{BESIDE[beside.law]}: predicted tracking shortfall {beside.after:.1%} (time-weighted mean), "
         f"{beside.before:.1%} with the present gains"
@@ -171,14 +176,16 @@ def _lags(shown: GainCandidate) -> bool:
 
 
 SPEEDS = (0.5, 2.0)
-"""Speeds at which margins are checked, relative to that of the experiment."""
+"""Speeds at which margins are checked, relative to the speed of the experiment. Project choice."""
 ENOUGH_GAIN, ENOUGH_PHASE = 1.6, math.radians(25.0)
-"""Gain and phase margin below which the sentence is a warning."""
+"""Gain margin [ratio] and phase margin [rad] below which the note on other speeds is a warning. Project choice."""
 MOST = 100.0
 
 
 def at_speed(model: SingleDof, share: float) -> SingleDof:
-    """Return *model* (input a fraction of full rudder) at *share* times the speed of its identification."""
+    """Return *model*, whose input is a fraction of full rudder, scaled to *share* times the speed of its
+    identification.
+    """
     turn = 1.0 / share
     return replace(
         model, alpha=model.alpha * turn**2, beta=model.beta * turn, beta_quadratic=model.beta_quadratic * turn**2
@@ -186,7 +193,9 @@ def at_speed(model: SingleDof, share: float) -> SingleDof:
 
 
 def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: ReferenceModel) -> Iterator[str]:
-    """Yield a sentence with the margins at half and twice the speed; nothing if steering does not depend on speed."""
+    """Yield a sentence with the margins at half and twice the speed, or nothing if steering does not depend on
+    speed.
+    """
     speed = problem.spec.speed
     steered_by_thrust = settings.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or settings.get(SKID, 0.0) > 0.0
     if speed is None or steered_by_thrust:

@@ -60,7 +60,7 @@ class Rational:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenLoop:
-    """Open loop ``L(s) = rational(s) * exp(-delay*s)`` with negative feedback; ``delay`` [s]."""
+    """Open loop ``L(s) = rational(s) * exp(-delay*s)`` with negative feedback, and ``delay`` in s."""
 
     rational: Rational
     delay: float
@@ -81,7 +81,9 @@ class OpenLoop:
         return poles
 
     def to_control(self, order: int = PADE_ORDER) -> TransferFunction:
-        """Return python-control's transfer function, with a Pade approximation of the delay of *order*."""
+        """Return the loop as a transfer function of python-control, with a Pade approximation of the delay of
+        *order*.
+        """
         from control import TransferFunction
 
         top, bottom = pade(self.delay, order)
@@ -89,7 +91,9 @@ class OpenLoop:
 
 
 def open_loop(controller: Rational, alpha: float, drag: float, delay: float) -> OpenLoop:
-    """Return the loop of *controller* (velocity to output) with the plant ``1/(alpha s + drag)`` and *delay* [s]."""
+    """Return the open loop of *controller* (velocity to output) with the plant ``1/(alpha s + drag)`` and *delay*
+    [s].
+    """
     plant = Rational(np.array([1.0]), np.array([alpha, drag]))
     return OpenLoop(plant * controller, delay)
 
@@ -105,17 +109,17 @@ def integrator(gain: float = 1.0) -> Rational:
 
 
 def first_order(cutoff: float) -> Rational:
-    """Return a low-pass of *cutoff* [Hz]; zero means no filter, as in ArduPilot's parameters."""
+    """Return a first-order low-pass of *cutoff* [Hz]. Zero means no filter, as in ArduPilot's parameters."""
     return constant(1.0) if cutoff <= 0.0 else Rational(np.array([1.0]), np.array([1.0 / (math.tau * cutoff), 1.0]))
 
 
 def slow(time_constant: float) -> Rational:
-    """Return a first-order lag of *time_constant* [s]; zero means no lag."""
+    """Return a first-order lag of *time_constant* [s]. Zero means no lag."""
     return first_order(1.0 / (math.tau * time_constant)) if time_constant > 0.0 else constant(1.0)
 
 
 def second_order(cutoff: float) -> Rational:
-    """Return a Butterworth low-pass of *cutoff* [Hz] (the gyro filter); zero means no filter."""
+    """Return a second-order Butterworth low-pass of *cutoff* [Hz] (the gyro filter). Zero means no filter."""
     if cutoff <= 0.0:
         return constant(1.0)
     w = math.tau * cutoff
@@ -147,7 +151,9 @@ def _sum(one: list[float], other: list[float]) -> list[float]:
 
 
 def pade(delay: float, order: int = PADE_ORDER) -> tuple[Array, Array]:
-    """Return the Pade approximation of ``exp(-delay*s)``: numerator and denominator in falling powers."""
+    """Return numerator and denominator, in falling powers, of the Pade approximation of ``exp(-delay*s)`` of
+    *order*.
+    """
     if delay <= 0.0:
         return np.ones(1), np.ones(1)
     terms = [1.0]
@@ -161,7 +167,8 @@ def pade(delay: float, order: int = PADE_ORDER) -> tuple[Array, Array]:
 def pid_path(p: float, i: float = 0.0, d: float = 0.0, *, error_cutoff: float, slope_cutoff: float = 0.0) -> Rational:
     """Return the transfer function, without the sign, from measured value to output of a PID on a filtered error.
 
-    Cut-off frequencies in Hz are those of the error and of its slope; 0 means no filter.
+    error_cutoff, slope_cutoff : cut-off frequencies [Hz] of the filters on the error and on its slope. 0 means no
+        filter.
     """
     pid = constant(p)
     if i > 0.0:

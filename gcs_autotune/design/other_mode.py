@@ -19,28 +19,33 @@ from gcs_autotune.models import SingleDof
 __all__ = ["SHORTER", "OtherMode", "other_mode", "shortfall_of", "turn_rate_step"]
 
 SHARE_OF_TURN = 0.6
-"""Largest turn-rate step in each direction, relative to the turn rate at full output."""
+"""Largest turn-rate step in each direction, relative to the turn rate at full output. Project choice."""
 TURN_RATE, TURN_RATE_AT_REST = math.radians(30.0), math.radians(60.0)
-"""Size of the turn-rate step [rad/s], with speed and at rest; it is smaller if the craft cannot reach it.
+"""Size of the turn-rate step [rad/s], for a craft with speed and for a craft at rest.
+
+Project choice. It is smaller if the craft cannot reach it.
 
 The step goes from half its size to port to half to starboard. On a BlueROV2, 25 deg/s take 6 % of its output, which is
-at the edge of its thrusters' dead zone. The end of such a step is random (ITAE +- 20 %); at 60 deg/s it is not (+- 8
-%).
+at the edge of its thrusters' dead zone. The end of such a step is random (ITAE +- 20 %); at 60 deg/s it is much less
+random (+- 8 %).
 """
 SETTLE_OF_TIME = 5.0
-"""Duration of a turn-rate step, in time constants of the craft."""
+"""Duration of a turn-rate step, in time constants of the craft. Project choice."""
 LEAST_UNDER_WAY, LEAST_AT_REST, MOST = 6.0, 3.5, 20.0
-"""Bounds [s] of the duration of a turn-rate step: minimum with speed, minimum at rest, and maximum."""
+"""Bounds [s] of the duration of a turn-rate step: minimum with speed, minimum at rest, and maximum. Project choice."""
 SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)
-"""Largest change of heading [rad] during one step, with speed and at rest.
+"""Largest change of heading [rad] during one step, for a craft with speed and for a craft at rest.
 
-It limits the space needed and the twist of a tether. Longer steps at rest are no better: after 6 s in each direction
-the last seconds are again in the dead zone.
+Project choice: it limits the space needed and the twist of a tether. Longer steps at rest are no better: after 6 s in
+each direction the last seconds are again in the dead zone.
 """
 SHORTER = 0.85
-"""Time that a craft at rest is held in a turn before its step, relative to the step. It is set by hand."""
+"""Time for which a craft at rest is held in a turn before its step, relative to the duration of the step.
+
+Project choice.
+"""
 HOLD_AT_REST = 3.0
-"""Minimum time [s] that a craft at rest is held before a heading step."""
+"""Minimum time [s] for which a craft at rest is held before a heading step. Project choice."""
 
 
 def turn_rate_step(
@@ -50,7 +55,8 @@ def turn_rate_step(
 
     The model's input is a fraction of full output.
 
-    duration : duration [s] in each direction, if supplied. of_time : otherwise this number of time constants.
+    duration : duration [s] in each direction. None uses *of_time*.
+    of_time : duration in each direction, in time constants of the craft.
     """
     most = SHARE_OF_TURN * abs(model.steady_velocity(1.0 - abs(model.delta)))
     wish, sweep, least = (
@@ -68,9 +74,10 @@ def shortfall_of(itae: float, seconds: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OtherMode:
-    """The loop of the other mode on the same craft.
+    """The loop of the other mode that uses the same gains, on the same craft.
 
-    ``problem``: its design problem. ``duration`` [s]: time of its step in each direction.
+    - ``problem``: design problem of the other mode.
+    - ``duration`` [s]: duration of the other mode's step in each direction.
     """
 
     problem: DesignProblem
@@ -81,14 +88,16 @@ class OtherMode:
         return predict_error(self.problem, settings, self.problem.step, self.duration)
 
     def shortfall(self, settings: Settings) -> float:
-        """Return the ITAE relative to that of a craft that never follows; 0 is perfect."""
+        """Return the ITAE of the other mode's step with *settings*, relative to that of a craft that never moves. 0
+        is perfect.
+        """
         return shortfall_of(self.error(settings).itae, self.duration)
 
 
 def other_mode(problem: DesignProblem) -> OtherMode | None:
     """Return the other mode that the gains of *problem* serve.
 
-    Return None if they serve one mode only, or if the craft cannot follow the other mode's step.
+    Return None if the gains serve one mode only, or if the craft cannot follow the other mode's step.
     """
     name = OTHER_MODE.get(problem.law.name)
     if name is None:

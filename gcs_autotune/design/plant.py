@@ -19,7 +19,7 @@ PROBABILITY = 0.95
 RANDOM_SAMPLES = 12
 SEED = 20261120
 MIN_INERTIA = 0.2
-"""Smallest inertia of a sample, relative to the identified inertia, so that it is neither zero nor negative."""
+"""Smallest inertia of a sample, relative to the identified inertia. Project choice: the inertia must be positive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +34,10 @@ class Region:
 def in_fractions(
     model: SingleDof, covariance: NDArray[np.float64], full_scale: float | None
 ) -> tuple[SingleDof, NDArray[np.float64]]:
-    """Return model and covariance with the input in fractions of full actuator output.
+    """Return *model* and *covariance* converted to an input in fractions of full actuator output.
 
-    full_scale : model input [its unit] at full output; negative if full output acts in the opposite direction.
+    full_scale : input of *model* at full output, in its unit. It is negative if full output acts in the opposite
+        direction.
 
     Raises
     ------
@@ -62,7 +63,8 @@ def in_fractions(
 
 
 def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
-    """Return samples on the 95 % ellipsoid of the fitted parameters: along its axes, and in fixed-seed directions.
+    """Return *model* with samples on the 95 % ellipsoid of its parameters: along its axes, and in fixed-seed
+    directions.
 
     Samples that are not physical are moved to the nearest limit (positive inertia, drag that damps, no negative delay).
     """
@@ -81,7 +83,9 @@ def sample_region(model: SingleDof, covariance: NDArray[np.float64]) -> Region:
 
 
 def heavier(region: Region, factor: float) -> Region:
-    """Return the region extended by the model and every sample with *factor* times the inertia, as with a payload."""
+    """Return *region* extended by copies of the model and of every sample with *factor* times the inertia, as with
+    a payload.
+    """
     if factor <= 1.0:
         return region
     more = tuple(replace(m, alpha=factor * m.alpha) for m in (region.model, *region.samples))

@@ -1,4 +1,4 @@
-"""Predict a step, in the form of flown results."""
+"""Predict a step by simulation, with the same metrics as for flown steps."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel, wanted_step
 from gcs_autotune.design.laws import Scenario, Settings
 from gcs_autotune.design.matching import DesignProblem, output_noise
-from gcs_autotune.design.reference_model import wanted_step
-from gcs_autotune.design.result import Prediction, Proposal, ReferenceModel, Ruler, StepHalf, StepMetrics
+from gcs_autotune.design.result import Prediction, Proposal, Ruler, StepHalf, StepMetrics
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import StepError, combine, step_error, step_metrics
 from gcs_autotune.models import SingleDof
@@ -26,15 +26,17 @@ __all__ = ["PairAsFlown", "over_windows", "predict", "predict_as_flown", "predic
 Array = NDArray[np.float64]
 
 RATE = 50.0
-"""Maximum number of samples per second that are stored [Hz]."""
+"""Maximum rate at which samples of a prediction are stored [Hz]. Project choice."""
 EVERY = 0.1
-"""Time [s] between checks whether the craft is at rest."""
+"""Time [s] between checks whether the craft is at rest. Project choice."""
 
 
 class PairAsFlown(NamedTuple):
-    """A step with each of two settings, both evaluated over ``windows`` [s] of step and step back.
+    """Predicted steps with two settings, both evaluated over the same time.
 
-    ``halves`` of each continue until the latest possible end.
+    - ``one``, ``other``: metrics with each of the settings.
+    - ``windows`` [s]: durations of step and step back.
+    - ``halves``: step and step back with each of the settings, up to the latest possible end.
     """
 
     one: StepMetrics
@@ -48,7 +50,8 @@ def predict(
 ) -> Prediction:
     """Simulate the step and the step back on *model* with *settings* for *duration* [s] each.
 
-    The arrays are those of the step. The metrics are those of both, combined as for flown steps.
+    The arrays of the result are those of the step. The metrics are those of step and step back, combined as for flown
+    steps.
     """
     pair = _there_and_back(problem, model, settings, problem.step, duration)
     there = pair[0]
@@ -62,7 +65,7 @@ def predict_error(
 ) -> StepError:
     """Return the error and overshoot that :func:`predict` would give for a step of *step* [rad or m].
 
-    model : None: the identified one.
+    model : model to simulate; None for the identified one.
     """
     ruler = ruler_of(problem.spec)._asdict()
     pair = _there_and_back(problem, model or problem.model, settings, step, duration)
@@ -71,11 +74,11 @@ def predict_error(
 
 
 def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration: float) -> PairAsFlown:
-    """Return the predicted metrics of steps flown with each of a *pair* of settings, over the common time of both.
+    """Return the predicted metrics of steps with each of two settings (*pair*), over the time that both steps last.
 
     A flown half ends once the craft has settled at its target, at most after *duration* [s]. The steps of a pair are
-    compared over the time that both lasted. For a step already flown this is ``Spec.windows``; for the other it is
-    simulated here. The step back begins where its own step ended, with the integral as it was then.
+    compared over the time that both lasted. For a step already flown, the time is ``Spec.windows``. For the other step
+    it is simulated. The step back begins where the step ended, and the integral is not reset.
     """
     known = (*problem.spec.windows, *[duration] * 2)[:2]
     fly = partial(_there_and_back, problem, problem.model, step=problem.step, duration=duration)
@@ -91,11 +94,12 @@ def predict_as_flown(problem: DesignProblem, pair: Sequence[Settings], duration:
 
 
 def over_windows(proposal: Proposal, windows: Sequence[float]) -> Proposal:
-    """Return *proposal* with its predictions evaluated over the *windows* [s] that two flown steps both recorded.
+    """Return *proposal* with its predictions evaluated over *windows* [s], the durations that two flown steps have in
+    common.
 
     The duration of a half depends on slow motion at the edge of a band, and the error over time depends on the
-    duration. The predicted step back still starts at the predicted end of its own step. If fewer than two were recorded
-    because a loop diverged, return *proposal* unchanged.
+    duration. The predicted step back still starts at the predicted end of its own step. If fewer than two durations
+    were recorded because a loop diverged, *proposal* is returned unchanged.
     """
     if len(windows) < 2:
         return proposal
@@ -107,7 +111,9 @@ def over_windows(proposal: Proposal, windows: Sequence[float]) -> Proposal:
 
 
 def ruler_of(spec: Spec) -> Ruler:
-    """Return the measurement properties that flown positions are evaluated with."""
+    """Return the measurement properties (noise, its duration, sensor resolution) with which flown positions are
+    evaluated.
+    """
     return Ruler(spec.noise_std, spec.quantum, 0.5 / spec.noise_bandwidth)
 
 

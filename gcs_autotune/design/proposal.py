@@ -1,4 +1,4 @@
-"""Entry point of the package: from a model to a proposal."""
+"""Entry points of the package: calculate a proposal of gains from a model."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel, reference_model, settling_time, stability_bound, uncertainty_of
 from gcs_autotune.design.actuator import PERFECT
 from gcs_autotune.design.hunting import hunting_of
-from gcs_autotune.design.ipd import stability_bound, uncertainty_of
 from gcs_autotune.design.laws import CEILINGS, LAWS, SKID, THROTTLE, Law, Settings
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.notes import NEAR_LIMIT, notes_on, other_mode_notes, said
@@ -19,7 +19,6 @@ from gcs_autotune.design.other_mode import OtherMode, other_mode
 from gcs_autotune.design.plant import heavier, in_fractions, sample_region
 from gcs_autotune.design.prediction import predict, predict_as_flown, predict_error, ruler_of
 from gcs_autotune.design.reduction import Reduction, reduce
-from gcs_autotune.design.reference_model import reference_model, settling_time
 from gcs_autotune.design.refinement import (
     MIN_ERROR,
     any_better,
@@ -29,7 +28,7 @@ from gcs_autotune.design.refinement import (
     refine_briefly,
     refine_for_both,
 )
-from gcs_autotune.design.result import Beside, Change, Hunting, Proposal, ReferenceModel
+from gcs_autotune.design.result import Beside, Change, Hunting, Proposal
 from gcs_autotune.design.selection import GainCandidate, choose, is_tolerable, judge
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.verdict import is_better
@@ -42,28 +41,33 @@ from gcs_autotune.registry import lookup
 __all__ = ["ProvisionalGains", "design", "design_from", "provisional"]
 
 LOOP_PERIODS = 1.5
-"""Delay of a digital loop in periods: one to compute, and half of one because the output is held."""
+"""Delay of a digital loop, in loop periods: one to compute, and half a period because the output is held."""
 MIN_SPAN = 5.0
-"""Minimum length [s] of predicted steps."""
+"""Minimum length [s] of predicted steps. Project choice."""
 SMALL = 1.0 / 3.0
-"""Size of the small step for residual motion, relative to the required step; usual corrections are small."""
-FOLLOWED = 0.01
-"""Shortfall of the other mode up to which it counts as followed well enough."""
-NOTEWORTHY = 0.9
-"""Relative error up to which gains outside the documented ranges are mentioned.
+"""Size of the small step for residual motion, relative to the required step.
 
-They are also mentioned if the shortfall in turn rates is a tenth smaller.
+Project choice: usual corrections are small.
+"""
+FOLLOWED = 0.01
+"""Shortfall of the other mode's step up to which the step counts as followed well enough. Project choice."""
+NOTEWORTHY = 0.9
+"""Largest error of gains outside the documented ranges, relative to that of the proposed gains, for which they are
+mentioned. Project choice. They are also mentioned if the shortfall in turn rates is a tenth smaller.
 """
 SAME = 1e-3
-"""Relative difference below which two gains count as equal."""
+"""Relative difference below which two gains count as equal. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProvisionalGains:
-    """Gains for the present model.
+    """Approximate gains for the present model, calculated while experiments are flown.
 
-    ``wanted``: the reference model. ``gains``: under canonical names. ``itae`` [s^2]: their predicted ITAE, evaluated
-    like flown steps. ``spread``: as in :class:`Proposal`. ``span`` [s]: simulated time of the search.
+    - ``wanted``: the reference model.
+    - ``gains``: canonical name -> value.
+    - ``itae`` [s^2]: predicted ITAE with these gains, evaluated like flown steps.
+    - ``spread``: relative increase of the ITAE within the 95 % region, as in :class:`Proposal`.
+    - ``span`` [s]: simulated time of the search.
     """
 
     wanted: ReferenceModel
@@ -85,12 +89,12 @@ def design(
 
     covariance : (5, 5), of (alpha, beta, beta_quadratic, delta, delay) in the model's units, as in ``Fit``.
 
-    present : the vehicle's parameters under canonical names. Every gain of the axis is needed, and as much of
-    ``axis.context`` as is known; the firmware's defaults replace the rest. Nothing is changed. The proposal has the
-    vehicle's own names and values (``axis.names``).
+    present : canonical name -> value of the vehicle's parameters, which stay unchanged. Every gain of the axis is
+        needed, and the known parameters of ``axis.context``. The firmware's defaults are used for the others. The
+        proposal has the vehicle's own names and values (``axis.names``).
 
-    reduction : the reduction that *fit_model* results from, if it has effects; :func:`design_from` supplies it. Its
-    actuator is part of the simulated loop.
+    reduction : the reduction from which *fit_model* results, if the model had effects; :func:`design_from` supplies it.
+        The actuator of the reduction is part of the simulated loop.
 
     Raises
     ------
@@ -166,8 +170,8 @@ def provisional(
 ) -> ProvisionalGains:
     """Return an approximation of :func:`design`, sufficient to judge the remaining uncertainty during the experiments.
 
-    The search continues from the *last* gains for the same specification; without them it starts like a design. It is
-    short and ignores the present gains. Errors are those of :func:`design`.
+    The search starts at the *last* gains for the same specification, or else like a design. It is short and ignores the
+    present gains. Exceptions are those of :func:`design`.
     """
     problem = _problem(fit_model, covariance, axis, present, spec)
     if last is None or not spec.is_automatic:
@@ -195,12 +199,13 @@ def design_from(
     names: Sequence[str] = (),
     covariance: NDArray[np.float64] | None = None,
 ) -> Proposal:
-    """Return new gains for *axis* from a model with effects, as :func:`design` does from a plain model.
+    """Return new gains for *axis* from a model with effects. The result is that of :func:`design`.
 
     Delays, lag, drag and actuator effects are in the simulated loop and, if linear, in the margins. ``remarks`` state
     the treatment of each effect, with advice.
 
-    inputs : unit per input of the model (SI if missing). names, covariance : (p, p) of its fitted numbers.
+    inputs : name -> unit of the model's inputs (SI if missing).
+    names, covariance : names of the fitted parameters and their covariance (p, p).
 
     Raises
     ------

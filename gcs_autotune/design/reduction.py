@@ -1,7 +1,7 @@
-"""Reduce a model with effects to the plant of one axis, with remarks about the rest.
+"""Reduce a model with effects to the plant of one axis, with remarks about each effect.
 
-The axis keeps its own inertia, drag and constant force of the base model, and delays and actuator effects. Every effect
-gets a :class:`Remark` with its treatment in the design and advice on parameters or repairs.
+The plant has the inertia, the drag and the constant force of its axis in the base model, and delays and actuator
+effects. Every effect gets a :class:`Remark` with its treatment in the design and advice on parameters or repairs.
 """
 
 from __future__ import annotations
@@ -26,10 +26,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reduction:
-    """A model reduced to one axis: ``model`` and ``actuator`` in the units of input ``channel``.
+    """A model reduced to one axis.
 
-    ``covariance`` (5, 5): of (alpha, beta, beta_quadratic, delta, delay), zero for unknown ones. ``heavier``: the
-    largest factor on the inertia in use. ``quantum``: resolution of the position's sensor.
+    - ``model``, ``actuator``: model and actuator of the axis, in the unit of the input ``channel``.
+
+    - ``covariance`` (5, 5): covariance of (alpha, beta, beta_quadratic, delta, delay), zero where unknown.
+    - ``heavier``: largest factor by which the inertia increases in use.
+    - ``quantum``: resolution of the position's sensor.
     """
 
     model: SingleDof
@@ -53,9 +56,10 @@ def reduce(
 ) -> Reduction:
     """Return the plant for the design of a loop of *dof*.
 
-    inputs : unit per input channel; if missing, SI, or fractions in a normalised form. law : control law of the
-    autopilot, for advice that names its parameters. speed : [m/s] of the design. names, covariance : (p, p) of the
-    model's fitted numbers, as in a model file.
+    inputs : name of the input -> unit. A missing unit is SI, or a fraction in a normalised form. law : control law of
+        the
+    autopilot, for advice that names its parameters. speed : speed [m/s] of the design.
+    names, covariance : names of the fitted parameters and their covariance (p, p), as in a model file.
 
     Raises
     ------

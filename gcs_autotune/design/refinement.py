@@ -1,10 +1,10 @@
 """The last stage of an automatic design: minimise the predicted ITAE inside the documented ranges.
 
-Matching follows reference models that use only part of the actuator, so that nothing saturates, and stops there. A loop
-that does saturate may still be better. Here gains are evaluated like the flown step: simulated with every limit, in
-both directions, over the same window, without errors below the sensor's resolution. The search is bounded Nelder-Mead
-(Nelder1965), because saturation and resolution make the cost nonsmooth. It starts at points evenly spread over a cube:
-the start of Sobol's sequence, unscrambled.
+Matching uses reference models that need only a fraction of the actuator's range, so that nothing saturates. A loop that
+saturates may still be better. Refinement evaluates gains like the flown step: simulated with every limit, in both
+directions, over the same window, without errors below the sensor's resolution. The search is bounded Nelder-Mead
+(Nelder1965), because saturation and resolution make the cost nonsmooth. The search starts at points evenly spread over
+a cube, which are the first points of Sobol's sequence, unscrambled.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws import ALIKE, Settings
 from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import NOISE_LIMIT, DesignProblem, integral_shortfall, output_noise, round_gain
 from gcs_autotune.design.other_mode import OtherMode
 from gcs_autotune.design.prediction import predict_error
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.design.selection import (
     MIN_GAIN_MARGIN,
     MIN_PHASE_MARGIN,
@@ -41,72 +41,103 @@ __all__ = ["MIN_ERROR", "any_better", "beyond", "refine", "refine_beyond", "refi
 Array = NDArray[np.float64]
 
 PARTS = (1.0, 1.0 / 3.0)
-"""Step sizes relative to the required one: the full step, and one small enough not to saturate."""
+"""Step sizes relative to the required step: the full step, and one small enough not to saturate. Project choice."""
 GOOD_OVERSHOOT, DISLIKE = 0.05, 4.0
-"""Overshoot without penalty (5 %), and penalty for more: each further 1 % counts like 4 % more ITAE. Set by hand."""
+"""Overshoot without penalty (5 %), and penalty for more: each further 1 % counts like 4 % more ITAE. Project choice."""
 PRICE = 20.0
-"""Penalty for a margin or limit that is not met: each 1 % counts like 20 % more error over time. It is set by hand."""
+"""Penalty for a margin or limit that is not met: each 1 % counts like 20 % more ITAE. Project choice."""
 REGRET = 0.5
 """Penalty for specified margins that are not met, if only the smallest margins are required.
 
-Each 1 % counts like half a percent of the cost. It is set by hand.
+Each 1 % counts like half a percent of the cost. Project choice.
 """
 RESERVE = 1.05
-"""Factor by which margins and noise must be better than required, as a reserve for the later rounding of gains."""
+"""Factor by which margins and noise must be better than required, as a reserve for the later rounding of gains.
+
+Project choice.
+"""
 RESERVE_BESIDE = 1.01
 """Value of :data:`RESERVE` if another mode counts too.
 
 It is smaller, so that the other mode can use the reserve of the first search.
 """
 MIN_ERROR = 1e-3
-"""Lower limit [s^2] of the error over time, so that penalties still count if the error is zero."""
+"""Lower limit [s^2] of the ITAE, so that penalties still count if the error is zero. Project choice."""
 HARDEST = 3
-"""Number of samples of the 95 % region whose margins are checked during a descent: the worst ones so far."""
+"""Number of samples of the 95 % region whose margins are checked during a descent: those with the worst margins so far.
+
+Project choice.
+"""
 NOTICEABLE = 0.97
-"""Cost relative to that of the matched gains, below which refined gains replace them. It is set by hand."""
+"""Cost of refined gains, relative to that of the matched gains, below which they replace the matched gains.
+
+Project choice.
+"""
 HOPELESS = 3.0
-"""Predicted error, relative to the smallest so far, above which gains are not examined further."""
+"""Predicted ITAE, relative to the smallest so far, above which gains are not examined further. Project choice."""
 EVALUATIONS = 25
-"""Cost evaluations of one descent, per gain."""
+"""Number of cost evaluations of one descent, per gain. Project choice."""
 ROUNDS = 2
-"""Number of successive descents; each starts at the end of the last one, with the samples that are worst there."""
+"""Number of successive descents.
+
+Project choice. Each starts at the end of the last one, with the samples that are worst at that point.
+"""
 SPREAD = 0.15
-"""Size of the first simplex, in square roots of fractions of the ranges; the root resolves small gains as well."""
+"""Size of the first simplex, in square roots of fractions of the ranges.
+
+Project choice. The square root resolves small gains as well.
+"""
 SCATTER = 5
 """Logarithm (base 2) of the number of start points over the ranges.
 
-Many are needed because the minimum may be far away if ranges limit the gains.
+Many are needed because the minimum may be far away if ranges limit the gains. Project choice.
 """
 DESCENTS = 2
-"""Number of best starts that first descents begin at."""
+"""Number of the best start points from which descents begin. Project choice."""
 SEARCHED = 8
-"""Logarithm (base 2) of the number of points tried before the present gains count as the best."""
+"""Logarithm (base 2) of the number of points that are tried before the present gains count as the best.
+
+Project choice.
+"""
 CLOSER = 32
-"""Number of points of this search, the best predicted ones, that are fully evaluated."""
+"""Number of points, those with the smallest predicted ITAE, that the search of :data:`SEARCHED` evaluates fully.
+
+Project choice.
+"""
 WORTH = 0.95
-"""Relative cost below which a gain that matching leaves fixed is used; such a gain makes the actuator busier."""
+"""Relative cost below which a gain that matching leaves fixed is used.
+
+Project choice: such a gain increases the motion of the actuator.
+"""
 CALM = 0.01
-"""Largest actuator motion due to measurement noise with such a gain: 1 % of full (rms), to limit wear."""
+"""Largest actuator motion due to measurement noise (rms, fraction of full) with a gain of ``Law.late``.
+
+Project choice: it limits wear.
+"""
 
 BESIDE = 2.0
-"""Penalty for the other mode: each percent of its step that is not followed counts like 2 % more error over time.
-
-It is set by hand.
+"""Penalty for the other mode: each percent of its step that is not followed counts like 2 % more ITAE. Project choice.
 """
 FEED, FEEDS = "ATC_STR_RAT_FF", (0.25, 0.5, 0.75, 1.0)
-"""Additional start values of the feed-forward for both modes, relative to that of the model."""
+"""Name of the feed-forward, and additional start values in a search for both modes, relative to that of the model.
+
+Project choice.
+"""
 WIDER = 5.0
-"""Factor by which the search exceeds the documented ranges at both ends; margins limit the gains first."""
+"""Factor by which the search exceeds the documented ranges at both ends.
+
+Project choice: margins limit the gains first.
+"""
 YIELD = 1.05
-"""Largest predicted ITAE of gains for both modes, relative to that of gains for one mode."""
+"""Largest predicted ITAE of gains for both modes, relative to that of gains for one mode. Project choice."""
 
 
 def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> GainCandidate:
-    """Return the candidate with the least cost over *duration* [s]: a refined one, or *chosen* itself.
+    """Return the candidate with the lowest cost over *duration* [s], which is a refined one or *chosen* itself.
 
-    Descents begin at the best predicted of these points: *chosen*, the present gains, and points spread over the
-    ranges. The result must not have more objections than *chosen*, and must be noticeably better; its ``wanted`` is
-    that of *chosen*.
+    Descents begin at those of the following points with the best prediction: *chosen*, the present gains, and points
+    spread over the ranges. The result must not have more objections than *chosen*, and must be noticeably better. Its
+    ``wanted`` is that of *chosen*.
 
     If no gains meet the specified margins, the smallest margins apply. Gains that are safe to fly are never replaced by
     gains that are closer to the specification but perform worse. A last descent includes the gains of ``Law.late``, if
@@ -129,10 +160,10 @@ def refine(problem: DesignProblem, chosen: GainCandidate, duration: float) -> Ga
 def refine_briefly(
     problem: DesignProblem, near: GainCandidate, duration: float, *, everywhere: bool = False
 ) -> GainCandidate:
-    """Return nearly the result of :func:`refine`, by one descent.
+    """Return nearly the result of :func:`refine`, from a single descent.
 
-    It starts at *near*; with *everywhere*, it may also start at the best of points spread over the ranges. Optional
-    gains of the law are included only if *near* has them.
+    The descent starts at *near*. With *everywhere*, it may also start at the best of points spread over the ranges.
+    Optional gains of the law are included only if *near* has them.
     """
     noise, problem = _noise_of(problem, near), _with_late(problem, near)
     found = near
@@ -151,7 +182,7 @@ def refine_briefly(
 def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMode, duration: float) -> GainCandidate:
     """Return gains that also serve the *other* mode, with little more error in this mode than the *best* gains.
 
-    *best* is the result of :func:`refine`; it is returned if no gains are noticeably better for both modes.
+    *best* is the result of :func:`refine`. It is returned unchanged if no gains are noticeably better for both modes.
     """
     problem = _with_late(problem, best)
     starts = [best.settings]
@@ -166,14 +197,14 @@ def refine_for_both(problem: DesignProblem, best: GainCandidate, other: OtherMod
 def refine_beyond(
     problem: DesignProblem, best: GainCandidate, other: OtherMode | None, duration: float
 ) -> GainCandidate:
-    """Return the best gains in the wider ranges of *problem*, starting at *best*; return *best* if none are better."""
+    """Return the best gains in the wider ranges of *problem*, searched from *best*, or *best* if none are better."""
     problem = _with_late(problem, best)
     aims = _Aims(problem, best.wanted, duration, _noise_of(problem, best), bool(best.objections), other)
     return _refined(aims, best, [best.settings])
 
 
 def beyond(gain: Gain) -> Gain:
-    """Return *gain* with a range that exceeds the documented one."""
+    """Return *gain* with a range that exceeds the documented range by the factor :data:`WIDER` at both ends."""
     return replace(gain, low=gain.low / WIDER, high=gain.high * WIDER)
 
 
@@ -189,7 +220,7 @@ def _noise_of(problem: DesignProblem, near: GainCandidate) -> float:
 
 
 def any_better(problem: DesignProblem, before: GainCandidate, duration: float) -> GainCandidate | None:
-    """Return gains that are safe to fly and better than *before*, the present ones; return None if there are none.
+    """Return gains that are safe to fly and better than *before*, the present gains, or None if there are none.
 
     Points spread over the documented ranges are tried, and descents from the best of them. Present gains that meet the
     specified margins are not replaced by gains that do not.
@@ -254,8 +285,9 @@ def _rounded(problem: DesignProblem, settings: Settings) -> dict[str, float]:
 class _Aims:
     """Aims of the search: follow ``wanted`` over ``duration`` [s], with at most ``noise`` in the output.
 
-    ``lenient``: the smallest margins are required, and the specified ones only add cost. ``other``: the other mode,
-    whose shortfall also counts. ``most`` [s^2]: largest ITAE of this mode in that case.
+    - ``lenient``: whether only the smallest margins are required, and the specified margins add cost.
+    - ``other``: the other mode, whose shortfall also adds cost, or None.
+    - ``most`` [s^2]: largest ITAE of this mode if there is another mode.
     """
 
     problem: DesignProblem
@@ -268,7 +300,7 @@ class _Aims:
 
 
 class _Cost:
-    """Cost of a vector of gains: predicted error over time, increased by overshoot and by every limit not met.
+    """Cost of a vector of gains: predicted ITAE, increased by overshoot and by every limit that is not met.
 
     near : settings at which the worst samples of the region are selected.
     """
@@ -284,7 +316,7 @@ class _Cost:
         self._least = math.inf
 
     def settings(self, x: Array) -> dict[str, float]:
-        """Return the parameters at *x* (n,), square roots of fractions of the ranges."""
+        """Return the parameters for *x* (n,), the square roots of the gains as fractions of their ranges."""
         return self._problem.with_gains(np.square(np.clip(x, 0.0, 1.0)))
 
     def __call__(self, x: Array) -> float:
@@ -292,7 +324,7 @@ class _Cost:
         return self.of(self.settings(x))
 
     def error(self, settings: Settings) -> float:
-        """Return the predicted error over time [s^2]."""
+        """Return the predicted ITAE [s^2] with *settings*."""
         return self._error_of(self._flown(settings))
 
     def _flown(self, settings: Settings) -> list[StepError]:
@@ -305,7 +337,7 @@ class _Cost:
     def of(self, settings: Settings) -> float:
         """Return the cost of *settings*.
 
-        The penalties for limits are left out if the error alone already exceeds :data:`HOPELESS` times the least cost.
+        The penalties for limits are left out if the ITAE alone already exceeds :data:`HOPELESS` times the lowest cost.
         """
         steps = self._flown(settings)
         plain = self._error_of(steps)

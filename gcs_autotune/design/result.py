@@ -1,4 +1,4 @@
-"""Results of a design: old and new gains, their prediction, and its uncertainty."""
+"""Results of a design: old and new gains, the predicted steps with them, and the uncertainty of the prediction."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from gcs_autotune.notebook import html_block, html_table, pandas_module
 from gcs_autotune.rounding import format_number
 
 if TYPE_CHECKING:
+    from gcs_autotune.control import ReferenceModel
     from gcs_autotune.design.actuator import Actuator
     from gcs_autotune.design.effect_reduction import Remark
     from gcs_autotune.design.open_loop import OpenLoop
@@ -25,7 +26,6 @@ __all__ = [
     "Margins",
     "Prediction",
     "Proposal",
-    "ReferenceModel",
     "Ruler",
     "StepHalf",
     "StepMetrics",
@@ -33,21 +33,12 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True)
-class ReferenceModel:
-    """The required closed loop ``1/(a3 s^3 + a2 s^2 + a1 s + 1)`` (Miskovic2010, eq. (8.4)); ``kind`` is its family."""
-
-    kind: str
-    omega_0: float
-    a1: float
-    a2: float
-    a3: float
-
-
-@dataclass(frozen=True, slots=True)
 class Hunting:
-    """The residual motion after a step: ``amplitude`` and ``offset`` [rad or m], ``period`` [s].
+    """Residual motion long after a step.
 
-    ``period`` is infinite if there is no oscillation. ``travel``: output travel [normalised per s].
+    - ``amplitude``, ``offset`` [rad or m]: amplitude of the oscillation, and offset from the target.
+    - ``period`` [s]: period of the oscillation, infinite if there is none.
+    - ``travel``: motion of the output [normalised per s].
     """
 
     amplitude: float
@@ -57,14 +48,16 @@ class Hunting:
 
     @property
     def swings(self) -> bool:
-        """Whether there is a limit cycle."""
+        """Whether the residual motion is a limit cycle."""
         return math.isfinite(self.period)
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Change of one parameter, with the vehicle's own name and unit: old and new value, documented range, and
-    reason."""
+    """Change of one parameter.
+
+    It contains the vehicle's own name and unit, old and new value, documented range, and reason.
+    """
 
     parameter: str
     old: float
@@ -96,13 +89,17 @@ class Margins:
 
 @dataclass(frozen=True, slots=True)
 class StepMetrics:
-    """Metrics of a step; lower is better for all.
+    """Metrics of a step. A lower value is better for all.
 
-    ``itae`` [rad s^2 or m s^2] is normalised by the step size (so per unit step, [s^2]). ``overshoot`` is a fraction of
-    the step. ``rise`` (10-90 %) and ``settling`` (to 5 %) are in s, NaN if never reached. ``steady_error`` is a
-    fraction of the step. ``travel`` is the total variation of the actuator [fraction of full] per second.
-    ``hidden_by_noise``: ``settling`` is NaN because the noise of single readings exceeds the band, although the motion
-    ended inside it.
+    - ``itae`` [s^2]: integral of time times absolute error, per unit step.
+    - ``overshoot``: fraction of the step.
+    - ``rise`` [s]: time from 10 to 90 %, NaN if never reached.
+    - ``settling`` [s]: time to 5 %, NaN if never reached.
+    - ``steady_error``: fraction of the step.
+    - ``oscillation``: half the peak-to-peak value at the end, as a fraction of the step.
+    - ``travel``: total variation of the actuator [fraction of full] per second.
+    - ``hidden_by_noise``: whether ``settling`` is NaN because the noise of single readings exceeds the band, although
+      the motion ended inside it.
     """
 
     itae: float
@@ -118,8 +115,10 @@ class StepMetrics:
 class Beside(NamedTuple):
     """Prediction for another mode that uses the same gains.
 
-    ``law``: control law of that mode. ``before``, ``after``: ITAE of its step relative to that of a craft that does not
-    follow. ``given_up``: relative increase of the ITAE of the axis' own step, because that mode is considered.
+    - ``law``: control law of the other mode.
+    - ``before``, ``after``: ITAE of the other mode's step with the old and new gains, relative to that of a craft that
+      does not move.
+    - ``given_up``: relative increase of the ITAE of the axis' own step, because the other mode is considered.
     """
 
     law: str
@@ -131,7 +130,7 @@ class Beside(NamedTuple):
 class StepHalf(NamedTuple):
     """Half of a flown step: one step of *size* [rad or m].
 
-    It contains t (n,) [s] from the step on, the position relative to its start, and the output.
+    It contains the time (n,) [s] since the step, the position relative to its start, and the output.
     """
 
     size: float
@@ -143,7 +142,9 @@ class StepHalf(NamedTuple):
 class Ruler(NamedTuple):
     """Measurement properties of flown positions.
 
-    They are white noise [rad or m], the time ``noise_time`` [s] for which one value of it lasts, and the quantum.
+    - ``noise_std`` [rad or m]: standard deviation of white noise.
+    - ``quantum`` [rad or m]: smallest step of the sensor.
+    - ``noise_time`` [s]: time for which one value of the noise lasts.
     """
 
     noise_std: float = 0.0
@@ -153,9 +154,9 @@ class Ruler(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """A step simulated on the identified model with given gains: arrays (n,), position in rad or m.
+    """A step simulated on the identified model with one set of gains: arrays (n,), position in rad or m.
 
-    ``halves``: step and step back as far as simulated, if they are flown one after the other.
+    ``halves``: step and step back up to the end of the simulation, if they are flown one after the other.
     """
 
     t: NDArray[np.float64]
@@ -171,17 +172,21 @@ class Prediction:
 class Proposal:
     """New gains for one axis, not yet written to a vehicle.
 
-    ``margins``: at the identified parameters. ``worst_margins``: over the 95 % region of the parameters. ``bound``:
-    (left side, right side) of Miskovic2010 (8.22)-(8.27), stable if left < right. For a model with effects, ``remarks``
-    describe each, and ``left`` is the residual motion after a small step with the old and the new gains.
+    - ``margins``: margins at the identified parameters.
+    - ``worst_margins``: smallest margins over the 95 % region of the parameters.
+    - ``bound``: (left side, right side) of Miskovic2010 (8.22)-(8.27), stable if left < right. For a model with
+      effects, ``remarks`` describe each effect. ``left`` is the residual motion after a small step with the old and the
+      new gains.
 
-    ``loops``: with the old and with the new gains, opened at the actuator, one for each state of the craft; ``margins``
-    are the smallest of these. ``actuator``: the actuator effects of the model between output and force.
+    - ``loops``: open loops with the old and with the new gains, opened at the actuator, one for each state of the
+      craft. ``margins`` are the smallest of their margins.
+    - ``actuator``: the actuator effects of the model between output and force.
 
-    ``windows`` [s]: duration of step and step back for the predicted metrics (after a proof: what both its steps
-    recorded); empty: as long as the predictions. ``ruler``: measurement properties for these metrics. ``spread``:
-    largest relative increase of the predicted error over time within the 95 % region. ``beside``: another mode that
-    uses the same gains.
+    - ``windows`` [s]: duration of step and step back for the predicted metrics (after a proof: the durations that both
+      flown steps have in common). Empty: as long as the predictions.
+    - ``ruler``: measurement properties with which the metrics are calculated.
+    - ``spread``: largest relative increase of the predicted ITAE within the 95 % region.
+    - ``beside``: prediction for another mode that uses the same gains, or None.
     """
 
     axis: str
@@ -205,16 +210,17 @@ class Proposal:
 
     @property
     def new(self) -> Mapping[str, float]:
-        """New values by parameter."""
+        """Parameter name -> new value."""
         return {c.parameter: c.new for c in self.changes}
 
     @property
     def old(self) -> Mapping[str, float]:
-        """Old values by parameter."""
+        """Parameter name -> old value."""
         return {c.parameter: c.old for c in self.changes}
 
     def to_pandas(self) -> Any:
-        """Return the gains as a pandas DataFrame, a row per parameter: ``old``, ``new``, ``low``, ``high``, ``reason``.
+        """Return a pandas DataFrame with one row per parameter, and columns ``old``, ``new``, ``low``, ``high``,
+        ``reason``.
 
         Raises
         ------
@@ -251,7 +257,7 @@ class Proposal:
         return html_block(title, tables, self.notes)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form (without the prediction's time series).
+        """Return the proposal as data for JSON, without the time series of the predictions.
 
         Examples
         --------

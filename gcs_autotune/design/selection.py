@@ -1,4 +1,4 @@
-"""Select the speed of the loop: try specifications from the fastest downwards and judge the results."""
+"""Select the speed of the loop: try specifications from the fastest to slower ones and evaluate the results."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from gcs_autotune.control import ReferenceModel, omega_for_settling, reference_model, settling_time
 from gcs_autotune.design.laws import Settings
 from gcs_autotune.design.margins import worst
 from gcs_autotune.design.matching import (
@@ -15,8 +16,7 @@ from gcs_autotune.design.matching import (
     output_noise,
 )
 from gcs_autotune.design.prediction import predict
-from gcs_autotune.design.reference_model import omega_for_settling, reference_model, settling_time
-from gcs_autotune.design.result import Margins, Prediction, ReferenceModel
+from gcs_autotune.design.result import Margins, Prediction
 from gcs_autotune.errors import NoGainsMeetSpec
 
 __all__ = [
@@ -32,31 +32,37 @@ __all__ = [
 ]
 
 OVERSHOOT, WORST_OVERSHOOT = 0.12, 0.25
-"""Largest overshoot of the predicted step; the proof on the water allows 15 %.
+"""Largest overshoot of the predicted step, as a fraction of the step.
 
-If the present gains have more, up to WORST_OVERSHOOT, the same overshoot is allowed.
+Project choice: the proof on the water allows 15 %.
+
+If the present gains have more overshoot, up to ``WORST_OVERSHOOT``, the same overshoot is allowed.
 """
 MIN_GAIN_MARGIN, MIN_PHASE_MARGIN, MAX_OVERSHOOT = 2.0, math.radians(30.0), 0.4
-"""Smallest margins and largest overshoot of a proposal if the ranges exclude the default specification.
+"""Smallest margins [ratio, rad] and largest overshoot of a proposal if the ranges exclude the default specification.
 
-Such a proposal has a note. The values are set by hand.
+Such a proposal has a note. Project choice.
 """
 SLOWER = 0.8
-"""Ratio of the speeds of successive specifications."""
+"""Ratio of the speeds of successive specifications. Project choice."""
 TRIES = 12
 SPANS = 8.0
-"""Time over which candidates are compared, in settling times of the fastest specification."""
+"""Time over which candidates are compared, in settling times of the fastest specification. Project choice."""
 PATIENCE = 2
-"""Number of slower specifications tried after an acceptable one, because one limited by the ranges may not be the
-best."""
+"""Number of slower specifications that are tried after an acceptable one.
+
+Project choice: a specification limited by the ranges may not be the best.
+"""
 NOTICEABLE = 0.9
-"""Predicted ITAE of a slower specification, relative to the faster one, below which it is preferred."""
+"""Predicted ITAE of a slower specification, relative to that of the faster one, below which the slower one is
+preferred. Project choice.
+"""
 FASTEST, SLOWEST = 20.0, 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCandidate:
-    """One specification with its gains, their prediction, and the objections to them."""
+    """One specification with gains for it, the predicted step with these gains, and the objections to them."""
 
     wanted: ReferenceModel
     settings: Settings
@@ -70,14 +76,15 @@ class GainCandidate:
 def choose(problem: DesignProblem, patience: int = PATIENCE) -> GainCandidate:
     """Return the best acceptable candidate.
 
-    It is that of the user's specification, or the fastest one that no slower one clearly improves on.
+    It is the candidate for the user's specification. Without one, it is the fastest candidate that no slower candidate
+    clearly improves on.
 
     patience : number of slower specifications tried after an acceptable one.
 
     Raises
     ------
     NoGainsMeetSpec
-        Nothing passes; the message states why the last one failed and what to try.
+        No candidate is acceptable. The message states why the last one failed and what to try.
     """
     tried: list[GainCandidate] = []
     best: GainCandidate | None = None
@@ -113,7 +120,9 @@ def _score(candidate: GainCandidate) -> float:
 
 
 def is_tolerable(candidate: GainCandidate) -> bool:
-    """Return whether gains below the specification are safe: stable over the region, with the smallest margins."""
+    """Return whether *candidate*, which misses the specification, is safe: stable over the region, with the
+    smallest margins.
+    """
     low = candidate.worst_margins
     return (
         low.stable
@@ -124,7 +133,9 @@ def is_tolerable(candidate: GainCandidate) -> bool:
 
 
 def judge(problem: DesignProblem, wanted: ReferenceModel, settings: Settings, duration: float) -> GainCandidate:
-    """Return margins, prediction and objections of *settings*, for a step recorded for *duration* [s]."""
+    """Return *settings* as a candidate, with margins, prediction and objections, for a step recorded for *duration*
+    [s].
+    """
     found = problem.margins(settings, wanted, [problem.model, *problem.region.samples])
     margins, low = found[0], worst(found)
     prediction = predict(problem, problem.model, wanted, settings, duration)
@@ -133,7 +144,7 @@ def judge(problem: DesignProblem, wanted: ReferenceModel, settings: Settings, du
 
 
 def objections(problem: DesignProblem, settings: Settings, low: Margins, prediction: Prediction) -> Iterator[str]:
-    """Yield objections to gains with these worst margins and this predicted step."""
+    """Yield objections to *settings*, whose worst margins are *low* and whose predicted step is *prediction*."""
     spec = problem.spec
     if not low.stable:
         yield "the loop is unstable for part of the 95 % region of the identified model"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gcs_autotune.design.reference_model import REFERENCE_MODELS
+from gcs_autotune.control import REFERENCE_MODELS
 from gcs_autotune.errors import UsageError
 from gcs_autotune.registry import lookup
 
@@ -31,15 +31,15 @@ class Spec:
     settled_band, settled_time : a flown half ends when the signal has been within ``settled_band`` [rad or m] of its
         target for ``settled_time`` [s]. This applies to the reported metrics only; gains are selected over
         ``step_duration``.
-    settled_least : the same time [s], if signal and output are at rest by then.
-    hold : time [s] for which the craft is held before that step, by a loop whose integral is empty at first; 0: a
-        settled loop.
+    settled_least : value [s] that replaces ``settled_time`` if signal and output are at rest by then.
+    hold : time [s] for which the craft is held before the step, by a loop whose integral is zero at first. 0: a settled
+        loop.
     noise_std : measurement noise of the position [rad or m], white up to ``noise_bandwidth`` [Hz].
-    jitter_std : the part of that noise [rad or m] that changes from sample to sample and therefore moves the actuator;
-        None: all of it.
-    noise_bandwidth : half the rate at which that noise was measured [Hz].
-    quantum : smallest step of the position's sensor [rad or m]; errors within it count as zero.
-    link_delay : part of the identified delay [s] that is in the telemetry link, not in the autopilot's loop.
+    jitter_std : standard deviation [rad or m] of the noise component that changes from sample to sample and therefore
+        moves the actuator. None: all of ``noise_std``.
+    noise_bandwidth : half the rate at which ``noise_std`` was measured [Hz].
+    quantum : smallest step of the position's sensor [rad or m]. Errors up to this size count as zero.
+    link_delay : amount of the identified delay [s] that is in the telemetry link, not in the autopilot's loop.
     loop_delay : additional delay [s] of autopilot and actuator, beyond the identified one; None: 1.5 loop periods.
     gain_margin, phase_margin : smallest acceptable values over the 95 % region, ratio and [rad].
     actuator_use : largest output for the required step, normalised.
@@ -101,7 +101,7 @@ class Spec:
 
     @property
     def jitter(self) -> float:
-        """``jitter_std``, or all of the noise if that is None [rad or m]."""
+        """Noise that moves the actuator [rad or m]: ``jitter_std``, or ``noise_std`` if that is None."""
         return self.noise_std if self.jitter_std is None else self.jitter_std
 
     @property

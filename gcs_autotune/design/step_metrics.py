@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.design.reference_model import SETTLED
+from gcs_autotune.control import SETTLED
 from gcs_autotune.design.result import StepMetrics
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.jit import entry
@@ -19,26 +19,29 @@ __all__ = ["StepError", "combine", "error_behind", "noise_floor", "step_error", 
 Array = NDArray[np.float64]
 MIN_SAMPLES = 8
 SPIKE = 0.25
-"""Deviation of a single sample from its neighbours, relative to the step, above which it is an outlier."""
+"""Deviation of a single sample from its neighbours, relative to the step, above which it is an outlier.
+
+Project choice.
+"""
 NOISE_STDS = 2.0
-"""Number of standard deviations of the noise within which errors count as zero."""
+"""Number of standard deviations of the noise within which errors count as zero. Project choice."""
 QUANTUM = 1.01
-"""Number of quanta of the sensor within which errors count as zero; the hundredth is for float32 rounding."""
+"""Number of quanta of the sensor within which errors count as zero. One hundredth is for float32 rounding."""
 HALVES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-"""Half-widths, in samples, of the parabolas that smooth an error."""
+"""Half-widths, in samples, of the parabolas that smooth an error. Project choice."""
 _HALVES = np.array(HALVES)
 INTERVAL = 1.5
 """Half-width, in standard errors, of the intervals that must have a point in common.
 
-The widest parabola for which they do is used. The value is the best on synthetic steps: larger ones smooth corners,
-smaller ones leave more noise (tests/design/test_error_estimate.py).
+The widest parabola for which the intervals have a common point is used. The value is the best on synthetic steps:
+larger ones smooth corners, smaller ones leave more noise (tests/design/test_error_estimate.py).
 """
 LAST_PART = 1.0 / 3.0
-"""Fraction of the record, at its end, from which the steady state is calculated."""
+"""Fraction of the record, at its end, from which the steady state is calculated. Project choice."""
 
 
 class StepError(NamedTuple):
-    """The metrics of a step that a search for gains uses: ``itae`` [s^2] and ``overshoot``, as in ``StepMetrics``."""
+    """Metrics of a step for a search for gains: ``itae`` [s^2] and ``overshoot`` [fraction], as in ``StepMetrics``."""
 
     itae: float
     overshoot: float
@@ -47,13 +50,15 @@ class StepError(NamedTuple):
 def noise_floor(noise_std: float, quantum: float) -> float:
     """Return the error [rad or m] up to which errors count as zero.
 
-    It is two of *noise_std* or one *quantum*, whichever is larger.
+    It is twice *noise_std* or 1.01 times *quantum*, whichever is larger.
     """
     return max(NOISE_STDS * noise_std, QUANTUM * quantum)
 
 
 def combine(found: Sequence[StepMetrics]) -> StepMetrics:
-    """Combine steps of both directions: the mean of error, travel and times, the worst of metrics with a limit."""
+    """Return the combined metrics of steps in both directions: the mean of error, travel and times, and the worst
+    of the others.
+    """
     if not found:
         return StepMetrics(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
     mean = {n: float(np.mean([getattr(m, n) for m in found])) for n in ("itae", "rise", "settling", "travel")}
@@ -73,16 +78,16 @@ def step_metrics(
     quantum: float = 0.0,
     noise_time: float = 0.0,
 ) -> StepMetrics:
-    """Measure one step.
+    """Return the metrics of one step.
 
     t : (n,) [s], increasing, any spacing. target, position : (n,) [rad or m], headings unwrapped. output : (n,)
         [fraction of full], held until the next sample. Samples before the target moves are the state at rest. If the
         target never moves, the step starts at the first position.
     noise_std, quantum : noise and smallest step of the sensor [rad or m]. Errors within :func:`noise_floor` count as
-        zero, and the settling band is never narrower than that. The error over time is that of the motion
-        :func:`error_behind` the noise. Single outliers are replaced by the mean of their neighbours.
-    noise_time : time [s] for which one value of the noise lasts, if samples are closer: samples of a moving mean, or
-        simulated ones with such noise.
+        zero, and the settling band is never narrower than that. The ITAE is calculated from the error without the noise
+        (:func:`error_behind`). Single outliers are replaced by the mean of their neighbours.
+    noise_time : time [s] for which one value of the noise lasts, if this exceeds the sampling interval. Examples are
+        samples of a moving mean, and simulated samples with such noise.
 
     Compare only steps recorded over equally long windows, because the ITAE grows with the window.
 
@@ -159,13 +164,13 @@ def _error_over_time(t: Array, error: Array, noise_std: float, floor: float, noi
 
 
 def error_behind(error: Array, std: float) -> Array:
-    """Return the error (n,) without the white noise of *std* that it was measured with, at even intervals.
+    """Return *error* (n,), sampled at even intervals, without its white measurement noise of standard deviation *std*.
 
-    The noise of single readings above a floor accumulates, up to a third of the error over time of a fast ROV. Assuming
-    a tenth more noise reduced that error by a quarter. Each sample is therefore taken from a parabola fitted to its
-    neighbours (Savitzky1964). The parabola is as wide as the intersection of confidence intervals permits: the
-    intervals of all narrower ones must have a point in common with its own (Goldenshluger1997). It is narrow where the
-    craft turns, and wide where it rests.
+    The noise of single readings above a floor accumulates, up to a third of the ITAE of a fast ROV. Assuming a tenth
+    more noise reduced that error by a quarter. Each sample is therefore taken from a parabola fitted to its neighbours
+    (Savitzky1964). The parabola is as wide as the intersection of confidence intervals permits: the intervals of all
+    narrower parabolas must have a point in common with that of the parabola (Goldenshluger1997). The parabola is narrow
+    where the craft turns, and wide where it rests.
     """
     error = np.ascontiguousarray(error)  # one kind of array: the kernel is compiled for each kind
     found = error.copy()

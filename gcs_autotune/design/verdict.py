@@ -1,4 +1,4 @@
-"""Decide whether to keep new gains: the step after must be better than the step before.
+"""Decide whether to keep new gains: the step with the new gains must be better than the step with the old ones.
 
 New gains are kept only if every criterion is met; otherwise the old ones are restored. The ITAE must be clearly lower,
 without more overshoot, oscillation, steady error or actuator travel.
@@ -15,24 +15,29 @@ from gcs_autotune.design.result import StepMetrics
 __all__ = ["Verdict", "is_better", "is_followed", "scatter_of"]
 
 ITAE_RATIO = 0.95
-"""Largest ratio of the new to the old ITAE: it must be at least 5 % lower."""
+"""Largest ratio of the new to the old ITAE. Project choice: the new ITAE must be at least 5 % lower."""
 OVERSHOOT = 0.15
-"""Overshoot that is always allowed; more is allowed only if the old gains had it too."""
+"""Overshoot [fraction of the step] that is always allowed.
+
+Project choice. More is allowed only if the old gains had it too.
+"""
 OSCILLATION = 0.05
-"""Oscillation that is always allowed; more is allowed only if the old gains had it too.
+"""Oscillation [fraction of the step] that is always allowed.
+
+Project choice. More is allowed only if the old gains had it too.
 
 It is half the peak-to-peak value in the last third of the record.
 """
 STEADY_ERROR = 0.05
 TRAVEL = 1.0
-"""Actuator travel that is always allowed: one full stroke per second."""
+"""Actuator travel that is always allowed [fraction of full per second]. Project choice: one full stroke per second."""
 TRAVEL_RATIO = 3.0
 
 
 NO_WORSE, CLEARLY = 1.05, 0.8
-"""Exception for two modes with the same gains.
+"""Limits of an exception for two modes with the same gains.
 
-With an error at most 5 % higher, gains are still better if the other mode's error is 20 % lower.
+Project choice. With an ITAE at most 5 % higher, gains are still better if the other mode's ITAE is 20 % lower.
 """
 TIMES = 3.0
 """Largest difference of two measurements with the same gains, in standard deviations of one half.
@@ -41,19 +46,22 @@ TIMES = 3.0
 degrees of freedom).
 """
 SCATTER_OF_PEAKS = 0.2
-"""Relative difference of the peaks of an irregular oscillation between two records that counts as scatter."""
+"""Relative difference of the peaks of an irregular oscillation between two records that counts as scatter.
+
+Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether to keep the new gains, with every reason for and against in words."""
+    """Decision whether to keep the new gains, with every reason for and against as text."""
 
     better: bool
     reasons: tuple[str, ...]
 
 
 def scatter_of(*pairs: Sequence[StepMetrics]) -> dict[str, float]:
-    """Return the standard deviation of one measurement of each limited quantity.
+    """Return name -> standard deviation of one measurement, for each limited quantity.
 
     pairs : step and step back flown with the same gains, once for each set of gains.
     """
@@ -72,11 +80,11 @@ def is_better(
     other: tuple[float, float] | None = None,
     scatter: Mapping[str, float] | None = None,
 ) -> Verdict:
-    """Compare two steps of the same size recorded over equally long windows.
+    """Return the decision from two steps of the same size, recorded over equally long windows.
 
     free_overshoot : overshoot that the control law itself causes (``Law.free_overshoot``); it is allowed in addition.
-    other : error over time [s^2] of the other mode's step before and after, if the gains serve another mode.
-    scatter : as from :func:`scatter_of`. An increase within it does not count.
+    other : ITAE [s^2] of the other mode's step before and after, if the gains serve another mode.
+    scatter : result of :func:`scatter_of`. An increase within the scatter does not count.
     """
     known = scatter or {}
     swing = TIMES * known.get("oscillation", 0.0)
@@ -95,9 +103,9 @@ def is_better(
 
 
 def is_followed(before: StepMetrics, after: StepMetrics, scatter: Mapping[str, float], what: str) -> Verdict:
-    """Compare steps of the other mode.
+    """Return the decision from steps of the other mode.
 
-    The change of error is only reported; oscillation and actuator travel are limited.
+    The change of the ITAE is only reported. Oscillation and actuator travel are limited.
     """
     old, new = before.itae, after.itae
     known = math.isfinite(old) and math.isfinite(new) and old > 0.0

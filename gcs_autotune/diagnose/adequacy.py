@@ -57,17 +57,19 @@ tested with the variance of Bartlett1946.
 """
 
 WHITE = 0.005
-"""Probability that the tests reject a complete model."""
+"""Probability that the tests together reject a complete model."""
 
 FEWEST_FOR_TAILS = 50
 
 BLOCK = 25
-"""Samples per block for the test of block means."""
+"""Number of samples per block in the test of block means."""
 
 
 @dataclass(frozen=True, slots=True)
 class Test:
-    """One test: what it examines (in words), the signal, its p-value, and a size for the text (may be NaN)."""
+    """One test of the residuals: what it examines (in words), the signal, its p-value, and a size to report
+    (may be NaN).
+    """
 
     what: str
     signal: str
@@ -76,7 +78,7 @@ class Test:
 
 
 def whiteness_of(tests: list[Test]) -> float:
-    """Return the p-value of the most sensitive test against white noise (Bonferroni)."""
+    """Return the smallest p-value of the tests against white noise, with a Bonferroni correction for their number."""
     return min(1.0, len(tests) * min((t.p for t in tests), default=1.0))
 
 
@@ -287,14 +289,14 @@ def _columns(problem: Problem, fitted: Fitted, names: tuple[str, ...]) -> Array 
 
 
 def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
-    """Return whether the residuals on the fitted runs are compatible with noise."""
+    """Return whether the residuals of a fit, on the fitted runs, are compatible with white noise."""
     return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
 def explains_all(problem: Problem, step: SearchStep[Fitted]) -> bool:
     """Return whether some candidate of a step leaves only noise on the fitted runs.
 
-    Its prediction of held-out data is not considered.
+    The prediction of held-out data is not considered.
     """
     return any(leaves_nothing(problem, j.fit) for j in step.judged if j.evidence > 0.0)
 

@@ -54,11 +54,11 @@ def diagnose(
     work: float = WORK,
     max_seconds: float = math.inf,
 ) -> Diagnosis:
-    """Identify what a simulation gets wrong and measure the gain of each cause on held-out data.
+    """Return the diagnosis of a simulation: what it gets wrong, and how much each cause reduces the held-out error.
 
     Parameters
     ----------
-    unseen : runs to measure the gain on. Without any, parts of *runs* are left out in turn.
+    unseen : runs on which the gain is measured. Without any, parts of *runs* are left out in turn.
     dof : degrees of freedom to examine, joined by commas. None: all that the file contains.
     use : signals to compare. None: all measured ones.
     form : structure of the base model, in place of the plain one.

@@ -45,8 +45,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Promise = tuple[int, EffectInstance, float, Array]
-"""A promising start: index of the fit to start from, effect with its values, expected cost, first-order parameter
-changes."""
+"""A promising start of a fit: index of the fit to start from, effect with its values, expected cost, first-order
+parameter changes.
+"""
 
 ALSO = 2
 """Number of start values kept per effect, in addition to the most promising one."""
@@ -104,9 +105,10 @@ def screen(
     progress: Callable[[int, int], None] | None = None,
     executor: Executor | None = None,
 ) -> list[EffectCandidate]:
-    """Return the most promising start of each choice, the best first.
+    """Return the most promising start of each effect and place, the best first.
 
-    fits : possible starting fits, the present model first. others : further ones for errors of the records.
+    fits : possible starting fits, the present model first. others : further starting fits, for errors of the records
+    only.
     """
     grounds = [_TangentSpace(problem, fitted) for fitted in (*fits, *others)]
     known = [problem, *((f.theta, f.effects, f.initial, f.shift) for f in (*fits, *others))]
@@ -180,7 +182,7 @@ class _TangentSpace:
         return left
 
     def cost(self, r: Array) -> float:
-        """Return minus twice the log-likelihood of a residual in units of the fit's own noise levels."""
+        """Return minus twice the log-likelihood of a residual in units of the noise standard deviations of the fit."""
         sums: dict[str, float] = {}
         counts: dict[str, int] = {}
         for name, part in self.slices:
@@ -308,7 +310,7 @@ def _two_sided(entry: Effect, own: EffectInstance, ground: _TangentSpace) -> boo
 Attempt = tuple[EffectCandidate, Fitted]
 
 ROUGH = 8
-"""Maximum number of iterations of a rough fit."""
+"""Maximum number of iterations of a rough fit. Project choice."""
 
 RUNNERS = 5
 """Number of candidates per step that are fitted to convergence."""
@@ -319,7 +321,7 @@ fits."""
 
 
 def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
-    """Return the best fit of each effect and place, the best first."""
+    """Return the best of several fits for each effect and place, the best first."""
     best: dict[tuple[str, str], Attempt] = {}
     for candidate, fit in sorted(attempts, key=lambda f: f[1].cost + bic_penalty(f[1], present)):
         best.setdefault((candidate.effect.slug, candidate.effect.place), (candidate, fit))
@@ -329,7 +331,7 @@ def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
 def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | None:
     """Return a rough fit, started at the model adapted to first order; return None if the motion diverges.
 
-    If that start fails, the fit starts at the unadapted model. If the fit is then no better than without the effect,
+    If it diverges from there, the fit starts at the unadapted model. If the fit is no better than without the effect,
     other values of the effect are tried.
     """
     begin, fit = candidate.begin, problem.fit
@@ -345,7 +347,7 @@ def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | Non
 
 
 def fitted_to_the_end(problem: Problem, candidate: EffectCandidate, rough: Fitted) -> Fitted:
-    """Return the converged fit.
+    """Return the fit of a candidate continued to convergence.
 
     The cost has many local minima for effects that act on commands, and for effects that happen at one time. Other
     start values, or times near the estimated one, are then tried too.

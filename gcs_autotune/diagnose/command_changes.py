@@ -35,7 +35,7 @@ class Command:
     """A command that changes: stamps (n,) and values, scaled to its range (0 at its minimum).
 
     ``times``, ``sizes`` (k,): times [s] and sizes of its changes, relative to the range. ``row`` [s]: interval between
-    rows; 0 if the command is stamped when it changes. ``is_held``: whether its changes are switches.
+    rows of the file; 0 if the command has a time stamp at each change. ``is_held``: whether its changes are switches.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Command:
 
     @property
     def usual(self) -> float:
-        """Return the median time between two changes [s]."""
+        """Median time between two changes of the command [s]."""
         return float(np.median(np.diff(self.times))) if len(self.times) > 2 else float(np.ptp(self.t)) / 3.0
 
     def at(self, t: Array) -> Array:

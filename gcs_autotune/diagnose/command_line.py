@@ -72,7 +72,7 @@ class Clock:
     """Relation between a simulation's stamps and its run's: ``t_simulation = theirs + scale (t_run - ours)``, [s].
 
     ``scale_std`` is infinite if there are too few changes to determine the scale, which is then 1. ``shift_std`` [s] is
-    the standard error of ``theirs``. It includes the unknown time of a change between two rows.
+    the standard error of ``theirs``, and includes the unknown time of a change between two rows.
     """
 
     scale: float
@@ -123,12 +123,12 @@ class Line:
 
     @property
     def scatter(self) -> float:
-        """Return the rms deviation of changes from the line [s of the simulation]."""
+        """Rms deviation of the changes from the line [s of the simulation]."""
         return max(float(np.sqrt(np.mean(self.left**2))), self.expected)
 
     @property
     def local_scatter(self) -> float:
-        """Return the rms deviation of changes from the median deviation of their neighbours [s of the simulation].
+        """Rms deviation of the changes from the median deviation of their neighbours [s of the simulation].
 
         Unlike :attr:`scatter`, it stays small if the clock runs unevenly.
         """
@@ -151,8 +151,8 @@ class Line:
 class Guess(NamedTuple):
     """A first guess of the clock: scale, a time on the run's clock, and the same time on the simulation's clock [s].
 
-    ``is_usual``: the alignment is one of the usual ones (equal stamps, equal beginnings). ``is_stamped``: it is the
-    alignment of the stamps themselves.
+    ``is_usual``: the alignment is one of the usual ones (equal stamps, equal beginnings). ``is_stamped``: the alignment
+    is that of equal stamps.
     """
 
     scale: float
@@ -382,7 +382,7 @@ def _colour(left: Array) -> float:
 
 
 def compared_commands(theirs: Command, ours: Command, line: Line) -> MatchedCommand | None:
-    """Return the regression of a simulation's command on a run's, without the samples near changes.
+    """Return the regression of a simulation's command on a run's, without the samples near changes of the command.
 
     Return None if either command is constant.
     """

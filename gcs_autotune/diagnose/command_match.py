@@ -81,7 +81,9 @@ EVEN = 0.15
 """Limit for periodic changes: the median deviation of their intervals from the median interval, relative to it."""
 
 UNEVEN = 3.0
-"""Scatter of changes about the clock, relative to that of the row interval, above which the clock counts as uneven."""
+"""Scatter of changes about the clock, relative to the scatter that the row interval causes, above which the clock
+counts as uneven.
+"""
 
 SAME_RATE = 0.002
 """Difference of two clock rates that is ignored."""
@@ -95,10 +97,11 @@ class CommandMatch:
     """Result of the comparison of the commands of both files.
 
     ``kind``: ``absent`` (a file contains no command), ``constant`` (they do not change, or too rarely), ``repeating``
-    (periodic in both, so that any clock fits), ``different`` (they change differently), ``matched``. ``scatter`` [s of
-    the run]: deviation of single changes from the clock, beyond the row interval. ``is_uneven``: whether the scatter is
-    several row intervals. ``changes``: number of paired changes. ``period`` [s of the run]: shift of the clock that
-    matches equally well; 0 if there is none. ``others``: channels whose own changes indicate another clock.
+    (periodic in both, so that any clock fits), ``different`` (the commands change differently), ``matched``.
+    ``scatter`` [s of the run]: deviation of single changes from the clock, beyond the row interval. ``is_uneven``:
+    whether the scatter is several row intervals. ``changes``: number of paired changes. ``period`` [s of the run]:
+    shift of the clock that matches equally well; 0 if there is none. ``others``: channels whose own changes indicate
+    another clock.
     """
 
     kind: Literal["absent", "constant", "repeating", "different", "matched"]
@@ -112,7 +115,7 @@ class CommandMatch:
 
 
 def match_commands(simulation: Trial, run: Trial, *, steady: bool = False) -> CommandMatch:
-    """Compare the commands of *simulation* with those of *run*.
+    """Return the result of comparing the commands of *simulation* with those of *run*.
 
     steady : whether both clocks are known to run at one rate.
     """

@@ -37,7 +37,7 @@ It applies to logarithms of inertia and drag, and to trim relative to the force.
 
 @dataclass(frozen=True, slots=True)
 class CraftChange:
-    """One kind of change: its effect on (ln inertia, ln drag, trim).
+    """One kind of change of a craft, as its effect on (ln inertia, ln drag, trim).
 
     ``slug``: the corresponding effect in a diagnosis.
     """
@@ -120,7 +120,7 @@ NAMES = ("inertia", "drag", "trim")
 
 
 def compare_craft(reference: AxisFit, now: AxisFit) -> CraftComparison:
-    """Compare *now* with *reference*; drag is compared at a speed that both reached.
+    """Return the comparison of the fit *now* with the fit *reference*. Drag is compared at a speed that both reached.
 
     Raises
     ------

@@ -1,7 +1,6 @@
-"""Decide what supports a cause, and list hints, which are causes with too little support.
-
-The evidence is the gain in log-likelihood. A cause needs more than noise could produce in any of the tried candidates.
-It also needs a gain on every left-out part, and a smaller held-out prediction error. A candidate is a hint if it gains
+"""Decide whether the runs support a cause, and list hints, which are causes with too little support. The support is
+measured by the gain in log-likelihood. A cause needs more than noise could produce in any of the tried candidates. It
+also needs a gain on every held-out fold, and a smaller held-out prediction error. A candidate is a hint if it gains
 three to ten nats, or more without meeting the other conditions. In addition, noise must produce such a gain in at most
 one search of twenty. Hints within three nats of each other form one group, because the runs do not distinguish them.
 """
@@ -35,7 +34,7 @@ FAINT, ENOUGH = 3.0, 10.0
 """Log-likelihood gain of an effect with one parameter that makes a hint (FAINT), and that supports a cause (ENOUGH).
 
 The gain of an effect with several parameters is converted, see :func:`worth`. A cause must also improve the prediction
-of held-out data. The gains correspond to odds of twenty to one, and of twenty thousand to one.
+of held-out data. The gains correspond to odds of twenty to one (FAINT), and of twenty thousand to one (ENOUGH).
 """
 
 RARE = 0.05
@@ -62,7 +61,9 @@ def chance_of(gained: float, numbers: int, tried: int) -> float:
 
 
 def worth(gained: float, numbers: int) -> float:
-    """Return the gain by one number that is as improbable by chance as the gain *gained* by *numbers* numbers."""
+    """Return the log-likelihood gain that with one parameter is as improbable by chance as the gain *gained* with
+    *numbers* parameters.
+    """
     p = chi_square.exceeded_by_chance(2.0 * max(gained, 0.0), max(numbers, 1))
     return 0.5 * chi_square.threshold(p, 1) if p > 0.0 else gained
 
@@ -71,9 +72,10 @@ def worth(gained: float, numbers: int) -> float:
 class WeakCandidate:
     """A candidate that is a hint.
 
-    ``size``: its evidence in nats, converted to one number. ``chance``: probability that noise produces it. ``lacks``:
-    the condition of a cause that it does not meet. ``alike``: slugs of the other candidates within :data:`ALIKE`,
-    whether hints or not.
+    ``size``: its log-likelihood gain, converted to one parameter. ``chance``: probability that noise alone produces
+    this gain.
+    ``lacks``: the condition of a cause that it does not meet. ``alike``: slugs of the other candidates within
+    :data:`ALIKE`, whether hints or not.
     """
 
     one: CandidateScore[Any]
@@ -97,7 +99,7 @@ def weak_among(search: Search) -> list[WeakCandidate]:
     """Return the hints among the candidates of the last step and the causes rejected at the end.
 
     Candidates whose 95 % interval includes no effect are left out. Rejected causes come first, because they passed the
-    test on the left-out parts.
+    test on the held-out folds.
     """
     last = search.steps[-1].judged if search.steps and search.steps[-1].accepted is None else ()
     beside = [a for a in last if name_of(a.effect) not in search.names]

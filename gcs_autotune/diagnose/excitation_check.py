@@ -43,7 +43,7 @@ ANSWER = 0.02
 
 
 def check_alive(runs: Sequence[Trial]) -> None:
-    """Reject *runs* in which nothing is commanded or nothing moves.
+    """Raise an error for *runs* in which nothing is commanded or nothing moves.
 
     Raises
     ------
@@ -70,9 +70,8 @@ def _vary(runs: Sequence[Trial], names: Sequence[str]) -> bool:
 
 
 def check_excitation(runs: Sequence[Trial], form: Form, signals: Sequence[str] | None = None) -> None:
-    """Reject *runs* with too little information to diagnose *form*.
-
-    signals : those to compare; None: all.
+    """Raise an error for *runs* with too little information to diagnose *form*. signals : names of the signals to
+    compare; None: all.
 
     Raises
     ------
@@ -151,14 +150,14 @@ def _check_answer(runs: Sequence[Trial], form: Form, signals: Sequence[str]) -> 
 
 
 GRID = 2000
-"""Maximum number of samples of the common time grid of :func:`on_grid`."""
+"""Maximum number of samples of the common time grid of :func:`on_grid`. Project choice."""
 
 LAGS = np.geomspace(0.3, 300.0, 13)
 """Time constants tried, in steps of the common grid."""
 
 
 def on_grid(*channels: Channel) -> tuple[float, list[Array]] | None:
-    """Return a common time step [s] and all channels sampled on it by zero-order hold.
+    """Return a common time step [s] and all channels, each sampled with that step by zero-order hold.
 
     The grid covers the overlap of the channels. Return None if they hardly overlap.
     """
@@ -177,7 +176,7 @@ def coherence(follower: Array, leader: Array, *, integrated: bool = False) -> fl
 
     Gain, offset and initial state are free. The variance that offset and initial state explain alone does not count.
 
-    integrated : compare with the integral of such a lag (a position).
+    integrated : whether *follower* is compared with the integral of the lagged signal (a position).
     """
     best = 0.0
     n = len(follower)

@@ -50,7 +50,7 @@ FEWEST = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOutFold:
-    """One fold: segments to fit (``train``) and segments to predict (``test``)."""
+    """One fold: segments to which models are fitted (``train``), and segments that they predict (``test``)."""
 
     train: tuple[Segment, ...]
     test: tuple[Segment, ...]
@@ -66,7 +66,7 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parts:
-    """The parts left out in turn.
+    """The folds held out in turn.
 
     ``kind``: ``"apart"`` for separate runs, ``"runs"`` for whole runs left out, ``"blocks"`` for blocks of runs.
     ``starts`` and ``tests``: initial states of the fitted and of the tested segments. ``words``: a description.
@@ -79,7 +79,7 @@ class Parts:
     words: str
 
     def set_right(self, problem: Problem, fitted: Fitted) -> Parts:
-        """Return the parts with new initial states, after correction of the data errors that *fitted* contains."""
+        """Return the folds with new initial states, from data corrected for the data errors that *fitted* contains."""
         segments = {id(s): s for fold in self.folds for s in (*fold.train, *fold.test)}
         right = {at: undo_data_errors(fitted.effects, s) for at, s in segments.items()}
         if all(right[at] is s for at, s in segments.items()):
@@ -93,7 +93,7 @@ class Parts:
 
 
 def parts_of(problem: Problem, unseen: Sequence[Segment] = (), *, in_blocks: bool = False) -> Parts:
-    """Divide a problem's segments into the parts left out in turn.
+    """Return the segments of a problem, divided into folds that are held out in turn.
 
     These are the *unseen* runs if there are any. With several runs, each run (or group of runs) is left out in turn.
     With one run, or *in_blocks*, blocks of every run are left out.
@@ -147,7 +147,7 @@ def _begun(
 
 
 def held_out(problem: Problem, parts: Parts, fitted: Fitted, *, refit: bool) -> HeldOut:
-    """Predict each left-out part with a model fitted to the rest.
+    """Return the residuals of predictions of each held-out fold with a model fitted to the rest.
 
     refit : whether the model is fitted again on each fold, starting from *fitted*. False: it is used unchanged.
     """
@@ -171,7 +171,7 @@ def held_out(problem: Problem, parts: Parts, fitted: Fitted, *, refit: bool) -> 
 
 
 def rms_of(rests: Sequence[Residual]) -> dict[str, float]:
-    """Return the root mean square of the residuals per signal."""
+    """Return signal -> root mean square of its residuals."""
     squares: dict[str, list[Array]] = {}
     for rest in rests:
         good = rest.judged[np.isfinite(rest.judged)]
@@ -207,7 +207,7 @@ def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[
 def p_value(
     before: HeldOut, after: HeldOut, levels: Mapping[str, float], raised: float, numbers: int, tried: int
 ) -> float:
-    """Return the probability that *after* only seems better on held-out data, times the number *tried* (at most 1).
+    """Return the p-value that *after* only seems better on held-out data, multiplied by the number *tried* (at most 1).
 
     The method is the split likelihood ratio (Wasserman2020). The numerator is the likelihood of held-out data under a
     model fitted to the rest, with the noise *levels* of that fit. The denominator is the largest likelihood of the
@@ -257,7 +257,7 @@ def ratio_interval(before: Sequence[Residual], after: Sequence[Residual], seed: 
 
 
 def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReduction, ...]:
-    """Return the held-out gain of every signal; return nothing if a model diverges.
+    """Return the reduction of the held-out error of every signal; empty if a model diverges.
 
     words : description of what was left out.
     """
@@ -275,12 +275,12 @@ def gains_of(before: HeldOut, after: HeldOut, words: str) -> tuple[ErrorReductio
 
 
 def own_gain(before: HeldOut, after: HeldOut | None, words: str) -> ErrorReduction | None:
-    """Return the held-out gain of one cause, for its most significant signal; None if unknown."""
+    """Return the reduction of the held-out error by one cause, for its most significant signal; None if unknown."""
     if after is None or len(before.rests) != len(after.rests):
         return None
     return surest(gains_of(before, after, words))
 
 
 def surest(gains: Sequence[ErrorReduction]) -> ErrorReduction | None:
-    """Return the gain whose interval has the smallest upper limit."""
+    """Return the error reduction whose interval has the smallest upper limit."""
     return min(gains, key=lambda g: g.ratio if math.isnan(g.ci95[1]) else g.ci95[1], default=None)

@@ -21,10 +21,10 @@ __all__ = ["Folds", "densities_of", "gains_ahead", "interval_of", "unseen_of"]
 Array = NDArray[np.float64]
 
 Folds = tuple[tuple[tuple[Segment, ...], tuple[Segment, ...]], ...]
-"""For each fold, the segments to fit and the segments to predict."""
+"""Folds of the runs: for each fold, the segments to fit and the segments to predict."""
 
 Unseen = Sequence[NoisyFit | None]
-"""For each fold, a model refitted without it and evaluated on it; None if the filter diverges."""
+"""For each fold, a model refitted without the fold and evaluated on it; None if the filter diverges."""
 
 REFIT = 4
 """Maximum number of scoring iterations of a refit without one run."""
@@ -33,20 +33,20 @@ RUNS_AWAY = -1e6
 """Log density assigned to the samples of a model that diverges."""
 
 FAR_ROUGHER = 2.0
-"""Limit for unusual process noise in a left-out part.
+"""Limit for unusual process noise in a held-out fold.
 
 It is the ratio of squared held-out innovations to their expected size. Above it the part has its own noise level.
 """
 
 FEWEST_WHOLES = 4
-"""Minimum number of left-out parts to estimate their scatter. Two or three are often similar by chance."""
+"""Minimum number of held-out folds to estimate their scatter. Two or three are often similar by chance."""
 
 SURE = 0.95
 """Quantile of the 90 % interval of a gain: 5 % lie above its upper limit."""
 
 
 def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFit) -> Unseen:
-    """Refit *fit* without each fold and evaluate it on that fold.
+    """Return *fit*, for each fold, refitted without the fold and evaluated on it.
 
     plain : the model without any cause. It determines the prediction horizon at which refits are compared.
     """
@@ -58,7 +58,7 @@ def unseen_of(problem: NoisyProblem, plain: NoisyFit, folds: Folds, fit: NoisyFi
 
 
 def densities_of(fits: Unseen, plain: Unseen) -> list[Array]:
-    """Return the log densities (samples,) of each left-out part, with the noise level that *plain* shows there.
+    """Return the log densities (samples,) of each held-out fold, with the noise level that *plain* shows there.
 
     The noise of a part may be far larger than that of the other runs (a gust, a glitch, a rougher run). Its noise level
     is then raised for every candidate. Otherwise a few samples would outweigh all others, in either direction.
@@ -74,7 +74,7 @@ def interval_of(before: Sequence[Array], after: Sequence[Array]) -> tuple[float,
     """Return the 90 % interval of the held-out log-likelihood gain: the narrower of two intervals.
 
     The first follows from the scatter over blocks, because a single gust or manoeuvre may cause the whole gain. The
-    second follows from the scatter over left-out parts. A refitted noise level shifts gain from lively blocks to quiet
+    second follows from the scatter over held-out folds. A refitted noise level shifts gain from lively blocks to quiet
     ones, in all runs alike, which widens the first interval only.
     """
     size = max(FEWEST, sum(map(len, before)) // BLOCKS)
@@ -102,7 +102,7 @@ SEED, DRAWS = 0, 400
 def gains_ahead(
     problem: NoisyProblem, plain: NoisyFit, folds: Folds, before: Unseen, after: Unseen, words: str
 ) -> Iterator[tuple[float, ErrorReduction]]:
-    """Yield each horizon [s] of :func:`.horizons` with the held-out error there, before and after.
+    """Yield (horizon [s], held-out error at that horizon before and after) for each of :func:`.horizons`.
 
     plain : the model without any cause, which determines the horizons. words : description of what is left out.
 

@@ -57,7 +57,7 @@ in at least this fraction of its samples, and the input in at most this fraction
 
 
 STEADY, GRID, LEAST_LEFT = 0.25, 1000, 0.5
-"""Limits for the manoeuvre within a run.
+"""Limits that separate the manoeuvre in a run from its approach and final stretch.
 
 STEADY: largest deviation of another axis' command from its usual value, relative to that value, that counts as steady.
 GRID: number of points along a run from which the usual value (median) is calculated. LEAST_LEFT: least fraction of a
@@ -66,7 +66,7 @@ run that must remain.
 
 
 def check_clock(run: Trial) -> None:
-    """Reject a clock in milliseconds whose column header states seconds, or the reverse.
+    """Raise an error for a clock in milliseconds whose column header states seconds, or the reverse.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def _confirmed(run: Trial) -> bool:
 
 
 def check_heading(run: Trial) -> None:
-    """Reject a heading that jumps by something other than a full turn.
+    """Raise an error for a heading that jumps by something other than a full turn.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def _tears(x: Array) -> list[float]:
 
 
 def check_roles(run: Trial) -> None:
-    """Reject exchanged input and output columns.
+    """Raise an error for exchanged input and output columns.
 
     The "input" then follows the "output", and the "output" is held like a command.
 
@@ -200,7 +200,7 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
     Raises
     ------
     BadFile, MissingChannel
-        No run can be used; the error is that of the first run.
+        No run can be used; the error raised is that of the first run.
     """
     usable: list[Trial] = []
     doubts: list[Doubt] = []

@@ -63,9 +63,10 @@ FOLLOWING = 12
 class LeastSquares:
     """Scorer that adds candidates to the model ``present`` and fits them by least squares.
 
-    ``tried``: total number of candidates. ``unseen``: held-out residuals, on the left-out ``parts``, of the model that
-    gains are relative to. ``quick``: score by the likelihood of the fitted runs only. ``begun``: fits to start from.
-    ``others``: further ones, used for errors of the data only. ``exchanges``: whether exchanged channels are tried.
+    ``tried``: total number of candidates. ``unseen``: held-out residuals, on the held-out folds ``parts``, of the model
+    that gains are relative to. ``quick``: score by the likelihood of the fitted runs only. ``begun``: fits from which
+    candidates start. ``others``: further starting fits, used for errors of the data only. ``exchanges``: whether
+    exchanged channels are tried.
     ``most``: number of candidates fitted roughly.
     """
 
@@ -116,7 +117,7 @@ class LeastSquares:
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
-        """Fit the roughly fitted candidates to convergence."""
+        """Return the roughly fitted candidates, fitted to convergence."""
 
         def report(done: int, total: int) -> None:
             self.question.say(self.stage + ": final fits", done, total)
@@ -125,13 +126,13 @@ class LeastSquares:
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def rebased(self, ends: Sequence[Attempt]) -> LeastSquares:
-        """Return this scorer unchanged: a better base is searched for only after a candidate is accepted."""
+        """Return this scorer unchanged, because it searches for a better base only after a candidate is accepted."""
         return self
 
     def scores(self, ends: Sequence[Attempt]) -> list[CandidateScore[Fitted]]:
         """Return the scores of the converged candidates, the best first.
 
-        All use the number of samples per independent sample of the best candidate.
+        For all scores, correlated samples are counted as for the best candidate.
         """
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, self.present), default=self.present)
         silent = replace(self, question=replace(self.question, progress=None))
@@ -146,7 +147,7 @@ class LeastSquares:
     def score(self, effect: EffectInstance, fit: Fitted, common: float | None = None) -> CandidateScore[Fitted]:
         """Return the score of a fit.
 
-        common : samples per independent sample, equal for all rivals.
+        common : number of correlated samples that count as one independent sample, equal for all rivals.
         """
         present, raised = self.present, correlation_of(fit)
         lower = present.cost - fit.cost
@@ -237,9 +238,9 @@ def values_of(problem: Problem, fitted: Fitted) -> dict[tuple[str, str], dict[st
 def is_alike(problem: Problem, other: CandidateScore[Fitted], best: CandidateScore[Fitted]) -> bool:
     """Return whether these runs do not distinguish *other* from *best*.
 
-    *other* must help on held-out data, and its evidence must be equally good. If both effects cause a delay, a
-    difference at the start of the runs is ignored. The cost of numbers that the runs contain no information on is
-    ignored too.
+    *other* must help on held-out data, and its gain in log-likelihood must be equally good. If both effects cause a
+    delay, a difference at the start of the runs is ignored. The cost of numbers that the runs contain no information on
+    is ignored too.
     """
     if other is best or other.gain <= 0.0 or other.p >= LUCK:
         return False

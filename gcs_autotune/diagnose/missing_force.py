@@ -24,16 +24,18 @@ __all__ = ["missing_of", "next_of", "words_of", "words_of_noise"]
 Array = NDArray[np.float64]
 
 BINS, FEWEST = 9, 8
-"""BINS: number of points of a curve of the missing force. FEWEST: minimum number of samples at each point."""
+"""BINS: number of points of a curve of the missing force. FEWEST: minimum number of samples at each point.
+Project choice.
+"""
 
 WAY_ON = 0.1
-"""Least surge speed in a run, relative to the largest, for which a drift angle is calculated."""
+"""Smallest surge speed, relative to the largest in the run, at which a drift angle is calculated."""
 
 UNITS: Mapping[str, str] = {"time": "s", "drift": "rad", **{n: row[0] for n, row in SIGNALS.items()}}
 """Quantity that the missing force is plotted over -> its unit."""
 
 TOLD = 0.1
-"""Least fraction of the missing force that a quantity must predict in other runs to be reported."""
+"""Smallest fraction of the missing force that a quantity must predict in other runs to be reported."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +50,8 @@ class _Estimate:
 
 
 def missing_of(search: NoiseSearch) -> MissingForce | None:
-    """Return the drifting force beside the model, in the base model's units, over the whole record.
+    """Return the drifting force that the filter estimates in addition to the model's, over the whole record, in the
+    base model's units.
 
     Return None if it cannot be estimated.
     """
@@ -296,7 +299,7 @@ def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
 
 
 def next_of(missing: MissingForce | None) -> str | None:
-    """Return the manoeuvre that would identify the missing force; None if there is no missing force to identify."""
+    """Return the manoeuvre that would identify the cause of the missing force; None if there is no missing force."""
     if missing is None or not missing.curves:
         return None
     best = next((c for c in missing.curves.values() if c.varies), None)

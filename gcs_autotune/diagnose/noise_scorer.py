@@ -48,7 +48,7 @@ at most 2.
 """
 
 RUNNERS = 6
-"""Number of candidates that are fitted to convergence."""
+"""Number of candidates that are fitted to convergence. Project choice."""
 
 SLOWER_THAN_FOUND = 2.0
 """Factor by which the craft may be slower than in a fit without a delay or a lag.
@@ -87,8 +87,8 @@ TRACE = 0.1
 class WithProcessNoise:
     """Scorer that adds candidates to the model ``present`` and fits them with process noise modelled.
 
-    ``tried``: total number of candidates. ``folds``: the parts left out in turn. ``left_out``: the present model,
-    refitted to the rest and evaluated on each part. ``plain``: the model without any cause. ``hint``: a fit with one
+    ``tried``: total number of candidates. ``folds``: the folds held out in turn. ``left_out``: the present model,
+    refitted to the rest and evaluated on each fold. ``plain``: the model without any cause. ``hint``: a fit with one
     cause, as a further start.
     """
 
@@ -121,7 +121,7 @@ class WithProcessNoise:
         return sorted(rough, key=lambda f: -(f[1].total - f[1].price(f[1].unknowns - self.present.unknowns)))
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
-        """Fit the roughly fitted candidates to convergence, from several starts of the process noise."""
+        """Return the roughly fitted candidates, fitted to convergence from several starts of the process noise."""
         problem, ends = self.problem, []
         for k, (tried_one, fit) in enumerate(rough):
             self.say(f"{self.stage}: final fits", k, RUNNERS)
@@ -165,7 +165,7 @@ class WithProcessNoise:
         return replace(self, present=present, left_out=self.unseen(present) if ends else ())
 
     def unseen(self, fit: NoisyFit) -> Unseen:
-        """Refit *fit* without each fold and evaluate it on that fold."""
+        """Return *fit*, for each fold, refitted without the fold and evaluated on it."""
         return unseen_of(self.problem, self.plain, self.folds, fit)
 
     def scores(self, ends: Sequence[Attempt]) -> list[Score]:

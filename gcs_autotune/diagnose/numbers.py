@@ -98,7 +98,7 @@ class _Weighing:
     raised: float
 
     def values(self, fit: Fitted) -> dict[Key, tuple[float, float]]:
-        """Return the fitted numbers that the model in question also has, each with its standard error."""
+        """Return the fitted values, with standard errors, of those numbers that the model in question has."""
         std = np.sqrt(np.maximum(np.diag(fit.covariance(self.raised)), 0.0)).tolist()
         keys: list[Key] = [("", "", n) for n in fit.free]
         keys += [(fit.effects[i].slug, fit.effects[i].place, n) for i, n in fit.free_effects]
@@ -106,7 +106,9 @@ class _Weighing:
         return {key: (value, s) for key, value, s in found if key in self.old}
 
     def fitted(self, free: Sequence[Key], begin: Fitted) -> tuple[Problem, Fitted | None]:
-        """Fit with all numbers except *free* held at the model's values; identified causes are always fitted."""
+        """Return the fit in which all numbers except *free* keep the model's values. Identified causes are
+        always fitted.
+        """
         problem = self.state.problem
         held = [key for key in self.old if key not in free]
         names = [n for n in problem.free if ("", "", n) not in held]
@@ -155,9 +157,9 @@ class _Weighing:
 
 
 def judge_numbers(state: SearchState) -> SearchState | None:
-    """Compare the numbers of the model in question with the runs; return None if no model was supplied.
+    """Return the comparison of the numbers of the model in question with the runs; None if no model was supplied.
 
-    Wrong numbers are corrected in the present model. The other numbers keep their given values.
+    Wrong numbers are corrected in the present model. The other numbers keep their supplied values.
     """
     given = state.question.given
     if given is None:
@@ -334,7 +336,7 @@ def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
 
 
 READ_OFF = frozenset({"input-delay", "input-bias", "net-buoyancy", "quadratic-drag"})
-"""Effects of the stand-in model that gain, time constant, delay and trim already describe."""
+"""Effects of the surrogate model that gain, time constant, delay and trim already describe."""
 
 
 def if_told(value: float, std: float, scale: float) -> tuple[float, float]:

@@ -70,8 +70,7 @@ def command_sizes(form: Form, segments: Sequence[Segment]) -> dict[str, float]:
 
 
 def driven_by(form: Form) -> dict[str, tuple[str, float | str]]:
-    """Return for each driven degree of freedom the input channel and its gain; the first channel if there are
-    several."""
+    """Return driven degree of freedom -> (input channel, its gain). With several channels it is the first one."""
     found: dict[str, tuple[str, float | str]] = {}
     for dof in form.dofs:
         for channel, pairs in form.inputs.items():
@@ -187,7 +186,7 @@ class _Reading:
         self.covariance = fit.covariance(correlation_of(fit))[:width, :width]
 
     def add(self, found: dict[Key, PlainNumber], key: Key, unit: str, of: Quantity) -> None:
-        """Calculate a quantity and add it to *found*, unless this model does not determine it."""
+        """Calculate a quantity and add it to *found*, if the model determines it."""
         value, std = self._uncertain(of, frozenset())
         if math.isfinite(value):
             beside = self._uncertain(of, self.causes) if self.causes and key[0] != "delay" else (value, std)

@@ -63,9 +63,9 @@ class NoiseSearch:
     """Result of a search with process noise.
 
     ``plain``: the model without any cause. ``fit``: the model with the accepted causes. ``steps``: every candidate that
-    was fitted to convergence. ``calm``: log-likelihood gained by the drifting force and waves. ``still``: the same with
-    the accepted causes; inf if the search was stopped before. ``cut``: where it was stopped, in words. ``words``: what
-    was left out in turn.
+    was fitted to convergence. ``calm``: log-likelihood gained by the drifting force and waves. ``still``:
+    log-likelihood gained by them with the accepted causes; inf if the search was stopped before. ``cut``: where it was
+    stopped, in words. ``words``: what was left out in turn.
     """
 
     problem: NoisyProblem
@@ -80,7 +80,7 @@ class NoiseSearch:
     still: float = math.inf
     cut: tuple[str, ...] = ()
     hint: NoisyFit | None = None
-    """A fit with one cause, used as an additional start."""
+    """A fit with one cause, used as an additional start; None if there is none."""
     whole: Problem | None = None
     """The supplied runs with the base model's form and units."""
     refused: tuple[CandidateScore[NoisyFit], ...] = ()
@@ -92,7 +92,7 @@ class NoiseSearch:
 
     @property
     def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
-        """Accepted causes, in the order found."""
+        """Accepted causes, in the order in which they were accepted."""
         found: dict[tuple[str, str], CandidateScore[NoisyFit]] = {}
         for one in (s.accepted for s in self.steps if s.accepted is not None):
             found.pop(key_of(one.effect), None)  # accepted again, it was not before
@@ -111,7 +111,7 @@ class NoiseSearch:
         return {name for group in self.alike() for name in group} | {name_of(a.effect) for a in self.accepted}
 
     def stopped(self, over: OutOfTime) -> NoiseSearch:
-        """Return the search so far, marked as stopped."""
+        """Return the search so far, marked as stopped by the limit that *over* reports."""
         return replace(self, cut=(*self.cut, str(over)))
 
     @property

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Say = Callable[[str, int, int], None]
 
 ROUGH = 2
-"""Scoring iterations of a rough fit."""
+"""Number of scoring iterations of a rough fit. Project choice."""
 
 PACE = 5.0
 """Number of samples kept per time constant of the craft. Closer samples mainly show the sensor's filter."""
@@ -112,7 +112,7 @@ They add four numbers, and several frequencies are tried.
 """
 
 LOOKS = 3
-"""Maximum number of times the runs are thinned again.
+"""Largest number of times the runs are thinned again.
 
 The first fit may be far off, and a smoother may change the interval once more.
 """

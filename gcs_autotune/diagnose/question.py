@@ -18,7 +18,7 @@ __all__ = ["Key", "ModelInQuestion", "Progress", "Question"]
 Progress = Callable[[str, int, int], None]
 
 Key = tuple[str, str, str]
-"""Key of a number: slug of the effect, place, and name of the number.
+"""Key of a number of a model: slug of the effect, place, and name of the number.
 
 For a number of the base model: two empty strings and the name of the derivative.
 """

@@ -43,10 +43,8 @@ VERDICTS: Mapping[tuple[bool, bool, bool], Verdict] = {
     (True, False, False): "partly-explained",
     (True, False, True): "wrong-numbers",
 }
-"""Three conditions -> verdict.
-
-The conditions are: the given model has wrong numbers; a cause was accepted; the residual is white and no generic law is
-likelier.
+"""Three conditions -> verdict of a diagnosis. The conditions are: the supplied model has wrong numbers; a cause was
+accepted; the residual is white and no generic law is likelier.
 """
 
 
@@ -75,7 +73,7 @@ def build_report(
     Raises
     ------
     OutOfTime
-        An :class:`.Budget` around the call is used up.
+        A :class:`.Budget` around the call is used up.
     """
     state = _without_useless(state)
     problem, final, numbers = state.problem, state.fitted, state.numbers
@@ -245,7 +243,7 @@ def _relative_error(fitted: Fitted, *names: str) -> float:
 def unfinished_report(
     state: SearchState, doubts: Sequence[Doubt], runs: Sequence[Trial], unseen: Sequence[Trial], effort: Budget
 ) -> Diagnosis:
-    """Return the report of a stopped search: what was tried, what is left, and no cause.
+    """Return the report of a stopped search: what was tried, what remains to be tried, and no cause.
 
     No cause is reported, because a complete search may still reject it. A rival, a drifting force, or the test on whole
     runs may come later.

@@ -30,7 +30,7 @@ LAGS = 60
 
 
 def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test]]:
-    """Return a description of the residuals, and the tests that support it."""
+    """Return a description of the residuals of a fit, and the tests that support it."""
     tests = tests_of(problem, fitted)
     significant = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
     lines: dict[str, None] = {}

@@ -44,7 +44,7 @@ STEP = 1e-3
 
 
 def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
-    """Yield for each input a kind of memory (in words) and its effect on the residual: columns (n, k)."""
+    """Yield, for each input and kind of memory, its description and its effects on the residual (n, k)."""
     sample = float(np.median([np.median(np.diff(s.passage.stamps)) for s in problem.segments]))
     for channel, pairs in fitted.form.inputs.items():
         if not pairs:
@@ -84,7 +84,7 @@ def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend
 
 
 def dense(passage: Passage) -> Passage:
-    """Return the passage with its inputs at every sample.
+    """Return the segment with its inputs at every sample.
 
     A modified command changes at every sample, not only where the command itself changes.
     """
@@ -128,7 +128,7 @@ They extend to higher frequencies, because a filter that follows the spring unde
 """
 TRIALS = 20
 ROUNDS = 4
-"""Number of iterations in which the signals are weighted by their residuals."""
+"""Number of iterations in which the signals are weighted by their residuals. Project choice."""
 
 
 def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, float]]:

@@ -48,7 +48,7 @@ Verdict = Literal[
 ]
 """Verdicts of a diagnosis.
 
-``wrong-numbers``: the given model is complete once its numbers are corrected. ``wrong-numbers-and-effect``: it is
+``wrong-numbers``: the supplied model is complete once its numbers are corrected. ``wrong-numbers-and-effect``: it is
 complete with corrected numbers and the identified causes. ``partly-explained``: corrected numbers or causes improve the
 prediction of held-out data, but more than noise remains. ``unfinished``: the search was stopped and reports no cause.
 """
@@ -61,7 +61,7 @@ Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "no-model"
 """Condition that a hint does not meet, so that it is not identified as a cause.
 
 ``weak``: too little support for the number of candidates tried. ``not-on-each``: it lowers the likelihood of too many
-of the left-out parts. ``not-sure``: its held-out gain may be luck. ``no-gain``: it does not lower the held-out
+of the held-out folds. ``not-sure``: its held-out gain may be luck. ``no-gain``: it does not lower the held-out
 prediction error.
 
 ``brief``: its time constant, or the craft's, is shorter than the sampling interval. A sensor's filter or the craft's
@@ -73,7 +73,7 @@ its numbers include no effect, so it is not a hint either.
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """One number of an effect, with its standard error (NaN when unknown)."""
+    """One number of an effect, with its standard error (NaN if unknown)."""
 
     value: float
     unit: str
@@ -82,7 +82,8 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class ErrorReduction:
-    """Held-out simulation error of one signal before and after: rms [unit], their ratio and its 95 % interval.
+    """Held-out simulation error of one signal before and after a change of the model: rms [unit], their ratio and its
+    95 % interval.
 
     ``held_out`` describes the held-out runs or blocks. ``each``: run -> error before and after, if whole runs were held
     out.
@@ -110,7 +111,7 @@ class ErrorReduction:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number of the given model compared with the runs, with name, sign and unit of the owner's file.
+    """One number of the supplied model compared with the runs, with name, sign and unit of the owner's file.
 
     ``given``: the model's value. ``given_std``: its standard error if the model states one, else 0. ``value``: the
     value from the runs, with ``std`` and 95 % interval. ``wrong``: whether the two contradict each other. NaN: unknown.
@@ -126,7 +127,7 @@ class Number:
     ci95: tuple[float, float]
     wrong: bool
     explained: bool = False
-    """Whether an identified cause explains the difference."""
+    """Whether an identified cause explains the difference between the model's value and that from the runs."""
 
     @property
     def of_record(self) -> bool:
@@ -137,30 +138,31 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """The given model's numbers compared with the runs, the wrong ones first.
+    """The supplied model's numbers compared with the runs, the wrong ones first.
 
     ``of``: numbers of a ``"model"``, or of the plain model fitted to a ``"simulation"`` and to the runs. ``gains``:
-    held-out error of the model as given (``before``) and with corrected numbers (``after``), before any cause is added.
-    It is empty if no number is wrong, or if the model as given diverges.
+    held-out error of the model as supplied (``before``) and with corrected numbers (``after``), before any cause is
+    added. It is empty if no number is wrong, or if the model as supplied diverges.
     """
 
     of: Literal["model", "simulation"]
     rows: tuple[Number, ...]
     gains: tuple[ErrorReduction, ...] = ()
     over: Literal["given", "fitted"] = "fitted"
-    """Model that the gains of the causes are relative to: the model as given, or with its numbers fitted.
-
-    The better of the two is used.
+    """Model to which the gains of the causes are relative: the better of the supplied model and the same model with
+    fitted numbers.
     """
 
     @property
     def wrong(self) -> tuple[Number, ...]:
-        """The rows whose number is wrong."""
+        """The compared numbers that are wrong."""
         return tuple(r for r in self.rows if r.wrong)
 
     @property
     def gain(self) -> ErrorReduction | None:
-        """The gain of the signal with the largest error reduction."""
+        """Error reduction, by corrected numbers, of the signal with the largest reduction; None if none was
+        measured.
+        """
         return min(self.gains, key=lambda g: g.ratio, default=None)
 
 
@@ -169,9 +171,9 @@ class Ranked:
     """One candidate compared with the base model and the causes found before it.
 
     ``gain``: relative reduction of the held-out error, all signals together (0.3: by 30 %). ``p_value``: corrected for
-    the number of candidates tried. ``evidence``: twice the log-likelihood gained, less the cost of its parameters.
+    the number of candidates tried. ``evidence``: twice the log-likelihood ratio, less the cost of its parameters.
     ``step``: 1 for the first cause, 2 for the second, and so on. With process noise, ``unseen`` is the log-likelihood
-    gained on each left-out part. ``ci90`` is the 90 % interval of the sum of these gains, which is half the
+    gained on each held-out fold. ``ci90`` is the 90 % interval of the sum of these gains, which is half the
     ``evidence``.
     """
 
@@ -188,7 +190,7 @@ class Ranked:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """An accepted effect with its numbers and its gain."""
+    """An identified cause: an accepted effect with its numbers and its reduction of the held-out error."""
 
     effect: EffectInstance
     parameters: Mapping[str, Value]
@@ -197,7 +199,7 @@ class Cause:
     """Fraction of the held-out mean square error above noise that this cause removed."""
     curve: EffectCurve | None = None
     gain: ErrorReduction | None = None
-    """Held-out gain over the model without it; None if it was not measured."""
+    """Reduction of the held-out error relative to the model without the cause; None if it was not measured."""
 
     @property
     def is_slight(self) -> bool:
@@ -206,8 +208,9 @@ class Cause:
 
     @property
     def is_structural(self) -> bool:
-        """Whether a first model of such a craft usually omits the effect. Otherwise it is a fault of the craft or the
-        record."""
+        """Whether a first model of such a craft usually omits the effect. Otherwise the effect is a fault of the craft
+        or of the record.
+        """
         return self.effect.slug in EFFECTS and EFFECTS[self.effect.slug].is_structural
 
 
@@ -215,11 +218,11 @@ class Cause:
 class Hint:
     """A possible cause that the runs support too weakly to identify it.
 
-    ``gained``: log-likelihood gained on the fitted runs. ``unseen``: log-likelihood gained on each left-out part, if
+    ``gained``: log-likelihood gained on the fitted runs. ``unseen``: log-likelihood gained on each held-out fold, if
     measured. ``held_out`` describes the parts. ``chance``: probability that noise makes some candidate look as strong,
     counting all tried. ``lacks``: the condition of a cause that it does not meet. ``alike``: other hints that these
     runs do not distinguish from it. ``seconds``: length of the runs. ``needed`` [s]: total length of the same
-    manoeuvres that would make the evidence large enough. ``separated_by``: the manoeuvre that would confirm or reject
+    manoeuvres that would support the cause sufficiently. ``separated_by``: the manoeuvre that would confirm or reject
     it.
     """
 
@@ -273,8 +276,8 @@ class MissingCurve:
     """The missing force (n,) over ``over`` with a 95 % band between runs.
 
     ``over``: a recorded quantity, ``command`` (as force) or ``time``. ``share``: fraction of the force's power about
-    its mean that the other runs' curve predicts. It is negative if that curve predicts less than the other runs' mean
-    does. ``others``: the data used for this prediction, the other ``runs`` or the other ``half`` of a single run.
+    its mean that the other runs' curve predicts. It is negative if the curve predicts less than the mean of the other
+    runs. ``others``: the data used for this prediction, the other ``runs`` or the other ``half`` of a single run.
     """
 
     over: str
@@ -287,7 +290,7 @@ class MissingCurve:
 
     @property
     def predicted_by(self) -> str:
-        """Return which data predict the fraction ``share``, in words."""
+        """Description of the data that predict the fraction ``share``."""
         return "the other runs" if self.others == "runs" else "the other half of the run"
 
     @property
@@ -301,7 +304,7 @@ class Waves:
     """Waves during the runs.
 
     ``period`` [s] and ``damping`` (ratio): those of the frequency band. ``swing`` [m, rad]: standard deviation of the
-    measured oscillation. ``force``: that of the force.
+    measured oscillation. ``force``: standard deviation of the force.
     """
 
     period: float
@@ -316,7 +319,7 @@ class MissingForce:
 
     ``size`` [unit]: its standard deviation. ``memory`` [s]: its time constant. ``share``: its size relative to the
     commanded force (both rms). ``curves``: the force over related quantities, the most informative first. ``days``:
-    offsets of each run, empty if runs are alike. ``waves``: waves during the runs, or None. ``size95`` and
+    offsets of each run; empty if the runs do not differ. ``waves``: waves during the runs, or None. ``size95`` and
     ``memory95``: 95 % intervals. ``longest`` [s]: duration of the longest run. If the time constant may be longer than
     that, the force may be constant.
     """
@@ -356,12 +359,12 @@ class Diagnosis:
 
     ``causes`` are in the order found, ``ranking`` is best first within each step. ``indistinguishable``: groups of
     slugs that these runs do not distinguish. ``next_manoeuvre``: the manoeuvre that would distinguish them. ``before``
-    and ``after`` contain one portrait per signal. ``noise``: remaining level of each signal. ``tried``: candidates
-    examined.
+    and ``after`` contain one portrait per signal. ``noise``: signal -> rms of its remaining residual. ``tried``:
+    candidates examined.
 
-    ``gain`` and ``gains`` are those of the causes alone. For a given model they are relative to the same model with
-    fitted numbers. The gain of fitting its numbers is in ``numbers`` (None if no model was given). ``base_model`` is
-    the model as given.
+    ``gain`` and ``gains`` are those of the causes alone. For a supplied model the gains are relative to the same model
+    with fitted numbers. The gain of fitting its numbers is in ``numbers`` (None if no model was given). ``base_model``
+    is the model as supplied.
     """
 
     verdict: Verdict
@@ -387,13 +390,13 @@ class Diagnosis:
     doubts: tuple[Doubt, ...] = ()
     numbers: Numbers | None = None
     missing: MissingForce | None = None
-    """The remaining force, if the runs show one that varies slowly."""
+    """The remaining force that no cause explains, if the runs show a slowly varying one."""
     hints: tuple[Hint, ...] = ()
     """Causes supported too weakly to be identified, the likeliest first."""
 
     @property
     def wrong_numbers(self) -> tuple[Number, ...]:
-        """Numbers of the given model that the runs contradict."""
+        """Numbers of the supplied model that the runs contradict."""
         return () if self.numbers is None else self.numbers.wrong
 
     def to_dict(self) -> dict[str, Any]:

@@ -32,14 +32,15 @@ FAR = 1.5
 """Ratio of the error on other runs to the noise of the fitted runs, above which a model does not predict them."""
 
 ANOTHER_CRAFT = 100.0
-"""Ratio of the base model's first and present time constants, above which they describe different craft."""
+"""Ratio of the base model's first and present time constants, above which the two models describe different craft."""
 
 FEWEST_PIECES = 2
 """Minimum number of pieces in the longest run for a search in pieces."""
 
 
 def search_in_pieces(state: SearchState) -> SearchState | None:
-    """Search pieces of the runs that start at the measured state; the causes must also hold over whole runs.
+    """Return the search repeated on pieces of the runs that start at the measured state. Its causes must also hold over
+    whole runs.
 
     On real water a free simulation diverges within minutes, whatever the model: gusts and eddies add up in the heading.
     If the plain model diverges, every candidate does, and none seems to improve it. Cut into pieces, the same runs may
@@ -78,7 +79,8 @@ def search_in_pieces(state: SearchState) -> SearchState | None:
 
 
 def search_all_runs(state: SearchState) -> SearchState | None:
-    """Search all runs together, if the fitted runs alone show no cause but do not predict the separate runs.
+    """Return the search repeated on all runs together, if the fitted runs alone show no cause but do not predict the
+    separate runs.
 
     Parts of all runs are left out in turn.
     """

@@ -36,10 +36,10 @@ def alike_in(noise: ProcessNoise, runs: int) -> ProcessNoise:
 
 
 def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
-    """Refit *fit* with a suitable spread of force and thrust between runs.
+    """Return *fit* refitted with a suitable spread of force and thrust between runs.
 
     The spread of thrust is zero, and that of force is the smallest, unless a larger one improves the likelihood by
-    three nats. The common part is left free, because a bias of all runs is not a difference between them.
+    three nats. The common offset is free, because a bias of all runs is not a difference between them.
     """
     if problem.runs < FEWEST_RUNS:
         return fit
@@ -77,7 +77,7 @@ def _says(problem: NoisyProblem, fit: NoisyFit) -> tuple[RunLikelihoods, float] 
 # -- for the report
 
 SURE = 3.0
-"""Standard deviations above which a run's own offset is reported; four runs have eight such offsets."""
+"""Number of standard deviations above which a run's own offset is reported; four runs have eight such offsets."""
 
 SIDES: Mapping[str, tuple[str, str]] = {
     "surge": ("ahead", "astern"),
@@ -91,14 +91,14 @@ SIDES: Mapping[str, tuple[str, str]] = {
 
 
 def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:
-    """Return the offsets of each run, with forces multiplied by *inertia*; empty if runs are alike."""
+    """Return the offsets of each run, with forces multiplied by *inertia*; empty if the runs do not differ."""
     says = problem.says(fit) if fit.noise.differs else None
     offsets = () if says is None else says.offsets(fit.noise.day_force, fit.noise.day_thrust)
     return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in offsets)
 
 
 def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]:
-    """Return a doubt that states each run's own bias and gain; empty if the runs agree."""
+    """Return a doubt that states each run's own bias and gain; empty if the runs do not differ."""
     unit = "of full output" if unit == "1" else unit
     offsets = [f"{d.run}: {' and '.join(own)}" for d in days if (own := _own(dof, unit, d))]
     if not offsets:

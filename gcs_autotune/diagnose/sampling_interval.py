@@ -36,7 +36,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Plain = tuple[NoisyProblem, NoisyFit]
-"""The runs thinned to some interval, and the plain model fitted there."""
+"""The runs thinned to one sampling interval, and the plain model fitted to them."""
 
 OF_THE_COMMAND = 1.0
 """Ratio of the drifting force to the commanded force (both rms) above which a fit is not a model of the craft."""
@@ -48,10 +48,11 @@ GROWTH = 1.6
 """Ratio of successive sampling intervals that are tried."""
 
 WIDER = (2.0, 4.0)
-"""Factors on the present interval, at which the plain model must give the same result."""
+"""Factors on the present sampling interval, at which the plain model must lead to the same result."""
 
 APART, ALIKE = 3.0, 0.25
-"""Limits within which two intervals give the same number: APART standard errors, or the relative difference ALIKE.
+"""Limits within which the estimates of a number at two intervals count as equal: APART standard errors, or the relative
+difference ALIKE.
 
 The relative limit is needed because standard errors apply to one interval, not to the model.
 """
@@ -63,7 +64,7 @@ LEGS = 2.0
 """Minimum horizon of compared predictions, in correlation times of the commands."""
 
 NICE = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-"""Values [s] that the prediction horizon is rounded to."""
+"""Values [s] to which the prediction horizon is rounded. Project choice."""
 
 NEAREST, ROUGH = 3, 3
 """NEAREST: number of terms fitted to convergence at each interval. ROUGH: scoring iterations of rough fits."""
@@ -152,7 +153,7 @@ def rms_ahead(problem: NoisyProblem, fit: NoisyFit, seconds: float) -> float:
 
 
 def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float | None) -> NoisyFit | None:
-    """Refit *fit*, made on more runs, to those of *problem*; return None if the filter diverges.
+    """Return *fit*, made on more runs, refitted to the runs of *problem*; None if the filter diverges.
 
     The likelihood is that of the next sample. With fewer runs it may prefer a time constant below the sampling
     interval, with a drifting force that follows each sample. The error *seconds* [s] ahead reveals this. If the time
@@ -204,11 +205,11 @@ class Look:
 
     @property
     def sound(self) -> bool:
-        """Whether the best fit is a model of the craft."""
+        """Whether the best fit at this interval is a model of the craft."""
         return stands(self.problem, self.best)
 
     def agrees(self, other: Look) -> bool:
-        """Return whether two intervals give the same result: the same term and equal numbers."""
+        """Return whether two sampling intervals lead to the same result: the same term and equal numbers."""
         mine, theirs = _numbers(self.best), _numbers(other.best)
         return mine.keys() == theirs.keys() and all(_alike(*mine[n], *theirs[n]) for n in mine)
 
@@ -229,10 +230,8 @@ def _alike(a: float, a_std: float, b: float, b_std: float) -> bool:
 def judged_at(
     begun: Plain, at: Callable[[float], Plain | None], slugs: Sequence[str], price: float
 ) -> tuple[Plain, NoisyFit | None, str]:
-    """Choose the interval to which the runs are thinned.
-
-    Return the runs at that interval and the plain model there. Also return the best model with one more term, if that
-    was tried, and a description if the interval matters.
+    """Return the runs thinned to a suitable interval, and the plain model at that interval. Also return the best model
+    with one more term, if that was tried, and a description if the interval matters.
 
     begun : the runs at the interval of the search so far. It is kept if its plain model is a model of the craft and
     gives the same result at longer intervals. Otherwise intervals are tried from the longest down.

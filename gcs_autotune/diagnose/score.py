@@ -60,9 +60,8 @@ LUCK = 0.05
 """Largest accepted probability that a held-out gain is luck, counting all candidates tried."""
 
 HALF = 0.5
-"""Fraction of a cause's evidence from which a simpler law of the same cause is reported in its place.
-
-On real water the evidence for one law over the other differs by tens of nats, and its sign changes between runs.
+"""Fraction of a cause's gain in log-likelihood from which a simpler law of the same cause is reported in its place. On
+real water the gains of two laws differ by tens of nats, and its sign changes between runs.
 """
 
 ALIKE = 6.0
@@ -88,17 +87,17 @@ With a multiple of 1, asymmetric thrust was reported of a fault-free craft (proc
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateScore(Generic[FitT]):
-    """A fitted candidate and the evidence for it, from either scorer.
+    """A fitted candidate with its gains on fitted and on held-out data, from either scorer.
 
     ``lacks``: why it must not be accepted. On the fitted runs, ``gained`` is the log-likelihood over the model before
     it; correlated samples count once. ``needed`` is what its ``numbers`` gain by chance, counting all candidates tried.
     On held-out data, ``gain`` is the relative reduction of the error, and ``p`` the probability that it is luck.
 
-    ``evidence`` is twice a log-likelihood gain. By least squares it is that of the fitted runs less the cost of the
-    numbers. With process noise it is that of held-out data.
+    ``evidence`` is twice a log-likelihood ratio: by least squares that of the fitted runs, less the cost of the
+    numbers; with process noise that of held-out data.
 
     By least squares, ``unseen`` are the held-out residuals. With process noise, ``parts`` (k,) are the log-likelihoods
-    gained on each part, and ``interval`` is the 90 % interval of their sum. ``ahead`` is the error some seconds ahead,
+    gained on each fold, and ``interval`` is the 90 % interval of their sum. ``ahead`` is the error some seconds ahead,
     relative to the model before it (1: not calculated). ``unsound`` states in words why the fit is not a model of the
     craft.
     """
@@ -125,7 +124,8 @@ class CandidateScore(Generic[FitT]):
 
     @property
     def is_ample(self) -> bool:
-        """Whether three or more left-out parts all gain: over ten nats in total, over three without the largest.
+        """Whether the log-likelihood rises on all of three or more held-out folds: by over ten in total, by over three
+        without the largest.
 
         Such a gain is accepted whatever its scatter over blocks, because a single gust cannot cause it.
         """
@@ -134,10 +134,8 @@ class CandidateScore(Generic[FitT]):
 
     @property
     def holds(self) -> bool:
-        """Whether the held-out gain is significant and every part gains.
-
-        With three parts or more, one part may lose if the others gain clearly more. An ample gain counts as
-        significant.
+        """Whether the held-out gain is significant, and positive on every fold. With three or more folds, one may be
+        negative if the others gain clearly more. An ample gain counts as significant.
         """
         if self.interval[0] < 0.0 and not self.is_ample:
             return False
@@ -152,8 +150,8 @@ class CandidateScore(Generic[FitT]):
 class SearchStep(Generic[FitT]):
     """One step of a search: all scored candidates, the best first. ``accepted``: the winner, or None.
 
-    ``present``: the model they were added to, or a better fit of it found in this step. ``alike``: with process noise,
-    the causes that these runs do not distinguish from the winner, starting with the winner.
+    ``present``: the model to which they were added, or a better fit of it from this step. ``alike``: with process
+    noise, the causes that these runs do not distinguish from the winner, starting with the winner.
     """
 
     present: FitT
@@ -189,9 +187,8 @@ def lasts(effect: EffectInstance, data: DataSummary) -> float:
 
 
 def lack_by_error(one: CandidateScore[Fitted], *, brief: bool = False) -> Lack | None:
-    """Return why a candidate must not be accepted, judged by its held-out error; return None if it may.
-
-    brief : whether the effect is too fast for these runs, see :data:`.Lack`.
+    """Return why a candidate must not be accepted, judged by its held-out error; None if it may be accepted. brief :
+    whether the effect is too fast for these runs, see :data:`.Lack`.
     """
     if one.evidence <= 0.0 or not one.gained > one.needed:
         return "weak"
@@ -203,10 +200,9 @@ def lack_by_error(one: CandidateScore[Fitted], *, brief: bool = False) -> Lack |
 
 
 def lack_by_parts(one: CandidateScore[NoisyFit], *, brief: bool = False, uncertain: bool = False) -> Lack | None:
-    """Return why a candidate must not be accepted, judged by its gain on each left-out part; return None if it may.
-
-    It must gain what is needed on the fitted runs. A far larger held-out gain also suffices, because the plain model
-    itself may have diverged.
+    """Return why a candidate must not be accepted, judged by its gain on each held-out fold; None if it may be
+    accepted. It must gain what is needed on the fitted runs. A far larger held-out gain also suffices, because the
+    plain model itself may have diverged.
 
     brief, uncertain : see :data:`.Lack`.
     """
@@ -278,7 +274,9 @@ def is_needed(likelihood: float, fitted: Fitted, present: Fitted, tried: int) ->
 
 
 def further(fitted: Fitted, present: Fitted) -> int:
-    """Return how many more numbers *fitted* has than *present*, including those estimated from the residuals."""
+    """Return the number of parameters that *fitted* has in addition to those of *present*, including those estimated
+    from the residuals.
+    """
     return fitted.parameters - present.parameters + _learnt(fitted) - _learnt(present)
 
 
@@ -299,7 +297,7 @@ def may_be_none(effect: EffectInstance, std: Mapping[str, float]) -> bool:
 
 
 def alike_of(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT]]:
-    """Return the candidates that the evidence does not distinguish from the best.
+    """Return the candidates whose log-likelihood does not distinguish them from the best.
 
     The more common cause comes first.
     """
@@ -310,14 +308,16 @@ def alike_of(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT
 
 
 def ordered(scores: Sequence[CandidateScore[FitT]]) -> list[CandidateScore[FitT]]:
-    """Return candidates by evidence; those not distinguished from the best are ordered by how common the cause is."""
+    """Return candidates by gain in log-likelihood. Those not distinguished from the best are ordered by how common the
+    cause is.
+    """
     alike = alike_of(scores)
     rest = sorted(scores, key=lambda j: -j.evidence)[len(alike) :]
     return [*alike, *rest]
 
 
 def error_ratio(before: HeldOut, after: HeldOut) -> float:
-    """Return the geometric mean over signals of the ratio of held-out errors."""
+    """Return the ratio of held-out errors with and without a candidate, as the geometric mean over signals."""
     old, new = rms_of(before.rests), rms_of(after.rests)
     logs = [math.log(max(new[n], 1e-300) / max(old[n], 1e-300)) for n in old if n in new and old[n] > 0.0]
     return math.exp(float(np.mean(logs))) if logs else 1.0

@@ -24,17 +24,17 @@ class Scorer(Protocol[AttemptT, FitT]):
 
     @property
     def present(self) -> FitT:
-        """The model that candidates are added to."""
+        """The model to which candidates are added."""
 
     @property
     def runners(self) -> int:
         """Number of candidates that are fitted to convergence."""
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[AttemptT]:
-        """Fit candidates roughly, each from several start values; return the best first."""
+        """Return the candidates after a rough fit from several start values each, the best first."""
 
     def to_the_end(self, rough: Sequence[AttemptT]) -> list[AttemptT]:
-        """Fit the roughly fitted candidates to convergence."""
+        """Return the roughly fitted candidates, fitted to convergence."""
 
     def rebased(self, ends: Sequence[AttemptT]) -> Scorer[AttemptT, FitT]:
         """Return this scorer with a better fit of the present model, if a refit from the best of *ends* gives one."""
@@ -61,10 +61,10 @@ class Search(Protocol):
 
     @property
     def steps(self) -> Sequence[SearchStep[Any]]:
-        """All steps, including those without a winner."""
+        """All steps of the search, including those without a winner."""
 
     def stopped(self, over: OutOfTime) -> Self:
-        """Return the search so far, marked as stopped."""
+        """Return the search so far, marked as stopped by the limit that *over* reports."""
 
     @property
     def tried(self) -> int:
@@ -87,15 +87,15 @@ class Search(Protocol):
         """Return the numbers of an effect in *fit*; None: in the model with all causes."""
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[Cause, float]:
-        """Return the fraction of the base model's error that each cause removed."""
+        """Return, for each cause, the fraction of the base model's error that it removed."""
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
-        """Return the held-out error before and after all causes."""
+        """Return the held-out error of every signal without causes and with all causes."""
 
     def gains_of_each(
         self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
     ) -> Mapping[Cause, ErrorReduction]:
-        """Return the held-out gain of each cause.
+        """Return the reduction of the held-out error by each cause.
 
         gains : gains of all causes together.
         """
@@ -113,7 +113,7 @@ def add_one_by_one(
     one_more: Callable[[SearchT], SearchT],
     reconsidered: Callable[[SearchT], SearchT],
 ) -> SearchT:
-    """Take up to *most* steps, until a step accepts no cause or the search is stopped.
+    """Return a search continued by up to *most* steps, until a step accepts no cause or the search is stopped.
 
     reconsidered : called after each accepted cause, to compare the earlier causes with their rivals again.
     """
@@ -129,7 +129,7 @@ def add_one_by_one(
 
 
 def fits_of(scorer: Scorer[AttemptT, FitT], choices: Sequence[Sequence[EffectInstance]]) -> list[AttemptT]:
-    """Return the best candidates after convergence.
+    """Return the best candidates, fitted to convergence.
 
     choices : start values of each candidate.
     """
@@ -137,7 +137,7 @@ def fits_of(scorer: Scorer[AttemptT, FitT], choices: Sequence[Sequence[EffectIns
 
 
 def judge(scorer: Scorer[AttemptT, FitT], ends: Sequence[AttemptT]) -> SearchStep[FitT]:
-    """Score converged candidates and return the step with its accepted candidate."""
+    """Return the step with the scores of converged candidates, and its accepted candidate."""
     scorer = scorer.rebased(ends)
     scores = scorer.scores(ends)
     winner = scorer.winner(scores)

@@ -48,9 +48,8 @@ NO_MODEL = "no-model"
 
 
 def needs_process_noise(state: SearchState) -> tuple[SearchState, bool]:
-    """Return the state, and whether a drifting force remains even with the accepted causes.
-
-    The result is cached, because the search with process noise takes long. It is False if such a search is impossible.
+    """Return (the state, whether a drifting force remains even with the accepted causes). The state stores the search
+    with process noise, because that takes long. The second value is False if such a search is impossible.
     """
     question = state.question
     if question.given is not None or question.horizon is not None or not question.with_noise:
@@ -119,7 +118,7 @@ def model_process_noise(state: SearchState) -> SearchState | None:
 
 
 def model_noise_before_joining(state: SearchState) -> SearchState | None:
-    """Search the fitted runs with a drifting force before the separate runs are added to them.
+    """Return the search of the fitted runs with a drifting force, before the separate runs are added to them.
 
     Example: three runs of a BlueBoat identify damping that grows with speed, and predict the two separate runs. All
     five together identify nothing. If nothing is found, only the computed results are kept.

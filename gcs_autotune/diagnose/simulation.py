@@ -32,13 +32,13 @@ from gcs_autotune.trial import Trial
 __all__ = ["stand_in", "surrogate_of"]
 
 FAITHFUL, PLAIN_ENOUGH = 0.05, 0.02
-"""Limits for the error of the stand-in model, relative to the motion.
+"""Limits for the error of the surrogate model, relative to the motion.
 
 FAITHFUL: above it a doubt is reported. PLAIN_ENOUGH: above it further effects of the simulator are looked for.
 """
 
 SHED = 0.005
-"""Fraction of the motion that a term of the stand-in model must explain to be kept."""
+"""Fraction of the motion that a term of the surrogate model must explain to be kept."""
 
 SURE = 12.0
 """Twice the log-likelihood that a term must also gain to be kept; it matters if the simulation is noisy."""

@@ -93,8 +93,8 @@ class SimulationAlignment:
 def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> SimulationAlignment:
     """Return *simulations* with clock, signs and units corrected.
 
-    There is one per run, in the same order. If their commands equal the runs', they get the runs' own commands, because
-    these have finer stamps.
+    There is one simulation per run, in the same order. If their commands equal the runs', they get the runs' own
+    commands, because these have finer stamps.
     """
     laid = _by_commands(simulations, runs) or _by_motion(simulations, runs)
     placed, offsets, doubts = _shifted_to(laid, runs)
@@ -410,7 +410,7 @@ class _Pair:
     step: float
 
     def rows(self, scale: float) -> tuple[Array, Array, Array]:
-        """Return changes of the measured signal, regressors (n, k), and stamps (n,).
+        """Return changes (n,) of the measured signal, regressors (n, k), and time stamps (n,) [s].
 
         scale : clock rate of the simulation; both clocks agree at the first stamp.
         """

@@ -53,7 +53,7 @@ class Bases:
 
 
 def without_one_signal(problem: Problem, base: Fitted) -> Bases:
-    """Fit the base to all signals but one, for each signal that can be left out.
+    """Return fits of the base to all signals but one, for each signal that can be left out.
 
     If one of these fits leads to a better base for all signals, that base is the best; otherwise *base* is.
     """
@@ -141,7 +141,7 @@ def _misfit(form: Form, segments: Sequence[Segment], limits: Limits) -> float:
 
 
 def merged(listed: Sequence[EffectCandidate], more: Sequence[EffectCandidate]) -> list[EffectCandidate]:
-    """Merge two lists: the most promising entry of each effect and place, the best first."""
+    """Return two lists merged: the most promising entry of each effect and place, the best first."""
     best: dict[tuple[str, str], EffectCandidate] = {}
     for candidate in sorted([*listed, *more], key=lambda c: c.promised):
         best.setdefault((candidate.effect.slug, candidate.effect.place), candidate)
@@ -170,7 +170,7 @@ SHORT_LIST, KEPT = 8, 3
 """SHORT_LIST: number of candidates fitted roughly in pieces. KEPT: number of them fitted over whole runs."""
 
 TOLD = 3.0
-"""Standard errors from zero above which the pieces determine a parameter."""
+"""Distance from zero, in standard errors, above which the pieces determine a parameter."""
 
 
 def segment_starts(

@@ -51,9 +51,9 @@ class SearchState:
     """State of a search.
 
     ``fitted``: the present model. ``base``: the model that causes are added to; gains are relative to it. For a
-    ``given`` model the base has fitted numbers, because the gain of fitting them does not come from a cause. ``parts``:
-    what is left out in turn. ``..._unseen``: held-out residuals of each model. ``former``: the base that a better one
-    replaced. The better one may be wrong, so candidates are tried from both.
+    supplied (``given``) model the base has fitted numbers, because the gain of fitting them does not come from a cause.
+    ``parts``: what is left out in turn. ``..._unseen``: held-out residuals of each model. ``former``: the base that a
+    better one replaced. The better one may be wrong, so candidates are tried from both.
 
     ``alone``: fits of the base without each of the signals, once needed. ``renamed``: pairs of slugs, the reported one
     and one that fits as well. ``pieces`` [s]: length of the pieces in which causes were found, if the search chose it.
@@ -91,13 +91,13 @@ class SearchState:
         return tuple(e for e in self.fitted.effects if (e.slug, e.place) not in had)
 
     def stopped(self, over: OutOfTime) -> SearchState:
-        """Return the state, marked as stopped."""
+        """Return the state, marked as stopped by the limit that *over* reports."""
         return replace(self, cut=(*self.cut, str(over)))
 
     # -- models
 
     def unseen(self, fitted: Fitted, *, refit: bool = True, problem: Problem | None = None) -> HeldOut:
-        """Predict the held-out data with a model.
+        """Return the residuals of predictions of the held-out data by a model.
 
         problem : definition of the fit, if other numbers are free.
         """
@@ -119,7 +119,7 @@ class SearchState:
         return self.with_model(better, unseen)
 
     def with_parts(self, parts: Parts) -> SearchState:
-        """Return the state with other parts left out."""
+        """Return the state with *parts* as the folds held out."""
         now = replace(self, parts=parts)
         base = now.unseen(self.base)
         given = None if self.given is None else now.unseen(self.given, refit=False)
@@ -138,12 +138,12 @@ class SearchState:
         quick: bool = False,
         most: int = SHORT_LIST,
     ) -> tuple[SearchState, SearchStep[Fitted]]:
-        """Score every candidate added to *against*; None: the present model.
+        """Return the state and the step after scoring every candidate added to *against*; None: the present model.
 
         The returned state has the same model, or a better base found in the process.
 
-        quick : score by likelihood alone. slugs : of the candidates, None: all. most : number of candidates fitted
-        roughly.
+        quick : score by likelihood alone. slugs : slugs of the candidates; None: all. most : number of candidates
+        fitted roughly.
         """
         question, present = self.question, self.fitted if against is None else against
         astray = not present.effects and whiteness_of(tests_of(self.problem, present)) < ASTRAY
@@ -236,7 +236,9 @@ class SearchState:
     def gains_of_each(
         self, order: Sequence[EffectInstance], gains: Sequence[ErrorReduction]
     ) -> Mapping[tuple[str, str], ErrorReduction]:
-        """Return the held-out gain of each cause when it was found; for a single cause its present gain."""
+        """Return the held-out error reduction of each cause when it was accepted; for a single cause, its
+        present one.
+        """
         if len(order) == 1:
             whole = surest(gains)
             return {} if whole is None else {key_of(order[0]): whole}
@@ -268,7 +270,7 @@ class SearchState:
         return found
 
     def alike(self, order: Sequence[EffectInstance]) -> tuple[tuple[str, ...], ...]:
-        """Return groups of causes that these runs do not distinguish."""
+        """Return groups of causes that the runs do not distinguish."""
         groups = []
         for step in self.steps:
             best = step.accepted

@@ -70,7 +70,9 @@ CALM = 0.2
 """Ratio of drifting force to commanded force up to which a free simulation may still explain the runs."""
 
 FOLLOWED, FARTHEST = 3, 3
-"""FOLLOWED: number of candidates that are combined with a second one if none helps alone. FARTHEST: causes per path."""
+"""FOLLOWED: number of candidates that are combined with a second one if none helps alone. FARTHEST: largest number of
+causes per path.
+"""
 
 RIVALS = 9
 """Number of candidates fitted roughly when an earlier cause is compared with its rivals."""
@@ -94,7 +96,7 @@ def follow(state: SearchState, strategies: Sequence[Strategy]) -> SearchState:
 
 
 def add_causes(state: SearchState, first: SearchStep[Fitted] | None = None) -> SearchState:
-    """Take one step after the other until no cause is accepted or the search is stopped.
+    """Return the state after adding one cause after the other, until no cause is accepted or the search is stopped.
 
     first : the next step, if it is already scored.
     """
@@ -154,7 +156,7 @@ def _without(state: SearchState, fitted: Fitted) -> Fitted | None:
 
 
 def blocked_cv(state: SearchState, step: SearchStep[Fitted]) -> tuple[SearchState, SearchStep[Fitted]] | None:
-    """Score a step again with blocks of every run left out, instead of whole runs.
+    """Return the state after scoring a step again with blocks of every run held out, instead of whole runs.
 
     If each run has commands of one size only, no run predicts the next although one cause explains all. Return None if
     no candidate is accepted in this way either.
@@ -244,7 +246,7 @@ def _accepted(path: _Path, whole: CandidateScore[Fitted]) -> tuple[SearchStep[Fi
 
 
 def backward_elimination(state: SearchState) -> SearchState:
-    """Compare every earlier cause with its rivals again, with the other causes present.
+    """Return the state after comparing every earlier cause with its rivals again, with the other causes present.
 
     A cause accepted early may have represented two others. The newest cause is compared again only if an earlier one
     has changed since.
@@ -320,8 +322,9 @@ def plain_constants(state: SearchState) -> SearchState | None:
 
 
 def drop_explained_moments(state: SearchState) -> SearchState | None:
-    """Remove a cause that happens at one time if, with all others present, a recorded command explains the runs as
-    well."""
+    """Return the state without a cause that happens at one time if, with all others present, a recorded command
+    explains the runs as well.
+    """
     effect = next((e for e in state.causes if state.scorer().follows_a_command(e, state.fitted)), None)
     rest = tuple(e for e in state.fitted.effects if e is not effect)
     fit = state.fitted
@@ -330,7 +333,7 @@ def drop_explained_moments(state: SearchState) -> SearchState | None:
 
 
 def drop_insignificant(state: SearchState) -> SearchState | None:
-    """Remove causes whose 95 % intervals include no effect.
+    """Return the state without the causes whose 95 % intervals include no effect.
 
     The fit without the cause starts at the present numbers and at those of the base. The cause may have replaced part
     of the base: for example, thrust that falls with turn rate replaces damping. The present numbers are then a bad
@@ -358,7 +361,7 @@ def _may_be_none(fitted: Fitted, effect: EffectInstance) -> bool:
 
 
 def start_at_segments(state: SearchState) -> SearchState | None:
-    """Start again with causes found in pieces, if the base diverged and the search left much unexplained.
+    """Return a search started again with causes from pieces of the runs, if the base diverged and much is unexplained.
 
     Causes fitted in short pieces are expensive, and most diverged bases recover without them. The result is accepted if
     it leaves less unexplained.
@@ -396,7 +399,9 @@ def _is_all(dof: str, problem: Problem) -> bool:
 
 
 def tie_break(state: SearchState) -> SearchState:
-    """Replace every cause by a more common one that explains the runs as well; record the alternatives."""
+    """Return the state in which more common causes replace those that explain the runs equally well, with the
+    alternatives recorded.
+    """
     for key in [(e.slug, e.place) for e in state.causes]:
         # As it is now: the fit of the one before it may have changed its numbers.
         effect = next(e for e in state.causes if (e.slug, e.place) == key)

@@ -41,19 +41,19 @@ Array = NDArray[np.float64]
 
 
 FAINT = 1e-3
-"""Largest acceptable error of the craft's response, relative to the largest command.
+"""Largest acceptable error of the craft's response, relative to the largest command. Project choice.
 
-The error comes from the approximation of a continuous motion by held values.
+The error arises because a continuous motion of the actuator is approximated by held values.
 """
 
 QUICK, SLOW = 0.1, 5.0
-"""Limits [s] of the craft's time constant, for the choice of the time steps between stamps."""
+"""Limits of the craft's time constant [s], for the choice of the time steps between stamps. Project choice."""
 
 CAUTION = 3.0
-"""Factor by which a plain model may overestimate the craft's time constant if the actuator is slow."""
+"""Factor by which a plain model may overestimate the craft's time constant if the actuator is slow. Project choice."""
 
 RESOLUTION = "resolution"
-"""Name of the constant [input unit s] that sets the time steps of effects that move between stamps.
+"""Name of a constant [input unit s] that sets the time steps of effects that move between stamps.
 
 It limits the slope of the motion times the squared length of a piece with a held value.
 """
@@ -65,7 +65,7 @@ class ActuatorEffect(Effect):
     family = "actuator"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every input that was used."""
+        """Return the names of all inputs that were used."""
         return tuple(n for n in data.inputs if data.amplitude[n] > 0.0)
 
 
@@ -73,7 +73,7 @@ class SharedActuatorEffect(ActuatorEffect):
     """An effect that two thrusters of one kind may share; its place is then both channels, joined by ``+``."""
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every input that was used, and every pair of like thrusters.
+        """Return the names of all inputs that were used, and all pairs of thrusters of one kind, joined by ``+``.
 
         Of two thrusters with nearly equal commands, only the pair is returned.
         """
@@ -93,13 +93,13 @@ class Characteristic(SharedActuatorEffect):
         raise NotImplementedError
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Apply the curve to every command."""
+        """Return *drive* with the curve applied to every command at the place of *effect*."""
         for name in columns_of(effect.place):
             drive = drive.with_channel(name, self.acting(effect, drive.channels[name]))
         return drive
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return output over command."""
+        """Return plot data: output over command."""
         u = np.linspace(-largest(effect.place, data), largest(effect.place, data), 201)
         unit = data.inputs[columns_of(effect.place)[0]]
         x_label, y_label = f"{effect.place} commanded [{unit}]", f"{effect.place} acting [{unit}]"
@@ -114,7 +114,9 @@ class Gradual(SharedActuatorEffect):
         return {RESOLUTION: 4.0 * FAINT * quickest(data) * largest(place, data)}
 
     def resolution(self, effect: EffectInstance, u: Array) -> float:
-        """Return the constant :data:`RESOLUTION`; if *effect* has none, return that for the fastest craft."""
+        """Return the constant :data:`RESOLUTION` of *effect*, or else its value for the fastest craft and the
+        commands *u*.
+        """
         return effect.constants.get(RESOLUTION, 4.0 * FAINT * QUICK * max(float(np.abs(u).max(initial=0.0)), 1e-12))
 
 
@@ -141,18 +143,18 @@ def horizon(data: DataSummary) -> tuple[float, float]:
 
 
 def last_stamp(drive: Drive) -> float:
-    """Return the end of a run [s]: the last stamp of its commands or measurements."""
+    """Return the end of a run [s], which is the last stamp of its commands or measurements."""
     ends = [float(c.t[-1]) for c in drive.measured.values() if len(c)]
     return max([float(drive.t[-1]), *ends])
 
 
 def largest(place: str, data: DataSummary) -> float:
-    """Return the largest command of an input, or of several joined by ``+``."""
+    """Return the largest command of the input *place*, or of several inputs joined by ``+``."""
     return max(data.amplitude[n] for n in columns_of(place))
 
 
 def steers(place: str, data: DataSummary) -> bool:
-    """Return whether an input turns the craft: it drives roll, pitch or yaw."""
+    """Return whether the input *place* turns the craft, that is, drives roll, pitch or yaw."""
     turning = {d.force for d in DOFS.values() if d.angular}
     return any(force in turning for n in columns_of(place) for force, _ in data.form.inputs.get(n, ()))
 
@@ -178,10 +180,11 @@ def redrawn(drive: Drive, place: str, moved: Callable[[Array], tuple[Array, Arra
 
 
 def with_other(drive: Drive, name: str, other: str) -> tuple[Array, Array, Array] | None:
-    """Return stamps (k,), the commands *name* and the commands *other*, each held until the next stamp.
+    """Return stamps (k,), and at these stamps the commands *name* (k,) and *other* (k,), each held until the next
+    stamp.
 
-    If *other* drives the craft, its commands include the preceding effects. Otherwise they are the recorded ones.
-    Return None if either channel is missing.
+    If *other* drives the craft, its commands include the effects applied before. Otherwise they are the recorded
+    commands. Return None if either channel is missing.
     """
     if name not in drive.channels:
         return None
@@ -199,11 +202,11 @@ def with_other(drive: Drive, name: str, other: str) -> tuple[Array, Array, Array
 
 
 LEAST_LIMIT = 0.05
-"""Lower bound of a saturation limit, relative to the largest command."""
+"""Lower bound of a saturation limit, relative to the largest command. Project choice."""
 
 
 class Saturation(Characteristic):
-    """The output is the command, limited to ``-limit .. limit``."""
+    """Effect: the output is the command, limited to ``-limit .. limit``."""
 
     slug = "saturation"
     title = "Saturation"
@@ -220,30 +223,30 @@ class Saturation(Characteristic):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return limits relative to the largest command."""
+        """Return start values of ``limit``, from 20 % to 93 % of the largest command."""
         return tuple({"limit": share * largest(place, data)} for share in (0.2, 0.4, 0.6, 0.8, 0.93))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a twentieth of the largest command to all of it."""
+        """Return the bounds of ``limit``: from a twentieth of the largest command to the largest command."""
         return {"limit": (LEAST_LIMIT * largest(place, data), largest(place, data))}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Limit the commands."""
+        """Return the commands *u* (n,), limited to ``-limit .. limit``."""
         return np.clip(u, -effect["limit"], effect["limit"])
 
 
 SUBTRACTED = "subtracted"
-"""Name of a dead zone's constant: the fraction of the width that is subtracted outside the dead zone.
+"""Name of a constant of a dead zone: the fraction of ``width`` that is subtracted from commands outside the dead zone.
 
 If the constant is missing, the fraction is 1.
 """
 
 
 class DeadZone(Characteristic):
-    """The output is the part of the command that exceeds ``width``: ``sign(u) max(|u| - width, 0)``.
+    """Effect: the output is the excess of the command over ``width``, ``sign(u) max(|u| - width, 0)``.
 
-    With the constant ``SUBTRACTED`` at 0 it is the neutral band of a speed controller. The output is then zero inside
-    the band and the whole command outside, so that the force starts with a jump.
+    If the constant ``SUBTRACTED`` is 0, the effect is the neutral band of a speed controller. The output is then zero
+    inside the band and the whole command outside, so that the force starts with a jump.
     """
 
     slug = "dead-zone"
@@ -260,25 +263,24 @@ class DeadZone(Characteristic):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return widths relative to the largest command."""
+        """Return start values of ``width``, from 3 % to 50 % of the largest command."""
         return tuple({"width": share * largest(place, data)} for share in (0.03, 0.1, 0.25, 0.5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return zero to 95 % of the largest command."""
+        """Return the bounds of ``width``: from 0 to 95 % of the largest command."""
         return {"width": (0.0, 0.95 * largest(place, data))}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Return the commands reduced by the dead zone, or zero inside it."""
+        """Return the commands *u* (n,) reduced by the dead zone, or zero inside it."""
         size, lost = np.abs(u), effect.constants.get(SUBTRACTED, 1.0) * effect["width"]
         return np.sign(u) * np.where(size > effect["width"], size - lost, 0.0)
 
 
 class QuadraticActuator(Characteristic):
-    """The output is ``(1 - share) u + share u|u|/u_ref``.
+    """Effect: the output is ``(1 - share) u + share u|u|/u_ref``.
 
     It is proportional to the command at share 0, and to ``n|n|`` at share 1. ``u_ref`` is the largest command of the
-    runs. The curve is the affine thruster ``a |n| n + b n`` of Miskovic2010, (2.7), with the gain at full command kept
-    at 1.
+    runs. The curve is the affine thruster ``a |n| n + b n`` of Miskovic2010, (2.7), with a gain of 1 at full command.
     """
 
     slug = "quadratic-actuator"
@@ -297,27 +299,29 @@ class QuadraticActuator(Characteristic):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a partly and a nearly fully quadratic thrust curve."""
+        """Return start values of ``share`` for a partly and a nearly fully quadratic thrust curve."""
         return ({"share": 0.4}, {"share": 0.9})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a range slightly beyond the physical 0 to 1, so that a fit can end at either value."""
+        """Return the bounds of ``share``: slightly wider than the physical range 0 to 1, so that a fit can end at
+        either value.
+        """
         return {"share": (-0.2, 1.2)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return the largest command as reference."""
+        """Return the constant ``u_ref``, which is the largest command."""
         return {"u_ref": largest(place, data)}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Apply the thrust curve to the commands."""
+        """Return the output (n,) of the thrust curve for the commands *u* (n,)."""
         return u * ((1.0 - effect["share"]) + effect["share"] * np.abs(u) / effect["u_ref"])
 
 
 class RudderStall(Characteristic):
-    """The output is ``u`` up to ``angle``; beyond it the rudder stalls and the output falls.
+    """Effect: the output is ``u`` up to ``angle``; beyond this angle the rudder stalls and the output decreases.
 
     Beyond the angle the output is ``sign(u) max(angle - drop (|u| - angle), 0)``. Miskovic2010, (2.9), has the same
-    shape with sines; near the stall angle the two differ little.
+    shape with sines. Near the stall angle the two shapes differ little.
     """
 
     slug = "rudder-stall"
@@ -337,21 +341,29 @@ class RudderStall(Characteristic):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every input that turns the craft, except thrusters of a pair, because these are no rudders."""
+        """Return the names of all inputs that turn the craft, except thrusters of a pair, because these are not
+        rudders.
+        """
         thrusters = {n for pair in data.twins for n in pair}
         return tuple(n for n in super().places(data) if steers(n, data) and not thrusters & set(columns_of(n)))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return angles relative to the largest command, with gentle and sudden stalls."""
+        """Return start values of ``angle``, relative to the largest command, with gentle and sudden stalls
+        (``drop``).
+        """
         shares = ((0.35, 0.5), (0.6, 0.5), (0.6, 1.5), (0.8, 0.7), (0.8, 2.0))
         return tuple({"angle": share * largest(place, data), "drop": drop} for share, drop in shares)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a tenth of the largest command to all of it for the angle; a ``drop`` of 0 would be a saturation."""
+        """Return the bounds of ``angle`` and ``drop``.
+
+        The angle is between a tenth of the largest command and the largest command. ``drop`` is at least 0.1, because 0
+        would be a saturation.
+        """
         return {"angle": (0.1 * largest(place, data), largest(place, data)), "drop": (0.1, 4.0)}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Reduce the commands beyond the stall angle."""
+        """Return the commands *u* (n,), reduced beyond the stall angle."""
         size = np.abs(u)
         beyond = np.maximum(effect["angle"] - effect["drop"] * (size - effect["angle"]), 0.0)
         return np.where(size <= effect["angle"], u, np.sign(u) * beyond)
@@ -360,18 +372,22 @@ class RudderStall(Characteristic):
 SHARED = "N+X"
 """Place of an effect on two thrusters that are driven by steering and throttle.
 
-Steering is half the difference of their commands, throttle half the sum.
+Steering is half the difference of the thrusters' commands, and throttle is half the sum.
 """
 
 BOTH = 0.02
-"""Least ratio of the smaller to the larger side of a command, for the command to count as used both ways."""
+"""Least ratio of the smaller to the larger side of a command, for the command to count as used in both directions.
+
+Project choice.
+"""
 
 
 class AsymmetricThrust(Characteristic):
-    """Negative commands are multiplied by ``ratio`` (Miskovic2010, (2.8), with ``a_b / a_f = b_b / b_f``).
+    """Effect: negative commands are multiplied by ``ratio`` (Miskovic2010, (2.8), with ``a_b / a_f = b_b / b_f``).
 
-    At ``"N+X"`` two thrusters side by side have the commands ``X + N`` and ``X - N``, and each is weaker astern. In a
-    turn with more steering than throttle the inner thruster runs astern. Both commands are normalised outputs.
+    At ``"N+X"`` two thrusters side by side have the commands ``X + N`` and ``X - N``, and each thruster is weaker
+    astern. In a turn with more steering than throttle the inner thruster runs astern. Both commands are normalised
+    outputs.
     """
 
     slug = "asymmetric-thrust"
@@ -392,7 +408,9 @@ class AsymmetricThrust(Characteristic):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every input that was used both ways, and the two thrusters of steering and throttle."""
+        """Return the names of all inputs that were used in both directions, and the two thrusters of steering and
+        throttle.
+        """
         alone = tuple(
             place
             for place in super().places(data)
@@ -411,19 +429,21 @@ class AsymmetricThrust(Characteristic):
         return used and max(abs(slow), abs(fast)) > 0.0 and data.amplitude[steering] > min(abs(slow), abs(fast))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a weaker and a stronger thrust astern."""
+        """Return start values of ``ratio`` for a weaker and a stronger thrust astern."""
         return ({"ratio": 0.6}, {"ratio": 1.5})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a ratio of a twentieth to twenty."""
+        """Return the bounds of ``ratio``: from a twentieth to twenty."""
         return {"ratio": (0.05, 20.0)}
 
     def acting(self, effect: EffectInstance, u: Array) -> Array:
-        """Scale negative commands."""
+        """Return the commands *u* (n,), with negative ones multiplied by ``ratio``."""
         return np.where(u < 0.0, effect["ratio"] * u, u)
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Scale negative commands, or negative thrust of each of two thrusters."""
+        """Return *drive* with negative commands multiplied by ``ratio``, or at ``"N+X"`` the negative thrust of
+        each thruster.
+        """
         if effect.place != SHARED:
             return super().drive(effect, drive)
         steering, throttle = columns_of(SHARED)
@@ -437,7 +457,7 @@ class AsymmetricThrust(Characteristic):
         return redrawn(drive, steering, lambda _: (t, 0.5 * (left - right)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return output over command; for two thrusters, that of each."""
+        """Return plot data: output over command, or at ``"N+X"`` the output of one thruster over its command."""
         if effect.place != SHARED:
             return super().curve(effect, data)
         u = np.linspace(-1.0, 1.0, 201)
@@ -451,9 +471,10 @@ def _both_ways(extent: tuple[float, float]) -> bool:
 
 
 class Backlash(SharedActuatorEffect):
-    """The output stays constant until the command has moved ``width / 2`` past it, then it follows the command.
+    """Effect: the output stays constant until the command has moved ``width / 2`` past it, and then follows the
+    command.
 
-    It starts at the first command. The result is exact for held commands.
+    The output starts at the first command. The result is exact for held commands.
     """
 
     slug = "backlash"
@@ -471,21 +492,26 @@ class Backlash(SharedActuatorEffect):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return widths relative to the largest command; a width of twice that command is its whole range."""
+        """Return start values of ``width``, from 10 % to 120 % of the largest command.
+
+        A width of twice the largest command is the whole range of the command.
+        """
         return tuple({"width": share * largest(place, data)} for share in (0.1, 0.3, 0.7, 1.2))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return zero to 1.8 times the largest command, so that a full reversal still moves the output."""
+        """Return the bounds of ``width``: from 0 to 1.8 times the largest command, so that a full reversal still
+        moves the output.
+        """
         return {"width": (0.0, 1.8 * largest(place, data))}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Apply the backlash to the commands."""
+        """Return *drive* with the backlash applied to the commands at the place of *effect*."""
         for name in columns_of(effect.place):
             drive = drive.with_channel(name, backlash(drive.channels[name], 0.5 * effect["width"]))
         return drive
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return the hysteresis loop from full reverse to full ahead and back."""
+        """Return plot data: the hysteresis loop from full reverse to full ahead and back."""
         full = largest(effect.place, data)
         way = np.linspace(-full, full, 101)
         u = np.concatenate([way, way[::-1], way])

@@ -15,14 +15,17 @@ __all__ = ["ActuatorLag", "GainDrift", "InputDelay", "RateLimit"]
 
 
 LATEST = 1.0
-"""Minimum upper bound of the delay [s], for a craft of any speed.
+"""Minimum upper bound of the delay [s], for a craft of any speed. Project choice.
 
 Delays of the radio, the autopilot and a GPS do not depend on the craft's time constant.
 """
 
 
 class InputDelay(SharedActuatorEffect):
-    """The command acts after ``delay``; before that, the first command acts. The result is exact for held commands."""
+    """Effect: each command acts after ``delay``. Until then the first command acts.
+
+    The result is exact for held commands.
+    """
 
     slug = "input-delay"
     is_structural = True
@@ -45,17 +48,19 @@ class InputDelay(SharedActuatorEffect):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return delays from one sample to the craft's time constant."""
+        """Return start values of ``delay``, from one sample to the craft's time constant."""
         return tuple({"delay": float(d)} for d in np.geomspace(*horizon(data), 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return zero to twice the craft's time constant, or to a dozen samples or :data:`LATEST` if these are
-        longer."""
+        """Return the bounds of ``delay``: from 0 to twice the craft's time constant.
+
+        A dozen samples or :data:`LATEST` are used instead, at most a quarter of the run, if this is longer.
+        """
         floor = min(max(12.0 * data.interval, LATEST), 0.25 * data.duration)
         return {"delay": (0.0, max(2.0 * horizon(data)[1], floor))}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Delay the changes of the channel; a single channel keeps no other stamps."""
+        """Return *drive* with the changes of the channel delayed. A single channel keeps no other stamps."""
 
         def later(u: Array) -> tuple[Array, Array]:
             changes = np.r_[True, np.diff(u) != 0.0]
@@ -66,7 +71,7 @@ class InputDelay(SharedActuatorEffect):
         return redrawn(drive, effect.place, later)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return a step of the command and the delayed output."""
+        """Return plot data: a step of the command and the delayed output."""
         t = np.linspace(-0.5, 2.5, 601) * max(effect["delay"], data.interval)
         acting, commanded = (t >= effect["delay"]).astype(float), (t >= 0.0).astype(float)
         return EffectCurve(
@@ -75,7 +80,7 @@ class InputDelay(SharedActuatorEffect):
 
 
 class RateLimit(Gradual):
-    """The actuator follows the command at no more than ``rate``; it starts at the first command."""
+    """Effect: the actuator follows the command at no more than ``rate``. It starts at the first command."""
 
     slug = "rate-limit"
     meaning = (
@@ -91,23 +96,29 @@ class RateLimit(Gradual):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return rates that reach full command within 0.6 samples to twice the craft's time constant."""
+        """Return start values of ``rate``, at which full command is reached within 0.6 samples to twice the craft's
+        time constant.
+        """
         shortest, longest = horizon(data)
         full = largest(place, data)
         return tuple({"rate": float(full / s)} for s in np.geomspace(0.6 * shortest, 2.0 * longest, 5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return rates that reach full command within a fiftieth of a sample to ten times the craft's time constant."""
+        """Return the bounds of ``rate``.
+
+        At the bounds, full command is reached within a fiftieth of a sample and within ten times the craft's time
+        constant.
+        """
         shortest, longest = horizon(data)
         full = largest(place, data)
         return {"rate": (0.1 * full / longest, 50.0 * full / shortest)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Apply the rate limit to the commands."""
+        """Return *drive* with the rate limit applied to the commands at the place of *effect*."""
         return redrawn(drive, effect.place, lambda u: limited(drive.t, u, effect["rate"], self.resolution(effect, u)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return a step from zero to full command and the limited output."""
+        """Return plot data: a step from zero to full command and the limited output."""
         full = largest(effect.place, data)
         t = np.linspace(-0.5, 2.0, 501) * full / effect["rate"]
         commanded = np.where(t >= 0.0, full, 0.0)
@@ -123,11 +134,14 @@ class RateLimit(Gradual):
 
 
 INSTANT = 1e-6
-"""Time constant [s] below which a lag is ignored."""
+"""Time constant [s] below which a lag is ignored. Project choice."""
 
 
 class ActuatorLag(Gradual):
-    """The output follows the command as a first-order lag with ``time_constant``; it starts at the first command."""
+    """Effect: the output follows the command as a first-order lag with ``time_constant``.
+
+    It starts at the first command.
+    """
 
     slug = "actuator-lag"
     meaning = "thrust or rudder follows the command gradually, since propeller and water take time to speed up"
@@ -149,22 +163,22 @@ class ActuatorLag(Gradual):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return time constants from one sample to the craft's own."""
+        """Return start values of ``time_constant``, from one sample to the craft's own time constant."""
         return tuple({"time_constant": float(T)} for T in np.geomspace(*horizon(data), 4))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return zero to five times the craft's time constant."""
+        """Return the bounds of ``time_constant``: from 0 to five times the craft's time constant."""
         return {"time_constant": (0.0, 5.0 * horizon(data)[1])}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Apply the lag to the commands."""
+        """Return *drive* with the lag applied to the commands at the place of *effect*."""
         T = effect["time_constant"]
         if T < INSTANT:
             return drive
         return redrawn(drive, effect.place, lambda u: following(drive.t, u, T, self.resolution(effect, u)))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return a step of the command and the lagged output."""
+        """Return plot data: a step of the command and the lagged output."""
         T = max(effect["time_constant"], INSTANT)
         t = np.linspace(-1.0, 5.0, 601) * T
         commanded = (t >= 0.0).astype(float)
@@ -175,11 +189,14 @@ class ActuatorLag(Gradual):
 
 
 LEAST_GAIN = 0.05
-"""Lower limit of the drifting gain, relative to the gain at the start."""
+"""Lower limit of the drifting gain, relative to the gain at the start. Project choice."""
 
 
 class GainDrift(Gradual):
-    """Commands are multiplied by ``1 - rate (t - t_0)``, at least by a twentieth; ``t_0`` is the run's first stamp."""
+    """Effect: commands are multiplied by ``1 - rate (t - t_0)``, but at least by a twentieth.
+
+    ``t_0`` is the run's first stamp.
+    """
 
     slug = "gain-drift"
     meaning = "thrust weakens or grows during a run, because the battery sags or a motor heats up"
@@ -199,15 +216,20 @@ class GainDrift(Gradual):
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return losses of 30 % and 80 % of the gain within the longest run, and an increase of 30 %."""
+        """Return start values of ``rate``, for losses of 30 % and 80 % and an increase of 30 % within the longest
+        run.
+        """
         return tuple({"rate": share / data.duration} for share in (0.3, 0.8, -0.3))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return rates from a doubled gain at the end of the longest run to a zero gain after a third of it."""
+        """Return the bounds of ``rate``.
+
+        They range from a doubled gain at the end of the longest run to a zero gain after a third of it.
+        """
         return {"rate": (-1.0 / data.duration, 3.0 / data.duration)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Apply the drifting gain to the commands."""
+        """Return *drive* with the drifting gain applied to the commands at the place of *effect*."""
         end = last_stamp(drive)
 
         def faded(u: Array) -> tuple[Array, Array]:
@@ -216,7 +238,7 @@ class GainDrift(Gradual):
         return redrawn(drive, effect.place, faded)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return gain over time."""
+        """Return plot data: gain over time."""
         t = np.linspace(0.0, data.duration, 201)
         gain = np.maximum(1.0 - effect["rate"] * t, LEAST_GAIN)
         return EffectCurve(

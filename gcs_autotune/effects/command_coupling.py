@@ -15,7 +15,7 @@ from gcs_autotune.models import FORCES
 __all__ = ["CommandCoupling"]
 
 VARIES = 0.2
-"""Least range of the other command during 80 % of the time, relative to its largest value. Set by hand.
+"""Least range of the other command during 80 % of the time, relative to its largest value. Project choice.
 
 A command that is nearly constant acts like a constant force. On a boat whose throttle was applied once (range 0.03), a
 bias was reported as a coupling.
@@ -23,18 +23,18 @@ bias was reported as a coupling.
 
 
 NONE = 1e-6
-"""Size relative to the largest command below which a command counts as zero. Set by hand.
+"""Size of a command, relative to the largest command, below which it counts as zero. Project choice.
 
 Rounding in a mixer leaves such values instead of zero.
 """
 
 
 class CommandCoupling(ActuatorEffect):
-    """At ``"N+X"`` the command ``N`` acts as ``N + gain X``: off-centre thrust, or unequal thrusters.
+    """Effect: a command also acts on another axis. At ``"N+X"`` the command ``N`` acts as ``N + gain X``.
 
-    ``X`` is the recorded command, held until the next stamp, whether or not it drives a simulated degree of freedom. In
-    newtons and newton metres, ``gain`` is the lever arm of the thrust, positive to port of the centre (Fossen2011,
-    12.3).
+    The cause is off-centre thrust, or unequal thrusters. ``X`` is the recorded command, held until the next stamp,
+    whether or not it drives a simulated degree of freedom. In newtons and newton metres, ``gain`` is the lever arm of
+    the thrust, positive to port of the centre (Fossen2011, 12.3).
     """
 
     slug = "command-coupling"
@@ -50,23 +50,28 @@ class CommandCoupling(ActuatorEffect):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every input of one degree of freedom, with every other commanded force that changes."""
+        """Return the places ``input+other``: every input of one degree of freedom, with every other commanded force
+        that changes.
+        """
         own = [n for n in super().places(data) if n in (*FORCES, "delta")]
         others = [n for n in FORCES if n in data.channels and _varies(n, data)]
         return tuple(f"{n}+{other}" for n in own for other in others if other != n)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return gains of both signs that produce a fifth of the largest command."""
+        """Return start values of ``gain``, of both signs, that produce a fifth of the largest command."""
         name, other = columns_of(place)
         size = 0.2 * data.amplitude[name] / max(map(abs, data.extent[other]))
         return ({"gain": size}, {"gain": -size})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return no bounds: the gain may have either sign."""
+        """Return infinite bounds of ``gain``, which may have either sign."""
         return {"gain": (-inf, inf)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Add the other command; if it drives the craft, it includes the preceding effects."""
+        """Return *drive* with the other command, times ``gain``, added to the command.
+
+        If the other command drives the craft, it includes the effects applied before.
+        """
         name, other = columns_of(effect.place)
         both = with_other(drive, name, other)
         if both is None:
@@ -74,7 +79,7 @@ class CommandCoupling(ActuatorEffect):
         return redrawn(drive, name, lambda _: (both[0], both[1] + effect["gain"] * both[2]))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return the command added on this axis over the other command."""
+        """Return plot data: the command added on this axis over the other command."""
         name, other = columns_of(effect.place)
         low, high = data.extent[other]
         command = np.linspace(min(low, 0.0), max(high, 0.0), 101)

@@ -1,6 +1,6 @@
 """Errors of the data: clocks, units, signs and columns.
 
-They can look like physical effects, so both are searched together.
+They can look like physical effects, so both kinds are searched together.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ __all__ = ["SLIPS", "ChannelSwap", "SignError", "TimeOffset", "TimeScale", "Unit
 
 
 class TimeScale(Effect):
-    """File time is ``factor`` times true time, as with a wrong sample rate or a simulator faster than real time."""
+    """Effect: file time is ``factor`` times true time, as with a wrong sample rate or a simulator faster than real
+    time.
+    """
 
     slug = "time-scale"
     family = "data errors"
@@ -33,27 +35,30 @@ class TimeScale(Effect):
     separated_by = "a one-minute recording timed with a stopwatch. Its time stamps must span one minute"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return the whole file, if a position and its velocity are measured.
+        """Return the place ``t`` (the whole file), if a position and its velocity are measured.
 
-        Otherwise the inertia and drag of the model absorb the error.
+        Without both, the inertia and drag of the model absorb the error.
         """
         return ("t",) if rates_checked(data) else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return small and large factors in both directions."""
+        """Return start values of ``factor``: small and large factors in both directions."""
         return tuple({"factor": f} for f in (0.5, 0.85, 1.18, 2.0))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a tenth to ten; a larger factor is a time column in another unit, which the file reader detects."""
+        """Return the bounds of ``factor``: from a tenth to ten.
+
+        A larger factor is a time column in another unit, which the file reader detects.
+        """
         return {"factor": (0.1, 10.0)}
 
     def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:
-        """Convert stamps to true time, which agrees with file time at the first stamp."""
+        """Return the stamps *t* converted to true time, which agrees with file time at the stamp *start*."""
         return start + (t - start) / effect["factor"]
 
 
 class TimeOffset(Effect):
-    """The stamps of the signals are later than those of the inputs by ``offset``.
+    """Effect: the stamps of the signals are later than those of the inputs by ``offset``.
 
     A negative offset means that the motion begins before its command.
     """
@@ -70,22 +75,27 @@ class TimeOffset(Effect):
     separated_by = "two recordings of the same manoeuvre. A delay is the same in both. A clock offset changes"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return the clocks of the file, if it contains commands."""
+        """Return the place ``t`` (the clocks of the file), if the file contains commands."""
         return ("t",) if data.inputs else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return offsets of two samples and of a fraction of the craft's time constant, in both directions."""
+        """Return start values of ``offset``: two samples and a fraction of the craft's time constant, in both
+        directions.
+        """
         low, high = self.bounds(place, data)["offset"]
         sizes = (2.0 * data.interval, max(0.3 * data.time_constant, 4.0 * data.interval))
         return tuple({"offset": min(max(sign * s, 0.8 * low), 0.8 * high)} for s in sizes for sign in (-1.0, 1.0))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return two time constants or a dozen samples, whichever is longer, but at most a quarter of a run."""
+        """Return the bounds of ``offset``, equal in both directions.
+
+        The limit is two time constants or a dozen samples, whichever is longer, but at most a quarter of a run.
+        """
         most = min(max(2.0 * data.time_constant, 12.0 * data.interval), 0.25 * data.duration)
         return {"offset": (-most, most)}
 
     def retime(self, effect: EffectInstance, t: Array, start: float, *, inputs: bool) -> Array:
-        """Convert the stamps of the inputs to the clock of the signals."""
+        """Return the stamps *t* on the clock of the signals. Only those of inputs change."""
         return t + effect["offset"] if inputs else t
 
 
@@ -98,12 +108,14 @@ SLIPS: Mapping[str, tuple[float, ...]] = {
     "N m": (1.0 / 9.80665, 0.001, 0.73756215),
     "1": (100.0,),
 }
-"""SI unit -> number in the file per number in SI, for usual unit mistakes; each also occurs in the reverse
-direction."""
+"""SI unit -> factors between the number in the file and the SI value, for usual unit mistakes.
+
+Each mistake also occurs in the reverse direction.
+"""
 
 
 class UnitError(Effect):
-    """The number in the file is ``factor`` times the true one.
+    """Effect: the number in the file is ``factor`` times the true value.
 
     The factor is one of :data:`SLIPS`. It is selected, not fitted.
     """
@@ -119,33 +131,33 @@ class UnitError(Effect):
     fixed = ("factor",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return the columns whose scale is determined by other columns or known numbers."""
+        """Return the names of the columns whose scale is determined by other columns or by known numbers."""
         signals = tuple(s for s, unit in data.signals.items() if unit in SLIPS and signal_scale_shows(s, data))
         inputs = tuple(c for c, unit in data.inputs.items() if unit in SLIPS and input_scale_shows(c, data))
         return signals + inputs
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return every usual unit mistake of this unit, in both directions."""
+        """Return values of ``factor``: all usual mistakes for the unit of *place*, in both directions."""
         unit = data.signals.get(place, data.inputs.get(place, ""))
         return tuple({"factor": f} for slip in SLIPS[unit] for f in (slip, 1.0 / slip))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return the range of factors in :data:`SLIPS`."""
+        """Return the bounds of ``factor``: a range that includes all factors in :data:`SLIPS`."""
         return {"factor": (1e-3, 1e3)}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Calculate the true command from the column."""
+        """Return *drive* with the true command, calculated from the wrong column."""
         u = drive.channels.get(effect.place)
         return drive if u is None else drive.with_channel(effect.place, u / effect["factor"])
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Convert the signal to the wrong unit."""
+        """Return *seen* with the signal converted to the wrong unit."""
         y = seen.signals.get(effect.place)
         return seen if y is None else seen.with_signal(effect.place, y * effect["factor"])
 
 
 class SignError(Effect):
-    """A column has the wrong sign, in all runs (``"N"``) or in one (``"N@run"``)."""
+    """Effect: a column has the wrong sign, in all runs (``"N"``) or in one run (``"N@run"``)."""
 
     slug = "sign-error"
     family = "data errors"
@@ -156,7 +168,7 @@ class SignError(Effect):
     separated_by = "one long push to starboard (or ahead, or down), observed from outside the craft"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every signal, and every input whose sign the model does not fit in any case.
+        """Return the names of all signals, and of all inputs whose sign the model does not fit anyway.
 
         With several runs, each column is also returned for each run alone.
         """
@@ -166,14 +178,14 @@ class SignError(Effect):
         return (*columns, *(f"{c}@{run}" for c in each for run in data.runs))
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Reverse the sign of the command."""
+        """Return *drive* with the sign of the command reversed."""
         (name,) = columns_of(effect.place)
         if name not in drive.channels or not concerns(effect.place, drive.run):
             return drive
         return drive.with_channel(name, -drive.channels[name])
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Reverse the sign of the signal."""
+        """Return *seen* with the sign of the signal reversed."""
         (name,) = columns_of(effect.place)
         if name not in seen.signals or not concerns(effect.place, seen.run):
             return seen
@@ -181,7 +193,9 @@ class SignError(Effect):
 
 
 class ChannelSwap(Effect):
-    """Two columns, ``"a+b"``, contain each other's data: plugs, axes or column heads are exchanged."""
+    """Effect: two columns, ``"a+b"``, contain each other's data, because plugs, axes or column headers are
+    exchanged.
+    """
 
     slug = "channel-swap"
     family = "data errors"
@@ -192,14 +206,16 @@ class ChannelSwap(Effect):
     separated_by = "one axis at a time: push on one, rest, then push on the other"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return pairs of signals of one unit, and pairs of inputs whose exchange would not only exchange free
-        gains."""
+        """Return pairs of signals of one unit, and pairs of inputs.
+
+        Pairs whose exchange only exchanges free gains are omitted.
+        """
         signals = [(a, b) for a, b in combinations(data.signals, 2) if data.signals[a] == data.signals[b]]
         inputs = [(a, b) for a, b in combinations(data.inputs, 2) if not _alike(a, b, data)]
         return tuple(f"{a}+{b}" for a, b in (*signals, *inputs))
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Exchange two commands."""
+        """Return *drive* with the two commands exchanged."""
         a, b = columns_of(effect.place)
         if a not in drive.channels or b not in drive.channels:
             return drive
@@ -207,7 +223,7 @@ class ChannelSwap(Effect):
         return drive.with_channel(a, second).with_channel(b, first)
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Exchange two signals."""
+        """Return *seen* with the two signals exchanged."""
         a, b = columns_of(effect.place)
         if a not in seen.signals or b not in seen.signals:
             return seen
@@ -227,10 +243,10 @@ _PLANAR = ({"x", "y"}, {"u", "v"})
 
 
 def signal_scale_shows(signal: str, data: DataSummary) -> bool:
-    """Return whether a wrong scale of *signal* is identifiable.
+    """Return whether a wrong scale of *signal* can be identified.
 
-    Forces are known only relative to the inertia. The scale is identifiable from another measured signal of the same
-    kinematics: ``psi`` from ``r``, ``x`` and ``y`` from ``u`` and ``psi``. It is also identifiable if the inertia is
+    Forces are known only relative to the inertia. The scale can be identified from another measured signal of the same
+    kinematics: ``psi`` from ``r``, ``x`` and ``y`` from ``u`` and ``psi``. It can also be identified if the inertia is
     known.
     """
     have = set(data.signals)
@@ -248,16 +264,16 @@ def signal_scale_shows(signal: str, data: DataSummary) -> bool:
 
 
 def rates_checked(data: DataSummary) -> bool:
-    """Return whether a position and its velocity are measured; only then is a wrong clock rate identifiable."""
+    """Return whether a position and its velocity are measured. Only then can a wrong clock rate be identified."""
     have = set(data.signals)
     pairs = any(d.position in have and d.velocity in have for d in DOFS.values())
     return pairs or all(have & group for group in _PLANAR)
 
 
 def input_scale_shows(channel: str, data: DataSummary) -> bool:
-    """Return whether a wrong scale of an input is identifiable.
+    """Return whether a wrong scale of the input *channel* can be identified.
 
-    Its gain must be known, and also the inertia or the gain of a second input.
+    The gain of the input must be known, and also the inertia or the gain of a second input.
     """
     form = data.form
     for force in _given(channel, form):
@@ -269,7 +285,10 @@ def input_scale_shows(channel: str, data: DataSummary) -> bool:
 
 
 def sign_is_free(channel: str, form: Form) -> bool:
-    """Return whether the model fits the sign of an input anyway: a rudder's, or any whose every gain is free."""
+    """Return whether the model fits the sign of the input *channel* anyway.
+
+    This is true for a rudder, and for any input whose gains are all free.
+    """
     return channel == "delta" or not _given(channel, form)
 
 

@@ -15,7 +15,10 @@ __all__ = ["OVER_GROUND", "THROUGH_WATER", "InputBias", "SteadyCurrent", "Tether
 
 
 class InputBias(Effect):
-    """A constant ``bias`` in one equation: trim, a tether's steady pull, a list. For heave see ``net-buoyancy``."""
+    """Effect: a constant ``bias`` in one equation, caused by trim, a tether's steady pull or a list.
+
+    For heave see ``net-buoyancy``.
+    """
 
     slug = "input-bias"
     family = "environment"
@@ -28,31 +31,37 @@ class InputBias(Effect):
     separated_by = "one minute without command, then the same manoeuvre on another heading"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every degree of freedom but heave, unless the base model has a constant force there."""
+        """Return every degree of freedom except heave, unless the base model has a constant force in its equation."""
         there = set(data.form.parameters)
         return tuple(d for d in data.form.dofs if d != "heave" and f"{DOFS[d].force}_0" not in there)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a tenth of the largest command; the effect is linear, so the search scales it."""
+        """Return a start value of ``bias``: a tenth of the largest command.
+
+        The effect is linear, so the search scales it.
+        """
         return ({"bias": 0.1 * force_scale(place, data)},)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return ``X_0``, ``N_0`` and so on."""
+        """Return the constant force as ``X_0``, ``N_0`` and so on."""
         return {f"{DOFS[effect.place].force}_0": effect["bias"]}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return the unit of the force; that of the input if forces are known only as fractions or angles."""
+        """Return the unit of the force, or that of the input if forces are known only as fractions or angles."""
         return force_unit(place, data)
 
 
 OVER_GROUND, THROUGH_WATER = "over ground", "through water"
-"""Meaning of the file's ``u`` and ``v``.
+"""Places of a current, which state the meaning of ``u`` and ``v`` in the file.
 
-Over ground: from a satellite receiver or a bottom-locked log. Through water: from a paddle wheel.
+Speeds over ground come from a satellite receiver or a bottom-locked log. Speeds through water come from a paddle wheel.
 """
 
 FASTEST = 5.0
-"""Fastest current searched [m/s]. Strong tidal races are faster, but not suitable for a tune."""
+"""Fastest current that is searched [m/s]. Project choice.
+
+Strong tidal races are faster, but not suitable for a tune.
+"""
 
 _NAMES: Mapping[str, Mapping[str, str]] = {
     OVER_GROUND: {"V_x": "V_x", "V_y": "V_y"},
@@ -61,10 +70,11 @@ _NAMES: Mapping[str, Mapping[str, str]] = {
 
 
 class SteadyCurrent(Effect):
-    """Steady, irrotational current: the equations of motion apply to the velocity through the water (Fossen2011, 8.3).
+    """Effect: a steady, irrotational current. The equations of motion apply to the velocity through the water.
 
-    Speeds over ground then include the current in the body frame. Speeds through the water do not, and only positions
-    drift. For files with positions and heading but no speeds, both meanings give the same result; the first is used.
+    Source: Fossen2011, 8.3. Speeds over ground then include the current in the body frame. Speeds through the water do
+    not, and only positions drift. For files with positions and heading but no speeds, both meanings of the speeds give
+    the same result; the first is used.
     """
 
     slug = "steady-current"
@@ -84,7 +94,7 @@ class SteadyCurrent(Effect):
     grows_with = ("V_x", "V_y")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return the meanings of the speeds under which the file can distinguish a current from a constant force.
+        """Return the meanings of the speeds with which the file can distinguish a current from a constant force.
 
         Without a heading, only the drift of a position against a measured speed identifies a current.
         """
@@ -99,7 +109,7 @@ class SteadyCurrent(Effect):
         return (OVER_GROUND,) * over_ground + (THROUGH_WATER,) * bool(speeds and positions)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return currents along each axis and between the axes; scaling gives the opposite sign.
+        """Return start values of the current: along each axis and between the axes. Scaling gives the opposite sign.
 
         For a craft on a straight line, only north or only east is returned.
         """
@@ -109,30 +119,33 @@ class SteadyCurrent(Effect):
         return ({"V_x": V},) if "surge" in data.form.dofs else ({"V_y": V},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return the range of currents searched."""
+        """Return the bounds of the current components ``V_x`` and ``V_y``: :data:`FASTEST` in both directions."""
         return {"V_x": (-FASTEST, FASTEST), "V_y": (-FASTEST, FASTEST)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the current as parameters of the simulator, included in the speeds or not."""
+        """Return the current as parameters of the simulator.
+
+        Their names depend on whether the speeds include the current.
+        """
         names = _NAMES[effect.place]
         return {names[n]: v for n, v in effect.values.items()}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return the component of the current along each heading."""
+        """Return plot data: the component of the current along each heading (polar)."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
         along = effect.values.get("V_x", 0.0) * np.cos(psi) + effect.values.get("V_y", 0.0) * np.sin(psi)
         return EffectCurve(psi, along, "heading [rad]", "current from astern [m/s]", "Current", polar=True)
 
 
 DIRECTIONS = 6
-"""Number of start values of the direction, evenly spaced."""
+"""Number of start values of the wind direction, evenly spaced. Project choice."""
 
 
 class WindMoment(Effect):
-    """``N += strength sin(direction - psi)``: wind turns the bow towards ``direction``.
+    """Effect: wind turns the bow towards ``direction`` by ``N += strength sin(direction - psi)``.
 
     Whether ``direction`` is upwind or downwind depends on the hull. A measured heading is needed. ``direction`` is
-    measured from north towards east; a fit may leave it outside [0, 2 pi).
+    measured from north towards east. A fit may return a value outside [0, 2 pi).
     """
 
     slug = "wind-moment"
@@ -149,57 +162,62 @@ class WindMoment(Effect):
     grows_with = ("strength",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return yaw, if the heading is measured."""
+        """Return the place ``yaw``, if the heading is measured and the base model has no such moment."""
         there = {"N_sinpsi", "N_cospsi"} & set(data.form.parameters)
         return ("yaw",) if "yaw" in data.form.dofs and "psi" in data.signals and not there else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a fifth of the largest command, for evenly spaced directions."""
+        """Return start values: a strength of a fifth of the largest command, in evenly spaced directions."""
         strength = 0.2 * force_scale(place, data)
         turns = (2.0 * pi * k / DIRECTIONS for k in range(DIRECTIONS))
         return tuple({"strength": strength, "direction": d if d <= pi else d - 2.0 * pi} for d in turns)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: the strength is positive, because the direction determines the sign."""
+        """Return the bounds of ``strength`` and ``direction``.
+
+        The strength is positive, because the direction determines the sign.
+        """
         return {"strength": (0.0, inf), "direction": (-3.0 * pi, 3.0 * pi)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return the sign of a moment to starboard."""
+        """Return the constant ``sense``: the sign of a moment to starboard."""
         return sense(place, data)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return ``N_cospsi`` and ``N_sinpsi``: the sine of the difference, expanded."""
+        """Return ``N_cospsi`` and ``N_sinpsi``, which together are the sine of the angle between wind and heading."""
         strength = effect.sense * effect["strength"]
         return {"N_cospsi": strength * sin(effect["direction"]), "N_sinpsi": -strength * cos(effect["direction"])}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return moment over heading (polar)."""
+        """Return plot data: moment over heading (polar)."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
         moment = effect["strength"] * np.sin(effect["direction"] - psi)
         unit = force_unit(effect.place, data)
         return EffectCurve(psi, moment, "heading [rad]", f"moment to starboard [{unit}]", "Wind moment", polar=True)
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return the unit of the moment, or of the heading."""
+        """Return the unit of the moment for ``strength``, or rad for ``direction``."""
         return force_unit(place, data) if name == "strength" else "rad"
 
 
 PLANE = "surge+sway"
 
 STRENGTH = 0.3
-"""Start value of the pull across the range of positions, relative to the largest force."""
+"""Start value of the pull across the range of positions, relative to the largest force. Project choice."""
 
 AWAY = 5.0
-"""Largest distance of an anchor from the middle of the positions, in ranges of position.
+"""Largest distance of an anchor from the middle of the positions, in ranges of position. Project choice.
 
 The pull of an anchor farther away is practically a constant force.
 """
 
 
 class TetherPull(Effect):
-    """``- stiffness (position - anchor)`` in one degree of freedom, or towards a point ``x``, ``y`` in the plane.
+    """Effect: a tether pulls with ``- stiffness (position - anchor)`` in one degree of freedom, or towards a point in
+    the plane.
 
-    In the plane, the pull is earth-fixed and rotated into the body frame. A craft without yaw is assumed to head north.
+    In the plane, the point is ``x``, ``y``. The pull is earth-fixed and rotated into the body frame. A craft without
+    yaw is assumed to head north.
     """
 
     slug = "tether-pull"
@@ -233,7 +251,7 @@ class TetherPull(Effect):
         return tuple(d for d in found if d == PLANE or f"{DOFS[d].force}_{DOFS[d].position}" not in form.parameters)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return anchors in the middle and at the ends of the recorded positions."""
+        """Return start values with the anchor in the middle and at the ends of the recorded positions."""
         if place == PLANE:
             (west, east), (south, north) = data.extent["y"], data.extent["x"]
             span = max(east - west, north - south) or 1.0
@@ -246,7 +264,10 @@ class TetherPull(Effect):
         return tuple({"stiffness": stiffness, "anchor": a} for a in (0.5 * (low + high), low, high))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: the stiffness is positive, and the anchor lies within :data:`AWAY` ranges of position."""
+        """Return the bounds of the stiffness, which is positive, and of the anchor.
+
+        The anchor is within :data:`AWAY` ranges of position from the middle.
+        """
         names = {"x": "x", "y": "y"} if place == PLANE else {"anchor": DOFS[place].position}
         edges = {name: data.extent[signal] for name, signal in names.items()}
         span = max(high - low for low, high in edges.values()) or 1.0
@@ -254,13 +275,13 @@ class TetherPull(Effect):
         return {"stiffness": (0.0, inf), **reach}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return the sign of a restoring force."""
+        """Return the constant ``sense``, which is the sign of a restoring force. In the plane there is none."""
         return sense(place, data) if place != PLANE else {}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return ``N_psi`` and ``N_0``, or ``Z_z`` and ``Z_0``.
+        """Return ``N_psi`` and ``N_0``, or ``Z_z`` and ``Z_0`` for heave.
 
-        In the plane, return products of position with sine and cosine of the heading.
+        In the plane, return the products of position with sine and cosine of the heading.
         """
         k = effect.sense * effect["stiffness"]
         if effect.place != PLANE:
@@ -273,7 +294,7 @@ class TetherPull(Effect):
         }  # fmt: skip
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return pull over position; in the plane, over distance."""
+        """Return plot data: pull over position, or in the plane pull over distance from the anchor."""
         if effect.place == PLANE:
             far = max(high - low for low, high in (data.extent["x"], data.extent["y"])) or 1.0
             distance = np.linspace(0.0, far, 61)
@@ -288,6 +309,6 @@ class TetherPull(Effect):
         return EffectCurve(x, pull, f"{d.position} [{d.position_unit}]", f"pull [{unit}]", "Tether pull")
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return the unit of force per distance, or of the position."""
+        """Return the unit of force per distance for ``stiffness``, or that of the position for the anchor."""
         first = place.split("+")[0]
         return stiffness_unit(first, data) if name == "stiffness" else DOFS[first].position_unit

@@ -1,9 +1,9 @@
 """A form with effects, simulated with sensitivities.
 
 A run is simulated in these stages: stamps -> ``retime`` -> commands -> ``drive`` -> equations of motion -> ``observe``
--> predicted columns. The equations of motion are the base form with the effects' ``derivatives``. Some sensitivities
-are exact, apart from the sensors: those to the base model's parameters, to initial states, and to effects that act
-through derivatives. The others are difference quotients.
+-> predicted columns. The equations of motion are the base form with the effects' ``derivatives``. The sensitivities to
+the base model's parameters, to initial states, and to effects that act through derivatives are exact, apart from the
+sensors. The other sensitivities are difference quotients.
 """
 
 from __future__ import annotations
@@ -32,21 +32,24 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 STEP = 1e-3
-"""Step of difference quotients, relative to a parameter's typical size."""
+"""Step of difference quotients, relative to a parameter's typical size. Project choice."""
 
 NUDGE = 1e-4
-"""Relative step of the difference quotients that pass sensitivities through sensors."""
+"""Relative step of the difference quotients that pass sensitivities through sensors. Project choice."""
 
 PATIENCE = 70
-"""Number of integration steps per stamp above which a simulation is abandoned."""
+"""Number of integration steps per stamp above which a simulation is abandoned. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passage:
-    """One stretch of a run, in the form that a simulation needs.
+    """One stretch of a run, in the format for simulations.
 
-    ``t_in`` (j,), ``commands[name]`` (j,): inputs held from their stamps on. ``stamps`` (s,): all stamps of all
-    signals. ``at[signal]`` (n,): indices of that signal's stamps. ``measured``: the run's recorded channels.
+    - ``t_in`` (j,): stamps of the inputs [s].
+    - ``commands[name]`` (j,): inputs, each value held until the next stamp.
+    - ``stamps`` (s,): all stamps of all signals [s].
+    - ``at[signal]`` (n,): indices in ``stamps`` of that signal's stamps.
+    - ``measured``: name -> recorded channel of the run.
     """
 
     run: str
@@ -59,7 +62,7 @@ class Passage:
 
 
 def in_order(effects: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
-    """Return *effects* in the order of the table, in which they act."""
+    """Return *effects* in the order of the table of effects, which is the order in which they act."""
     order = list(EFFECTS)
     return tuple(sorted(effects, key=lambda e: (order.index(e.slug), e.place)))
 
@@ -71,7 +74,7 @@ def passage_of(
     stamps: Mapping[str, Array],
     measured: Mapping[str, Channel] | None = None,
 ) -> Passage:
-    """Return a passage with these inputs and the stamps of every signal."""
+    """Return a passage with the inputs *commands* and the *stamps* of every signal."""
     together = np.unique(np.concatenate(list(stamps.values())))
     at = {n: np.searchsorted(together, t).astype(np.int64) for n, t in stamps.items()}
     begin = float(min(together[0], t_in[0])) if len(t_in) else float(together[0])
@@ -100,11 +103,12 @@ class ExtendedSimulator:
     Parameters
     ----------
     form : form of the base model.
-    effects : slugs and places; their values may change from run to run.
-    free : base parameters to calculate sensitivities for.
-    free_effects : ``(index, parameter)`` of the effects, likewise.
-    free_states : initial states, likewise. The columns of a Jacobian are in the order of these three.
-    typical : size of each free effect parameter, for difference quotients.
+    effects : effects with slugs and places. Their values may change between simulations.
+    free : names of the base parameters for which sensitivities are calculated.
+    free_effects : ``(index, parameter)`` of the effects' parameters for which sensitivities are calculated.
+    free_states : names of the initial states for which sensitivities are calculated. The columns of a Jacobian are in
+        the order of *free*, *free_effects* and *free_states*.
+    typical : typical size of each element of *free_effects*, for difference quotients.
     """
 
     def __init__(
@@ -141,7 +145,7 @@ class ExtendedSimulator:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the state vector."""
+        """Names of the states, in the order of the state vector."""
         return self._simulator.states
 
     def _stage(self, i: int) -> str:
@@ -163,7 +167,7 @@ class ExtendedSimulator:
         *,
         sensitivities: bool = False,
     ) -> dict[str, tuple[Array, Array]] | None:
-        """Predict every signal (n,) at its own stamps, with its Jacobian (n, q); return None if the motion diverges.
+        """Return name of the signal -> values (n,) at its stamps and Jacobian (n, q), or None if the motion diverges.
 
         theta : (p,) base parameters in the order of ``form.parameters``. x_0 : (n,) state at the first stamp.
 
@@ -194,17 +198,24 @@ class ExtendedSimulator:
         }
 
     def truth(self, theta: Array, effects: Sequence[EffectInstance], x_0: Array, passage: Passage) -> Observed | None:
-        """Return all true signals at all stamps, as input to :meth:`seen` with other sensors."""
+        """Return all true signals at all stamps, or None if the motion diverges.
+
+        :meth:`seen` applies sensors to them.
+        """
         moved = self._move(theta, effects, x_0, passage, False, everything=True)
         return None if moved is None else moved[0]
 
     def seen(self, effects: Sequence[EffectInstance], truth: Observed, passage: Passage) -> dict[str, Array]:
-        """Return every signal at its own stamps, as the sensors of *effects* report the true signals."""
+        """Return name of the signal -> values (n,) at its stamps, as the sensors of *effects* report the true
+        signals *truth*.
+        """
         seen = self._observe(effects, truth)
         return {n: seen.signals[n][at] for n, at in passage.at.items()}
 
     def extended_theta(self, theta: Array, effects: Sequence[EffectInstance]) -> Array:
-        """Return the parameters (e,) of the form with the effects' derivatives added."""
+        """Return the parameters (e,) of the extended form: the base parameters *theta* and the derivatives of
+        *effects*.
+        """
         found = np.zeros(len(self._at))
         found[self._of_base] = theta
         for entry, instance in zip(self.entries, effects, strict=True):
@@ -311,10 +322,11 @@ SCHEMA = 1
 
 @dataclass(frozen=True, slots=True)
 class ExtendedModel:
-    """A coupled model with the effects between it and the measurements, in the order of the table.
+    """A coupled model with the effects between it and the measurements, in the order of the table of effects.
 
-    ``amplitude``: full output of each input in the units of the runs (:attr:`.effect.DataSummary.full`). ``units``:
-    units of the inputs ("1": fractions of full output). Both are empty if unknown.
+    - ``amplitude``: full output of each input in the units of the runs (:attr:`.effect.DataSummary.full`), empty if
+      unknown.
+    - ``units``: units of the inputs ("1": fractions of full output), empty if unknown.
     """
 
     base: CoupledModel
@@ -323,7 +335,7 @@ class ExtendedModel:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a model file."""
+        """Return the model as data for a model file."""
         return {
             "schema": SCHEMA,
             "model": "extended",
@@ -334,19 +346,24 @@ class ExtendedModel:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ExtendedModel:
-        """Rebuild a model from the data of :meth:`to_dict`, or from a plain coupled model's data.
+        """Return the model that :meth:`to_dict` wrote as *data*, or that *data* of a plain coupled model describes.
 
         Raises
         ------
         BadFile
-            Something is missing or of the wrong kind. UnknownName: an effect that is not in the table.
+            Something is missing or of the wrong kind.
+        UnknownName
+            An effect is not in the table.
         """
         told: CoupledData | ExtendedData = conformed(data, CoupledData | ExtendedData, "model")  # type: ignore[arg-type]
         return cls.of_data(told)
 
     @classmethod
     def of_data(cls, told: CoupledData | ExtendedData) -> ExtendedModel:
-        """Return the model that a file contains; errors are those of :meth:`from_dict`."""
+        """Return the model described by the contents *told* of a model file.
+
+        Exceptions are those of :meth:`from_dict`.
+        """
         if isinstance(told, CoupledData):
             return cls(CoupledModel.of_data(told))
         base = CoupledModel.of_data(told.base)
@@ -358,8 +375,10 @@ class ExtendedModel:
         return cls(base, in_order(effects), dict(told.constants.swing), dict(told.constants.units))
 
     def predict(self, passage: Passage, initial: Mapping[str, float]) -> dict[str, Array] | None:
-        """Return every signal at its own stamps from *initial* states (default 0); return None if the motion
-        diverges."""
+        """Return name of the signal -> values (n,) at its stamps, or None if the motion diverges.
+
+        initial : name of the state -> initial value (default 0).
+        """
         simulator = ExtendedSimulator(self.base.form, self.effects)
         x_0 = np.array([initial.get(n, 0.0) for n in simulator.states])
         found = simulator.run(self.base.theta, self.effects, x_0, passage)

@@ -33,13 +33,13 @@ __all__ = [
 
 
 def drag_names(dof: str) -> tuple[str, str]:
-    """Return the names of linear and quadratic drag, such as ``("N_r", "N_rr")`` for yaw."""
+    """Return the names of the linear and the quadratic drag of *dof*, such as ``("N_r", "N_rr")`` for yaw."""
     d = DOFS[dof]
     return f"{d.force}_{d.velocity}", f"{d.force}_{d.velocity}{d.velocity}"
 
 
 def drag_polar(effect: EffectInstance, data: DataSummary, title: str) -> EffectCurve:
-    """Return drag over speed: base model with the effect, and base model alone."""
+    """Return plot data: drag over speed, for the base model with the effect and for the base model alone."""
     d = DOFS[effect.place]
     linear, quadratic = drag_names(effect.place)
     known, sign = known_of(data), effect.sense
@@ -51,9 +51,9 @@ def drag_polar(effect: EffectInstance, data: DataSummary, title: str) -> EffectC
 
 
 class Drag(Effect):
-    """Drag proportional to a power of speed: ``coefficient`` times speed to the ``power``.
+    """Effect: drag proportional to a power of speed, ``coefficient`` times speed to the ``power``.
 
-    ``polar``: the title of its plot.
+    ``polar``: title of the plot of drag over speed.
     """
 
     power: ClassVar[int]
@@ -63,7 +63,7 @@ class Drag(Effect):
     grows_with = ("coefficient",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return the degrees of freedom whose base model has no such drag."""
+        """Return the degrees of freedom whose base model has no drag of this power."""
         return tuple(d for d in data.form.dofs if not self._spellings(d) & set(data.form.parameters))
 
     def _spellings(self, dof: str) -> set[str]:
@@ -72,7 +72,7 @@ class Drag(Effect):
         return {own} if self.power == 1 else {own, f"{d.force}_|{d.velocity}|{d.velocity}"}
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return coefficients relative to the largest force at the largest speed.
+        """Return start values of ``coefficient``, relative to the largest force at the largest speed.
 
         Some are small, because a heading integrates the effect, so that only a small effect acts linearly.
         """
@@ -80,28 +80,31 @@ class Drag(Effect):
         return tuple({"coefficient": share * full} for share in (0.02, 0.1, 0.5))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: drag takes energy out of the motion, so the coefficient is positive."""
+        """Return the bounds of ``coefficient``. It is positive, because drag takes energy out of the motion."""
         return {"coefficient": (0.0, inf)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return the sign of a damping force."""
+        """Return the constant ``sense``, which is the sign of a damping force."""
         return sense(place, data)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return ``X_u``, ``N_r`` and so on; ``X_uu``, ``N_rr`` for the second power."""
+        """Return the drag as ``X_u``, ``N_r`` and so on, or as ``X_uu``, ``N_rr`` and so on for the second power."""
         return {drag_names(effect.place)[self.power - 1]: -effect.sense * effect["coefficient"]}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return drag over speed."""
+        """Return plot data: drag over speed."""
         return drag_polar(effect, data, self.polar)
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return the unit of force per power of speed."""
+        """Return the unit of ``coefficient``: force per power of speed."""
         return DOFS[place].parameter_units(force_unit(place, data))[self.power]
 
 
 class LinearDrag(Drag):
-    """``- coefficient nu``: skin friction and wave making at low speed, if the base model has no linear drag."""
+    """Effect: drag ``- coefficient nu`` by skin friction and wave making at low speed.
+
+    It applies if the base model has no linear drag.
+    """
 
     slug = "linear-drag"
     power = 1
@@ -117,7 +120,10 @@ class LinearDrag(Drag):
 
 
 class QuadraticDrag(Drag):
-    """``- coefficient |nu| nu``: pressure drag of separated flow at higher speed (Miskovic2010 (6.33), ``beta_nn``)."""
+    """Effect: drag ``- coefficient |nu| nu``, the pressure drag of separated flow at higher speed.
+
+    Source: Miskovic2010 (6.33), ``beta_nn``.
+    """
 
     slug = "quadratic-drag"
     power = 2
@@ -145,16 +151,17 @@ TERMS: Mapping[str, tuple[str, str, str]] = {
     "Y_ur": ("sway", "surge", "yaw"),
     "N_uv": ("yaw", "surge", "sway"),
 }
-"""Coefficient -> its equation, and the two velocities whose product it multiplies."""
+"""Coefficient -> degree of freedom of its equation, and the two whose velocities it multiplies."""
 
 SHARE = 0.2
-"""Start value of a coefficient: its force relative to the largest force, at the largest speeds."""
+"""Start value of a coefficient: its force at the largest speeds, relative to the largest force. Project choice."""
 
 
 class CoriolisCoupling(Effect):
-    """``X_vr v r``, ``Y_ur u r``, ``N_uv u v`` of rigid body and added mass (Miskovic, Vukic and Barisic, (4)).
+    """Effect: the forces ``X_vr v r``, ``Y_ur u r`` and ``N_uv u v`` of rigid body and added mass.
 
-    With masses ``m_u``, ``m_v``: ``X_vr = m_v``, ``Y_ur = -m_u``, ``N_uv = m_u - m_v`` (the Munk moment).
+    Source: Miskovic, Vukic and Barisic, (4). With the masses ``m_u`` and ``m_v``, they are ``X_vr = m_v``, ``Y_ur =
+    -m_u`` and ``N_uv = m_u - m_v`` (the Munk moment).
     """
 
     slug = "coriolis-coupling"
@@ -181,13 +188,16 @@ class CoriolisCoupling(Effect):
     grows_with = ("X_vr", "Y_ur", "N_uv")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return surge, sway and yaw together, if the base model has all three but none of these terms."""
+        """Return the place ``surge+sway+yaw``, if the base model has all three degrees of freedom but none of these
+        terms.
+        """
         form = data.form
         missing = {"surge", "sway", "yaw"} - set(form.dofs)
         return () if missing or form.coriolis or set(TERMS) & set(form.parameters) else ("surge+sway+yaw",)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return the values that follow from the base model's masses, and moderate values, together and one by one.
+        """Return start values: those that follow from the base model's masses, and moderate values together and one by
+        one.
 
         A base model without these forces has often included them in its masses. The masses alone would therefore
         mislead.
@@ -199,15 +209,15 @@ class CoriolisCoupling(Effect):
         return ({"X_vr": m_v, "Y_ur": -m_u, "N_uv": m_u - m_v}, fair, *alone)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: masses are positive; the moment may have either sign."""
+        """Return the bounds of the three coefficients. Masses are positive, and the moment may have either sign."""
         return {"X_vr": (0.0, inf), "Y_ur": (-inf, 0.0), "N_uv": (-inf, inf)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the three parameters, which are SNAME derivatives."""
+        """Return the three coefficients, which are SNAME derivatives."""
         return {name: effect[name] for name in TERMS}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return the unit of force or moment per product of two speeds."""
+        """Return the unit of the coefficient *name*: force or moment per product of two speeds."""
         return f"{force_unit(TERMS[name][0], data)} s^2/{'m^2' if name == 'N_uv' else '(m rad)'}"
 
 
@@ -217,11 +227,14 @@ def _per_speeds(name: str, data: DataSummary) -> float:
 
 
 LARGEST = 0.95
-"""Largest ``Y_rdot`` relative to the geometric mean of both inertias; at 1 the mass matrix is singular."""
+"""Largest ``Y_rdot``, relative to the geometric mean of the inertias of sway and yaw. Project choice.
+
+At 1 the mass matrix is singular.
+"""
 
 
 class SwayYawCoupling(Effect):
-    """``Y_r r`` in sway, ``N_v v`` in yaw, and ``-Y_rdot`` in both off-diagonal entries of the mass matrix.
+    """Effect: ``Y_r r`` in sway, ``N_v v`` in yaw, and ``-Y_rdot`` in both off-diagonal elements of the mass matrix.
 
     With the centre of gravity ``x_G`` ahead, ``-Y_rdot`` is ``m x_G`` (Miskovic, Vukic and Barisic, (4)).
     """
@@ -247,13 +260,15 @@ class SwayYawCoupling(Effect):
     grows_with = ("Y_r", "N_v", "Y_rdot")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return sway and yaw together, if the base model has no coupling of the two."""
+        """Return the place ``sway+yaw``, if the base model has both degrees of freedom and no coupling of the two."""
         form = data.form
         there = {"Y_r", "N_v", "Y_rdot", "N_vdot", "x_G"} & set(form.parameters)
         return ("sway+yaw",) if {"sway", "yaw"} <= set(form.dofs) and not there else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return each of the three alone, at a third of the largest force or mean inertia."""
+        """Return start values: each of the three coefficients alone, at a third of the largest force or mean
+        inertia.
+        """
         v, r = top_speed("sway", data), top_speed("yaw", data)
         size = {
             "Y_r": -0.3 * force_scale("sway", data) / r,
@@ -263,16 +278,19 @@ class SwayYawCoupling(Effect):
         return tuple({n: (v if n == name else 0.0) for n, v in size.items()} for name in size)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds that keep the mass matrix positive definite."""
+        """Return the bounds of the three coefficients, which keep the mass matrix positive definite."""
         most = LARGEST * _mean_inertia(data) if data.base else inf
         return {"Y_r": (-inf, inf), "N_v": (-inf, inf), "Y_rdot": (-most, most)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the three parameters, which are SNAME derivatives; the model adds the mirrored entry of ``Y_rdot``."""
+        """Return the three coefficients, which are SNAME derivatives.
+
+        The model adds the mirrored element of ``Y_rdot``.
+        """
         return {name: effect[name] for name in ("Y_r", "N_v", "Y_rdot")}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return the unit of force or moment per speed or acceleration."""
+        """Return the unit of the coefficient *name*: force or moment per speed or acceleration."""
         per = {"Y_r": "s/rad", "N_v": "s/m", "Y_rdot": "s^2/rad"}
         return f"{force_unit('yaw' if name == 'N_v' else 'sway', data)} {per[name]}"
 
@@ -282,15 +300,15 @@ def _mean_inertia(data: DataSummary) -> float:
 
 
 FOLLOWED = 0.02
-"""Least range of a command, relative to its largest value, for which the inertia may depend on it.
+"""Least range of a command, relative to its largest value, for which the inertia may depend on it. Project choice.
 
-The value is set by hand: a smaller range is practically a constant command.
+A smaller range is practically a constant command.
 """
 
 RATIOS, MOMENTS = (1.5, 0.67), 16
-"""Start values of a change of inertia: its ratios, and the number of evenly spaced times.
+"""Start values of a change of inertia: ratios, and number of evenly spaced times. Project choice.
 
-The data do not show the time of a change that lies between two changes of command. The times tried must therefore be
+The data do not show the time of a change that is between two changes of command. The times tried must therefore be
 about as close as the commands.
 """
 
@@ -298,16 +316,17 @@ about as close as the commands.
 FOLLOWS, SIZE = "follows", "size"
 """Names of the constants of an inertia that depends on a command.
 
-FOLLOWS: index of the command in ``FORCES``. SIZE: its largest magnitude over the runs.
+- ``FOLLOWS``: index of the command in ``FORCES``.
+- ``SIZE``: largest magnitude of the command over the runs.
 """
 
 
 class MassChange(Effect):
-    """The whole inertia changes by the factor ``ratio`` at ``time`` after the run's start; velocity does not jump.
+    """Effect: the whole inertia changes by the factor ``ratio`` at ``time`` after the run's start.
 
-    With the constants ``FOLLOWS`` and ``SIZE`` there is no time of change. The inertia then depends linearly on the
-    size of a recorded command, up to the factor ``ratio`` at its largest value. This is the alternative to a change in
-    time (:meth:`followers`).
+    The velocity does not jump. With the constants ``FOLLOWS`` and ``SIZE`` there is no time of change. The inertia then
+    depends linearly on the size of a recorded command, up to the factor ``ratio`` at its largest value. This is the
+    alternative to a change in time (:meth:`followers`).
     """
 
     slug = "mass-change"
@@ -326,24 +345,24 @@ class MassChange(Effect):
     separated_by = "the same pair of steps at the beginning, in the middle and at the end of the run"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return all degrees of freedom together, because a payload acts on all."""
+        """Return one place with all degrees of freedom joined, because a payload acts on all."""
         return ("+".join(data.form.dofs),)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a heavier and a lighter craft, with changes at evenly spaced times of the run."""
+        """Return start values for a heavier and a lighter craft, with changes at evenly spaced times of the run."""
         moments = np.linspace(0.0, data.duration, MOMENTS + 2)[1:-1].tolist()
         return tuple({"ratio": ratio, "time": t} for ratio in RATIOS for t in moments)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a fifth to five times the inertia, and times within the longest run."""
+        """Return the bounds of ``ratio``, a fifth to five, and of ``time``, within the longest run."""
         return {"ratio": (0.2, 5.0), "time": (0.02 * data.duration, 0.98 * data.duration)}
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
-        """Return the input that multiplies the inertia."""
+        """Return the name of the input that multiplies the inertia."""
         return (PAYLOAD,)
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Add the inertia factor as an input, with a stamp where it changes."""
+        """Return *drive* with the inertia factor added as an input, and a stamp where the factor changes."""
         if FOLLOWS in effect.constants:
             return self._following(effect, drive)
         change = drive.start + effect["time"]
@@ -353,8 +372,8 @@ class MassChange(Effect):
     def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:
         """Return alternatives that depend on each recorded command that changes.
 
-        These are the inertia, and the gain of each other input. A change of inertia and a change of gain differ only in
-        the drag.
+        They are a change of the inertia, and a change of the gain of each other input. A change of inertia and a change
+        of gain differ only in the drag.
         """
         found = []
         for k, name in enumerate(FORCES):
@@ -382,7 +401,7 @@ class MassChange(Effect):
         return drive.with_channel(PAYLOAD, 1.0 + (effect["ratio"] - 1.0) * share)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return inertia over time."""
+        """Return plot data: inertia over time."""
         t = np.array([0.0, effect["time"], effect["time"], max(data.duration, effect["time"])])
         ones = np.ones(4)
         inertia = np.array([1.0, 1.0, effect["ratio"], effect["ratio"]])
@@ -397,7 +416,7 @@ class MassChange(Effect):
 
 
 class NetBuoyancy(Effect):
-    """A constant ``force`` in heave, positive down: weight less buoyancy."""
+    """Effect: a constant ``force`` in heave, positive down, which is weight less buoyancy."""
 
     slug = "net-buoyancy"
     family = "hydrodynamics"
@@ -410,15 +429,18 @@ class NetBuoyancy(Effect):
     grows_with = ("force",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return heave, unless the base model has a constant force there."""
+        """Return the place ``heave``, unless the base model has a constant force in heave."""
         return ("heave",) if "heave" in data.form.dofs and "Z_0" not in data.form.parameters else ()
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a tenth of the largest command; the effect is linear, so the search scales it."""
+        """Return a start value of ``force``: a tenth of the largest command.
+
+        The effect is linear, so the search scales it.
+        """
         return ({"force": 0.1 * force_scale(place, data)},)
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return ``Z_0``."""
+        """Return the force as ``Z_0``."""
         return {"Z_0": effect["force"]}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
@@ -427,16 +449,15 @@ class NetBuoyancy(Effect):
 
 
 LENGTHS = (0.1, 0.3, 0.8)
-"""Start values of the length, relative to the range of depths."""
+"""Start values of ``length``, relative to the range of depths. Project choice."""
 
 
 class GroundEffect(Effect):
-    """All drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``, so that it grows near the
-    bottom.
+    """Effect: all drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``.
 
-    ``bottom`` is the deepest recorded ``z``. If the true bottom is deeper by h, ``strength`` becomes ``exp(-h/length)``
-    times its value at the bottom, and the motion is the same. If heave is simulated, the simulated depth is used;
-    otherwise the recorded one.
+    The drag therefore increases near the bottom. ``bottom`` is the deepest recorded ``z``. If the true bottom is deeper
+    by h, ``strength`` becomes ``exp(-h/length)`` times its value at the bottom, and the motion is the same. If heave is
+    simulated, the simulated depth is used, otherwise the recorded one.
     """
 
     slug = "ground-effect"
@@ -464,25 +485,27 @@ class GroundEffect(Effect):
         return tuple(d for d in ("heave", "yaw", "surge", "sway") if d in data.form.dofs and known & {*drag_names(d)})
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return drag doubled at the bottom, with three lengths."""
+        """Return start values: drag doubled at the bottom, with the three lengths in :data:`LENGTHS`."""
         low, high = data.extent["z"]
         return tuple({"strength": 1.0, "length": share * (high - low)} for share in LENGTHS)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: drag increases, over a length of at most twice the range of depths."""
+        """Return the bounds of ``strength``, which is positive, and of ``length``, at most twice the range of
+        depths.
+        """
         low, high = data.extent["z"]
         return {"strength": (0.0, 50.0), "length": (0.02 * (high - low), 2.0 * (high - low))}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return the deepest recorded depth, and whether the simulation has a depth of its own."""
+        """Return the deepest recorded depth (``bottom``), and whether heave is simulated (``dives``)."""
         return {"bottom": data.extent["z"][1], "dives": float("heave" in data.form.dofs)}
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
-        """Return the recorded depth as an input, if heave is not simulated."""
+        """Return the name of the recorded depth as an input if heave is not simulated, else nothing."""
         return () if effect["dives"] else (DEPTH,)
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Add the recorded depth as an input; between two stamps it is the mean of both."""
+        """Return *drive* with the recorded depth added as an input. Between two stamps it is the mean of both."""
         if effect["dives"]:
             return drive
         z = drive.measured["z"]
@@ -492,7 +515,7 @@ class GroundEffect(Effect):
         return finer.with_channel(DEPTH, np.interp(middle, z.t[known], z.values[known]))
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return ``wall_Z`` with its ``reach`` and ``bottom``."""
+        """Return ``wall_Z`` (or that of the other force), with its ``reach`` and ``bottom``."""
         return {
             f"wall_{DOFS[effect.place].force}": effect["strength"],
             "reach": effect["length"],
@@ -500,7 +523,7 @@ class GroundEffect(Effect):
         }
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return drag over height."""
+        """Return plot data: drag over height above the bottom."""
         low, high = data.extent["z"]
         height = np.linspace(0.0, high - low, 121)
         drag = 1.0 + effect["strength"] * np.exp(-height / effect["length"])

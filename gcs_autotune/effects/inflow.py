@@ -22,29 +22,31 @@ __all__ = ["AdvanceSpeedLoss", "PropellerWash", "SpeedDependentSteering"]
 
 
 VARIES = 0.1
-"""Least range of the speed, relative to its root mean square, for its effect to be visible."""
+"""Least range of the speed, relative to its root mean square, from which an effect of the speed can be found.
+
+Project choice.
+"""
 
 GAIN_OF = "gain_"
-"""Start of the names of constants: ``gain_N`` and so on, the base model's forces per unit of input.
+"""Prefix of the constants ``gain_N`` and so on, which are the base model's forces per unit of input.
 
 A simulated flow multiplies these forces.
 """
 
 WIDTHS = (5, 9, 15, 25, 41, 67, 111)
-"""Widths, in samples, of the parabola that smooths the speed; one is selected for each run."""
+"""Widths of the parabola that smooths the speed [samples]. One is selected for each run. Project choice."""
 
 
 class SpeedDependentSteering(ActuatorEffect):
-    """Commands are multiplied by ``(1 - share) + share (U/U_ref)^2``: rudder force is proportional to the flow
-    squared.
+    """Effect: rudder force is proportional to the flow squared.
+
+    Commands are multiplied by ``(1 - share) + share (U/U_ref)^2``.
 
     ``U`` is the surge speed through the water. If surge is simulated, the simulated speed is used, because noise in a
     measured speed would reduce the estimated effect. Otherwise the measured ``u`` (or speed over ground) is used,
-    smoothed according to its noise. ``U_ref`` is the root mean square of the recorded speed over the runs.
-
-    The source is Miskovic2010, (2.37): ``k_r1 U^2 delta`` from the boat's speed, and a constant part from the
-    propeller's wash. If the input's gain is fitted and surge is simulated, ``share`` is relative to the base model's
-    gain.
+    smoothed according to its noise. ``U_ref`` is the root mean square of the recorded speed over the runs. The source
+    is Miskovic2010, (2.37): ``k_r1 U^2 delta`` from the boat's speed, and a constant contribution of the propeller's
+    wash. If the input's gain is fitted and surge is simulated, ``share`` is relative to the base model's gain.
     """
 
     slug = "speed-dependent-steering"
@@ -65,7 +67,7 @@ class SpeedDependentSteering(ActuatorEffect):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every input that turns the craft, if a speed is recorded and varies."""
+        """Return the names of all inputs that turn the craft, if a speed is recorded and varies."""
         name = _speed(data.channels)
         if name is None or name in data.still or data.rms.get(name, 0.0) <= 0.0:
             return ()
@@ -75,23 +77,26 @@ class SpeedDependentSteering(ActuatorEffect):
         return tuple(n for n in super().places(data) if steers(n, data))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a partial and a nearly full dependence on speed."""
+        """Return start values of ``share`` for a partial and a nearly full dependence on speed."""
         return ({"share": 0.4}, {"share": 0.9})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a range slightly beyond the physical 0 to 1, so that a fit can end at either value."""
+        """Return the bounds of ``share``: slightly wider than the physical range 0 to 1, so that a fit can end at
+        either value.
+        """
         return {"share": (-0.2, 1.2)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return the root mean square of the recorded speed; if surge is simulated, also the forces per unit of
-        input."""
+        """Return the root mean square of the recorded speed (``U_ref``); if surge is simulated, also the forces per
+        unit of input.
+        """
         name = _speed(data.channels)
         if name is None:
             return {}
         return {"U_ref": data.rms[name], **_gains(place, data)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return ``N_N`` and ``N_|u||u|N`` and so on, if surge is simulated."""
+        """Return the changed input gains ``N_N`` and ``N_|u||u|N`` and so on, if surge is simulated."""
         found = {}
         for key, gain in effect.constants.items():
             if key.startswith(GAIN_OF):
@@ -101,7 +106,10 @@ class SpeedDependentSteering(ActuatorEffect):
         return found
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Scale the commands with the measured flow if surge is not simulated; between stamps its mean is used."""
+        """Return *drive* with commands scaled by the measured flow, if surge is not simulated.
+
+        Between two stamps, the mean of the flow is used.
+        """
         name = _speed(drive.measured)
         if name is None or any(key.startswith(GAIN_OF) for key in effect.constants):
             return drive
@@ -117,7 +125,7 @@ class SpeedDependentSteering(ActuatorEffect):
         return redrawn(drive, effect.place, lambda _: (t, u * gain))
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return gain over speed."""
+        """Return plot data: gain over speed."""
         name = _speed(data.channels) or "u"
         low, high = data.extent.get(name, (0.0, 2.0 * effect["U_ref"]))
         speed = np.linspace(min(low, 0.0), high, 201)
@@ -133,23 +141,26 @@ class SpeedDependentSteering(ActuatorEffect):
 
 
 THRUST = "X"
-"""Name of the propeller's command; the rudder lies in its wash."""
+"""Name of the propeller's command. The rudder is in the wash of this propeller."""
 
 WASH = 0.05
-"""Least range of the propeller's command, relative to its root mean square.
+"""Least range of the propeller's command, relative to its root mean square. Project choice.
 
-It is set by hand, and smaller than :data:`VARIES`, because a command has no noise.
+It is smaller than :data:`VARIES`, because a command has no noise.
 """
 
 
 class PropellerWash(ActuatorEffect):
-    """At ``"N+X"`` the command is multiplied by ``(1 - share) + share X|X|/X_ref^2``: a rudder in a propeller's wash.
+    """Effect: a rudder in a propeller's wash.
+
+    At ``"N+X"`` the command is multiplied by ``(1 - share) + share X|X|/X_ref^2``.
 
     ``X`` is the recorded command ahead, held until the next stamp. ``X_ref`` is its root mean square over the runs. The
-    flow of the wash is proportional to the propeller speed, and thrust to its square (Miskovic2010, (2.37):
-    ``k_r2 n^2 delta``). A fit of yaw alone gives inertia and drag per rudder angle; both then decrease with ``n^2``. A
-    ``share`` below 0 means that more thrust steers less. Example: between 36 and 49 V^2 inertia and drag increase by a
-    tenth (Miskovic2010, table 7.12).
+    flow of the wash is proportional to the propeller speed, and thrust to its square (Miskovic2010, (2.37): ``k_r2 n^2
+    delta``). A fit of yaw alone gives inertia and drag per rudder angle; both then decrease with ``n^2``.
+
+    A ``share`` below 0 means that more thrust steers less. Example: between 36 and 49 V^2 inertia and drag increase by
+    a tenth (Miskovic2010, table 7.12).
     """
 
     slug = "propeller-wash"
@@ -170,7 +181,9 @@ class PropellerWash(ActuatorEffect):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every input that only turns the craft, if the thrust command is recorded and varies."""
+        """Return the places ``input+X`` for all inputs that only turn the craft, if the thrust command is recorded
+        and varies.
+        """
         low, high = data.extent.get(THRUST, (0.0, 0.0))
         if THRUST not in data.channels or high - low <= WASH * data.rms.get(THRUST, 0.0):
             return ()
@@ -178,19 +191,24 @@ class PropellerWash(ActuatorEffect):
         return tuple(f"{n}+{THRUST}" for n in own)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a slight decrease with thrust, a partial and a nearly full dependence."""
+        """Return start values of ``share``: a slight decrease with thrust, and a partial and a nearly full
+        dependence.
+        """
         return ({"share": -0.2}, {"share": 0.4}, {"share": 0.9})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a range slightly beyond the physical 1, and equally far below 0."""
+        """Return the bounds of ``share``: slightly wider than the physical limit 1, and equally far below 0."""
         return {"share": (-1.2, 1.2)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return the root mean square of the thrust command."""
+        """Return the root mean square of the thrust command (``X_ref``)."""
         return {"X_ref": data.rms[THRUST]}
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Scale the commands with the thrust command; if it drives the craft, it includes the preceding effects."""
+        """Return *drive* with the commands scaled by the thrust command.
+
+        If the thrust command drives the craft, it includes the effects applied before.
+        """
         name, other = columns_of(effect.place)
         both = with_other(drive, name, other)
         if both is None:
@@ -202,7 +220,7 @@ class PropellerWash(ActuatorEffect):
         return gain
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return gain over thrust."""
+        """Return plot data: gain over thrust."""
         name = columns_of(effect.place)[0]
         low, high = data.extent.get(THRUST, (0.0, 2.0 * effect["X_ref"]))
         thrust = np.linspace(min(low, 0.0), high, 201)
@@ -253,22 +271,23 @@ def _smooth(speed: Channel) -> tuple[Array, Array]:
 GAIN, AXIS = "gain", "axis"
 """Names of the constants of a thruster.
 
-GAIN: magnitude of the base model's force per unit of input. AXIS: index of the force (0 to 5: X Y Z K M N).
+- ``GAIN``: magnitude of the base model's force per unit of input.
+- ``AXIS``: index of the force (0 to 5: X Y Z K M N).
 """
 
 RUDDER = "rad"
-"""Unit of inputs that are angles, not thrusters."""
+"""Unit of inputs that are angles and therefore not thrusters."""
 
 PER_SPEED = "s/m or s/rad"
 
 
 class AdvanceSpeedLoss(SharedActuatorEffect):
-    """The force of a thruster is reduced by ``loss |force| nu`` (bilinear thruster).
+    """Effect: the force of a thruster is reduced by ``loss |force| nu`` (bilinear thruster).
 
-    Miskovic2010, (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; ZhaoUSV, eq. (4). ``nu`` is the velocity through the water
-    along the thruster's axis, which must drive one degree of freedom only. The effect is a term ``X_|X|u`` of the
-    equations of motion. It depends on the actual output, after all other effects on the command. If the input's gain is
-    fitted, ``force`` is that of the base model's gain.
+    Sources: Miskovic2010, (2.4): ``T_|n|n |n| n - T_|n|u_a |n| u_a``; ZhaoUSV, eq. (4). ``nu`` is the velocity through
+    the water along the thruster's axis. The thruster must drive one degree of freedom only. The effect is a term
+    ``X_|X|u`` of the equations of motion. It depends on the actual output, after all other effects on the command. If
+    the input's gain is fitted, ``force`` is calculated with the base model's gain.
     """
 
     slug = "advance-speed-loss"
@@ -289,32 +308,34 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every thruster along a single simulated axis."""
+        """Return the names of all thrusters that act along a single simulated axis."""
         thrusters = [n for n in data.inputs if data.inputs[n] != RUDDER and _axis(n, data) is not None]
         return tuple(place for place in super().places(data) if set(columns_of(place)) <= set(thrusters))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return losses of a fifth and two thirds of the thrust at the highest speed."""
+        """Return start values of ``loss``: a fifth and two thirds of the thrust at the highest speed."""
         return tuple({"loss": share / _fastest(place, data)} for share in (0.2, 0.67))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: thrust does not increase with speed, and the loss at the highest speed is at most four times
-        the thrust."""
+        """Return the bounds of ``loss``.
+
+        Thrust does not increase with speed, and the loss at the highest speed is at most four times the thrust.
+        """
         return {"loss": (0.0, 4.0 / _fastest(place, data))}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return the gain of the input and the axis that it drives."""
+        """Return the gain of the input and the index of the axis that it drives."""
         ((force, gain),) = data.form.inputs[columns_of(place)[0]]
         size = abs(data.base.get(gain.lstrip("-"), 1.0)) if isinstance(gain, str) else abs(gain)
         return {GAIN: size, AXIS: float(FORCES.index(force))}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return ``X_|X|u`` and so on for each thruster."""
+        """Return the loss as ``X_|X|u`` and so on, for each thruster."""
         i = int(effect[AXIS])
         return {f"{FORCES[i]}_|{n}|{STATES[i]}": -effect["loss"] * effect[GAIN] for n in columns_of(effect.place)}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return force at full command over speed ahead."""
+        """Return plot data: force at full command over speed ahead."""
         force, velocity = FORCES[int(effect[AXIS])], STATES[int(effect[AXIS])]
         nu = np.linspace(0.0, _fastest(effect.place, data), 101)
         rest = np.full_like(nu, effect[GAIN] * largest(effect.place, data))
@@ -323,7 +344,7 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
         return EffectCurve(nu, rest * (1.0 - effect["loss"] * nu), x_label, y_label, "Thrust over speed", plain=rest)
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return seconds per metre, or per radian."""
+        """Return the unit of ``loss``: seconds per metre, or seconds per radian for a rotation."""
         dof = _axis(place, data)
         return "s/rad" if dof is not None and dof.angular else "s/m"
 

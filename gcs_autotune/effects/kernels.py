@@ -2,15 +2,15 @@
 
 **Between stamps.** A motion with slope ``s`` is approximated by its mean over a piece of length ``H``. The response of
 a craft of time constant ``tau`` then has an error of at most ``s H**2 / (8 tau)``. Pieces are therefore so short that
-``s H**2`` is below ``resolution``. Their mean is exact, and so is the impulse. Once the motion has settled, no stamp is
-added. Pieces are counted from each stamp on, and the last one ends at the next. Every stamp and value therefore changes
-continuously with the parameters, and difference quotients are smooth. :func:`following`, :func:`limited` and
-:func:`fading` return stamps and values (k,), each value held from its stamp on.
+``s H**2`` is below ``resolution``. The mean of each piece is exact, and so is the impulse. After the motion has
+settled, no stamp is added. Pieces are counted from each stamp, and the last one ends at the next stamp. Every stamp and
+value therefore changes continuously with the parameters, and difference quotients are smooth. :func:`following`,
+:func:`limited` and :func:`fading` return stamps and values (k,), each value held from its stamp on.
 
 **At an earlier time.** A velocity has a kink where its command jumps, mostly at a stamp. In each interval, the three
 cubics through four neighbouring samples are weighted by their smoothness. Weighted essentially non-oscillatory schemes
-use the same method (Liu1994). Away from kinks the error is of fourth order. Next to a kink, the cubic that does not
-cross it has the largest weight.
+use the same method (Liu1994). Away from kinks the error is of fourth order. Near a kink, the cubic that does not cross
+the kink has the largest weight.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Array = NDArray[np.float64]
 
 
 SETTLED = 20.0
-"""Number of time constants after which a lag has settled."""
+"""Number of time constants after which a lag has settled. Project choice."""
 
 
 @njit(cache=True)
 def following(t: Array, u: Array, time_constant: float, resolution: float) -> tuple[Array, Array]:
-    """Return the first-order lag of held commands *u* (n,) at *t* (n,), starting at the first command.
+    """Return stamps and values (k,) of a first-order lag of the commands *u* (n,), held from the stamps *t* (n,).
 
-    After a stamp the distance ``d`` to the command decays as ``exp(-s / T)``. A piece ends where the number of pieces
-    so far, ``2 sqrt(|d| T / resolution) (1 - exp(-s / 2T))``, is an integer.
+    The output starts at the first command. After a stamp the distance ``d`` to the command decays as ``exp(-s / T)``. A
+    piece ends where the number of pieces so far, ``2 sqrt(|d| T / resolution) (1 - exp(-s / 2T))``, is an integer.
     """
     n, T = len(t), time_constant
     stamps, values = np.empty(0), np.empty(0)
@@ -64,7 +64,11 @@ def following(t: Array, u: Array, time_constant: float, resolution: float) -> tu
 
 @njit(cache=True)
 def limited(t: Array, u: Array, rate: float, resolution: float) -> tuple[Array, Array]:
-    """Return held commands *u* (n,) at *t* (n,), rate-limited to *rate*, starting at the first command."""
+    """Return stamps and values (k,) of the commands *u* (n,), held from the stamps *t* (n,) and limited to the rate
+    *rate*.
+
+    The output starts at the first command.
+    """
     n = len(t)
     length = np.sqrt(resolution / rate)
     stamps, values = np.empty(0), np.empty(0)
@@ -108,7 +112,9 @@ def _fade(s: float, rate: float, floor: float) -> float:
 def fading(
     t: Array, u: Array, start: float, end: float, rate: float, floor: float, resolution: float
 ) -> tuple[Array, Array]:
-    """Return held commands *u* (n,) at *t* (n,) times ``max(1 - rate (t - start), floor)``, up to *end*."""
+    """Return stamps and values (k,) of the held commands *u* (n,) times ``max(1 - rate (t - start), floor)``, up to
+    *end*.
+    """
     n = len(t)
     stamps, values = np.empty(0), np.empty(0)
     low = start + (1.0 - floor) / rate if rate > 0.0 else np.inf
@@ -139,7 +145,10 @@ def fading(
 
 @njit(cache=True)
 def backlash(u: Array, half: float) -> Array:
-    """Return the output (n,) of a backlash of *half* in each direction, starting at the first command."""
+    """Return the output (n,) of a backlash of *half* in each direction for the commands *u* (n,).
+
+    The output starts at the first command.
+    """
     acting = np.empty(len(u))
     y = u[0]
     for i in range(len(u)):
@@ -149,16 +158,17 @@ def backlash(u: Array, half: float) -> Array:
 
 
 CLOSE = 0.3
-"""Distance of stamps, relative to the median interval, below which a stamp is skipped.
+"""Distance of stamps, relative to the median interval, below which a stamp is skipped. Project choice.
 
 A cubic through such close stamps would magnify rounding.
 """
 
 
 def earlier(t: Array, y: Array, delay: float, *, coasting: bool) -> Array:
-    """Return *y* (s,), known at stamps *t* (s,) [s], as it was *delay* >= 0 [s] before each stamp.
+    """Return the values (s,) of *y* at the time *delay* before each of the stamps *t* (s,) [s].
 
-    Before the first stamp the motion is unknown. A position (*coasting*) is extrapolated linearly, a velocity is held.
+    *y* (s,) is known at *t*, and *delay* [s] is 0 or more. Before the first stamp the motion is unknown. A position
+    (*coasting*) is extrapolated linearly, a velocity is held.
     """
     nodes = _nodes(t)
     if len(nodes) < 4:

@@ -3,9 +3,10 @@ filter.
 
 The force is white noise through ``K s / (s^2 + 2 zeta omega s + omega^2)`` (Fossen2011, (8.118)). The velocity follows
 the force with the craft's time constant, and the position is the integral of the velocity. Let ``x`` be the
-oscillator's position and ``z`` its lagged value, ``T z' = x - z``. A measured position then shows ``z``, and a measured
-velocity ``x - z``, each with white noise. All are sampled exactly. If the model is right, the prediction errors of the
-filter are white. The determinant of the covariance is the product of their variances (Harvey1989, section 3.4).
+oscillator's position and ``z`` its lagged value, ``T z' = x - z``. A measured position is ``z``, and a measured
+velocity is ``x - z``, each with white noise. The discrete model is exact. If the model is right, the prediction errors
+of the filter are white. The determinant of the covariance is the product of the variances of the prediction errors
+(Harvey1989, section 3.4).
 """
 
 from __future__ import annotations
@@ -27,17 +28,20 @@ Record = tuple[Array, Array]
 
 
 DEAF = 0.03
-"""Least damping ratio of an oscillator that the craft's own motion excites. Set by hand, see :func:`driven`."""
+"""Least damping ratio of an oscillator that the craft's own motion excites, see :func:`driven`. Project choice."""
 SETTLED = 20
-"""Number of samples after which the filter's gain counts as stationary, for even stamps."""
+"""Number of samples after which the filter's gain counts as stationary, for even stamps. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Oscillator:
-    """Model of one signal: frequency ``omega`` [rad/s], damping ratio ``zeta`` < 1, ``lag`` [s] of the craft.
+    """Model of the narrow-band oscillation in one signal.
 
-    ``rho``: variance of the oscillation relative to that of the noise. ``rate``: whether a velocity is measured, not a
-    position.
+    - ``omega`` [rad/s]: frequency.
+    - ``zeta``: damping ratio, below 1.
+    - ``lag`` [s]: time constant of the craft.
+    - ``rho``: variance of the oscillation relative to that of the noise.
+    - ``rate``: whether a velocity is measured, not a position.
     """
 
     omega: float
@@ -48,16 +52,17 @@ class Oscillator:
 
     @property
     def share(self) -> float:
-        """Variance of ``z`` in a position, relative to that of ``x``; for a velocity, one minus this value."""
+        """Variance of the lagged position ``z``, relative to that of the oscillator's position ``x``.
+
+        For a velocity the relative variance is one minus this value.
+        """
         return _lagged(self.omega, self.zeta, self.lag)[0]
 
 
 def whitened(law: Oscillator, t: Array, columns: Array) -> tuple[Array, Array]:
     """Return one-step prediction errors of *columns* (n, k), divided by their relative deviation, and the deviation
-    (n,).
-
-    The first column is the record. The others (derivatives, regressors) pass through the same filter. The deviation is
-    the standard deviation relative to that of the white noise.
+    (n,). The first column is the record. The other columns (derivatives, regressors) pass through the same filter. The
+    deviation is the standard deviation relative to that of the white noise.
     """
     E, S = _innovations(
         np.ascontiguousarray(t, dtype=np.float64),
@@ -90,17 +95,20 @@ def cost(law: Oscillator | None, records: Sequence[Record]) -> float:
 
 
 def driven(law: Oscillator, t: Array, push: Array) -> tuple[Array, Array]:
-    """Return position and velocity/omega, (n,) each, of the oscillator excited by *push* (n,).
+    """Return position and velocity/omega, (n,) each, of the oscillator *law* excited by *push* (n,) at the stamps *t*
+    (n,).
 
-    It starts in equilibrium with the first push. Its damping ratio is at least :data:`DEAF`, because an undamped
-    oscillator would explain any tone.
+    The oscillator starts in equilibrium with the first push. Its damping ratio is at least :data:`DEAF`, because an
+    undamped oscillator would explain any tone.
     """
     return rung(law.omega, max(law.zeta, DEAF), t, push)
 
 
 def rung(omega: float, zeta: float, t: Array, push: Array) -> tuple[Array, Array]:
-    """Return position and velocity/*omega*, (n,) each, of a spring and mass in equilibrium with the first *push*
-    (n,)."""
+    """Return position and velocity/*omega*, (n,) each, of a spring and mass that is excited by *push* (n,).
+
+    The mass starts in equilibrium with the first push.
+    """
     found = _driven(np.ascontiguousarray(t), np.ascontiguousarray(push), omega, zeta)
     return found[:, 0], found[:, 1]
 

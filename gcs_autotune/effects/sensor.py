@@ -25,7 +25,8 @@ __all__ = ["CompassDeviation", "GyroBias", "MeasurementDelay", "SensorPosition"]
 
 
 class SensorPosition(Effect):
-    """Velocities, positions or both are measured at a point ``x_P`` ahead and ``y_P`` to starboard of the centre.
+    """Effect: velocities, positions or both are measured at a point ``x_P`` ahead and ``y_P`` to starboard of the
+    centre.
 
     For a craft with surge and yaw only, there is no sway to identify ``x_P``. It is then estimated only if ``v`` or a
     track is measured. Depth identifies the position if the model has pitch or roll.
@@ -48,7 +49,10 @@ class SensorPosition(Effect):
     separated_by = "a turn on the spot. The track of a sensor off the centre is a circle with the offset as its radius"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return velocities, track and both together, if measured; return depth if the model has pitch or roll."""
+        """Return the measured velocities, the track, and both together, each as one place.
+
+        Depth is also returned if the model has pitch or roll.
+        """
         form, seen = data.form, set(data.signals)
         if set(LEVER_ARM) & set(form.parameters):
             return ()
@@ -62,7 +66,7 @@ class SensorPosition(Effect):
         return (*found, *["+".join(n for n in ("z", "w") if n in seen)][:tilts])
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return the distance at which turning contributes a fifth of the largest speed, ahead or abeam.
+        """Return start values: the distance, ahead or abeam, at which turning contributes a fifth of the largest speed.
 
         Scaling gives the opposite sign.
         """
@@ -76,11 +80,11 @@ class SensorPosition(Effect):
         return ({"x_P": size, "y_P": 0.0}, {"x_P": 0.0, "y_P": size})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds of :data:`LONGEST`, the size of a large ship."""
+        """Return the bounds of ``x_P`` and ``y_P``: :data:`LONGEST` in both directions."""
         return {"x_P": (-LONGEST, LONGEST), "y_P": (-LONGEST, LONGEST)}
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Convert the signals to those at the sensor's position."""
+        """Return *seen* with the signals converted to those at the sensor's position."""
         arm = (effect.values.get("x_P", 0.0), effect.values.get("y_P", 0.0))
         none = np.empty((len(seen.t), 0))
         true = {n: (y, none) for n, y in seen.signals.items()}
@@ -92,11 +96,11 @@ class SensorPosition(Effect):
 
 
 LONGEST = 200.0
-"""Largest distance [m] of a sensor from the centre."""
+"""Largest distance of a sensor from the centre [m]. Project choice: the size of a large ship."""
 
 
 class CompassDeviation(Effect):
-    """The compass shows ``psi + A + B sin(psi) + C cos(psi)``, because of iron and currents aboard.
+    """Effect: the compass shows ``psi + A + B sin(psi) + C cos(psi)``, because of iron and currents aboard.
 
     ``A``, a misaligned compass, is estimated only if a track ``x``, ``y`` is measured. Otherwise it is only another
     choice of north. At ``"psi+u+v"`` the velocities are those of a satellite receiver, rotated into the body frame with
@@ -118,23 +122,25 @@ class CompassDeviation(Effect):
     separated_by = "two slow full turns, one each way. The error of a compass repeats at the same headings"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return the heading, if it is measured; with it the velocities, if both are."""
+        """Return the place ``psi`` if the heading is measured, and also ``psi+u+v`` if both velocities are."""
         if "psi" not in data.signals:
             return ()
         return ("psi", "psi+u+v") if {"u", "v"} <= set(data.signals) else ("psi",)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return deviations of three degrees in both directions."""
+        """Return start values of the coefficients: deviations of three degrees in both directions."""
         A = {"A": 0.0} if _tracked(data) else {}
         return ({"B": 0.05, "C": 0.0, **A}, {"B": 0.0, "C": 0.05, **A}, {"B": -0.05, "C": -0.05, **A})
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds of 40 degrees; a compass with a larger error is defective."""
+        """Return the bounds of the coefficients: 40 degrees (0.7 rad). A compass with a larger error is defective."""
         names = ("B", "C", "A") if _tracked(data) else ("B", "C")
         return dict.fromkeys(names, (-0.7, 0.7))
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Add the deviation to the heading, and rotate the velocities that depend on the compass."""
+        """Return *seen* with the deviation added to the heading, and with velocities that depend on the compass
+        rotated.
+        """
         psi = seen.signals["psi"]
         d = _deviation(effect, psi)
         shown = seen.with_signal("psi", psi + d)
@@ -145,7 +151,7 @@ class CompassDeviation(Effect):
         return shown.with_signal("u", cosine * u + sine * v).with_signal("v", cosine * v - sine * u)
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return the deviation card."""
+        """Return plot data: the deviation card, which is deviation over heading (polar)."""
         psi = np.linspace(0.0, 2.0 * np.pi, 181)
         return EffectCurve(
             psi, _deviation(effect, psi), "heading [rad]", "deviation [rad]", "Deviation card", polar=True
@@ -162,7 +168,7 @@ def _tracked(data: DataSummary) -> bool:
 
 
 class GyroBias(Effect):
-    """The gyro reads a constant ``bias`` too much."""
+    """Effect: the gyro shows a turn rate that is too large by a constant ``bias``."""
 
     slug = "gyro-bias"
     family = "sensor"
@@ -175,20 +181,23 @@ class GyroBias(Effect):
     separated_by = "one minute moored or aground with the recorder running. Only a gyro with a bias still shows a turn"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return the measured rates of turn."""
+        """Return the names of the measured turn rates."""
         return tuple(s for s in ("r", "p", "q") if s in data.signals)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a tenth of the rate's standard deviation; the effect is linear, so the search scales it."""
+        """Return a start value of ``bias``: a tenth of the rate's standard deviation.
+
+        The effect is linear, so the search scales it.
+        """
         return ({"bias": 0.1 * data.spread[place]},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: at most the largest recorded rate."""
+        """Return the bounds of ``bias``: at most the largest recorded rate."""
         most = max((abs(v) for v in data.extent.get(place, ())), default=3.0 * data.spread[place])
         return {"bias": (-most, most)}
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Add the bias."""
+        """Return *seen* with the bias added to the turn rate."""
         return seen.with_signal(effect.place, seen.signals[effect.place] + effect["bias"])
 
 
@@ -196,8 +205,9 @@ _POSITIONS = frozenset(d.position for d in DOFS.values())
 
 
 class MeasurementDelay(Effect):
-    """One signal, or all (``"psi+r"``), shows the value of ``delay`` ago, as from a filter in the sensor or a slow
-    bus."""
+    """Effect: one signal, or all (``"psi+r"``), has the value of ``delay`` seconds ago, because of a sensor filter
+    or a slow bus.
+    """
 
     slug = "measurement-delay"
     family = "sensor"
@@ -213,12 +223,12 @@ class MeasurementDelay(Effect):
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return each signal, and all together."""
+        """Return the name of each signal, and all names joined by ``+``."""
         names = tuple(data.signals)
         return (*names, "+".join(names)) if len(names) > 1 else names
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return delays of 1.5 samples, and of 0.2 and 0.7 of the craft's time constant."""
+        """Return start values of ``delay``: 1.5 samples, and 0.2 and 0.7 of the craft's time constant."""
         low, high = self.bounds(place, data)["delay"]
         sizes = {
             min(max(s, low), 0.8 * high)
@@ -227,11 +237,14 @@ class MeasurementDelay(Effect):
         return tuple({"delay": s} for s in sorted(sizes))
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return two time constants or a dozen samples, whichever is longer, but at most a quarter of a run."""
+        """Return the bounds of ``delay``: from 0 to two time constants or a dozen samples, whichever is longer.
+
+        The upper bound is at most a quarter of a run.
+        """
         return {"delay": (0.0, min(max(2.0 * data.time_constant, 12.0 * data.interval), 0.25 * data.duration))}
 
     def observe(self, effect: EffectInstance, seen: Observed) -> Observed:
-        """Delay the signals."""
+        """Return *seen* with the signals delayed."""
         if effect["delay"] == 0.0:
             return seen
         t = np.ascontiguousarray(seen.t, dtype=np.float64)

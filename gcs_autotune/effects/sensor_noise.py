@@ -24,22 +24,25 @@ __all__ = ["Outliers", "Quantisation", "contamination", "grid_step"]
 MATTERS = 0.15
 """Least fraction of the residual's mean square that rounding, ``step^2 / 12`` (Widrow1961), must explain.
 
-The value is set by hand.
+Project choice.
 """
 FINEST = 0.02
-"""Noise before rounding, in steps, below which it is not resolved."""
+"""Noise before rounding, in sensor steps, below which its level is not estimated. Project choice."""
 FEWEST = 20
-"""Minimum number of samples of a run to look for a grid of values."""
+"""Minimum number of samples of a run for the search for a grid of values. Project choice."""
 HEADINGS = ("psi", "phi", "theta")
 VISIBLE = 2.0 * math.log(2.0)
-"""Evidence per sample that it lies on the grid: without a grid, it would lie between two values as often."""
+"""Twice the log-likelihood ratio per sample that lies on the grid.
+
+Without a grid, a value would lie between two grid values as often as on one.
+"""
 
 
 class Quantisation(Effect):
-    """Values are rounded to multiples of ``step``, because of few bits or few digits.
+    """Effect: values are rounded to multiples of ``step``, because of few bits or few digits.
 
     No simulation predicts the noise before rounding, so no parameter is fitted. A reading means that the sum of
-    prediction and noise lies within half a step of it. The likelihood is that of this interval.
+    prediction and noise is within half a step of it. The likelihood is that of this interval.
     """
 
     slug = "quantisation"
@@ -53,20 +56,22 @@ class Quantisation(Effect):
     fixed = ("step",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every signal."""
+        """Return the names of all signals."""
         return tuple(data.signals)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a step of zero; :meth:`learn` estimates it from the readings."""
+        """Return a start value of 0 for ``step``; :meth:`learn` estimates the step from the readings."""
         return ({"step": 0.0},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: at most three standard deviations of the signal."""
+        """Return the bounds of ``step``: from 0 to three standard deviations of the signal."""
         return {"step": (0.0, 3.0 * data.spread[place])}
 
     def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
-        """Estimate the step from the readings, if rounding explains enough of the residual; also estimate the noise
-        before it."""
+        """Return *effect* with the step estimated from the readings, and the noise before rounding.
+
+        The step is 0 if rounding does not explain enough of the residual.
+        """
         mine = [x for x in left if x.signal == effect.place and len(x.error) >= FEWEST]
         steps = [_step(x) for x in mine]
         step = min(steps, default=0.0)
@@ -76,9 +81,10 @@ class Quantisation(Effect):
         return replace(effect.with_values({"step": step}), constants={"level": _level(error, step)})
 
     def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-        """Return the expected noise before rounding, scaled to the level of the noise.
+        """Return the expected noise before rounding, scaled to the level of the noise, with its derivatives and a
+        penalty.
 
-        The expectation is smaller than the noise, so it is stretched, and the columns are shrunk by the same factor.
+        The expectation is smaller than the noise, so it is stretched, and the columns are divided by the same factor.
         Cost, step of a fit and standard errors are then those of the interval likelihood, at whatever residual the
         level was estimated.
         """
@@ -95,8 +101,8 @@ class Quantisation(Effect):
     def normal(self, effect: EffectInstance, left: EffectResidual) -> Array:
         """Return noise drawn from each reading's interval, on the scale of a standard normal distribution (Dunn1996).
 
-        The expected noise is mostly zero and sometimes large, which is heavy-tailed by construction. A random draw is
-        not.
+        The expected noise is mostly zero and sometimes large, which is heavy-tailed by construction. A random draw has
+        no heavy tails.
         """
         step, level = effect["step"], effect.constants.get("level", 0.0)
         if left.signal != effect.place or step <= 0.0 or level <= 0.0:
@@ -108,11 +114,11 @@ class Quantisation(Effect):
         return side * ndtri_exp(upper + np.log1p((chance - 1.0) * -np.expm1(np.minimum(below - upper, 0.0))))
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """Return the uncertainty of the step: the tolerance of the grid."""
+        """Return the standard error of ``step``, which is the tolerance of the grid."""
         return {"step": TOLERANCE * effect["step"]}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve:
-        """Return the staircase of rounded over true values, about zero."""
+        """Return plot data: the staircase of rounded over true values, about zero."""
         x = np.linspace(-5.0, 5.0, 1001) * effect["step"]
         y = np.round(x / effect["step"]) * effect["step"] if effect["step"] > 0.0 else x
         unit = data.signals[effect.place]
@@ -151,15 +157,15 @@ def _level(error: Array, step: float) -> float:
 
 
 TOLERANCE = 0.02
-"""Largest deviation of a reading from the grid, in steps; it allows for rounded numbers in files."""
+"""Largest deviation of a reading from the grid, in steps. It allows for rounded numbers in files. Project choice."""
 FINEST_GRID = 1e-5
-"""Finest grid that is searched for, relative to the range of the values."""
+"""Finest grid that is searched for, relative to the range of the values. Project choice."""
 
 
 def grid_step(values: Array) -> float:
-    """Return the step of the coarsest grid that contains all *values* (n,) as recorded; 0 if there is none.
+    """Return the step of the coarsest grid that contains all *values* (n,) as recorded, or 0 if there is none.
 
-    An angle must be given as recorded, before unwrapping, because a full turn need not be a multiple of the step.
+    Supply an angle as recorded, before unwrapping, because a full turn need not be a multiple of the step.
     """
     ordered = np.sort(values[np.isfinite(values)])
     if len(ordered) < 10 or ordered[-1] == ordered[0]:
@@ -179,7 +185,8 @@ def grid_step(values: Array) -> float:
 
 
 class Outliers(Effect):
-    """A ``share`` of the samples has errors of about ``size`` (rms): lost bits, reflections, a fix that jumps.
+    """Effect: a fraction ``share`` of the samples has errors of about ``size`` (rms), such as lost bits, reflections or
+    jumps.
 
     Outliers occur independently of the motion. Errors that come in groups, or with changes of the motion, indicate a
     wrong model instead.
@@ -199,20 +206,25 @@ class Outliers(Effect):
     fixed = ("share", "size")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every signal."""
+        """Return the names of all signals."""
         return tuple(data.signals)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a share of zero; :meth:`learn` estimates share and size."""
+        """Return a start value of 0 for ``share``; :meth:`learn` estimates the fraction and the size."""
         return ({"share": 0.0, "size": 0.1 * data.spread[place]},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: at most 30 % of the samples, because more are not exceptions."""
+        """Return the bounds of ``share`` and ``size``.
+
+        ``share`` is at most 30 % of the samples, because more are not exceptions.
+        """
         return {"share": (0.0, 0.3), "size": (0.0, 1e3 * data.spread[place])}
 
     def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
-        """Estimate share and size of single large errors; the share is zero if they depend on the motion or come in
-        groups."""
+        """Return *effect* with fraction and size of single large errors estimated from the residuals *left*.
+
+        The fraction is 0 if the errors depend on the motion or come in groups.
+        """
         mine = [x for x in left if x.signal == effect.place]
         found = contamination(np.concatenate([stray(x.error) for x in mine])) if mine else None
         if found is None or not without_motion(
@@ -223,7 +235,10 @@ class Outliers(Effect):
         return replace(effect, constants={**effect.constants, "level": found.level})
 
     def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-        """Weight outliers by their expected size, with a penalty for that size and for selecting them."""
+        """Return the residual with outliers weighted by their expected size, its derivatives and a penalty.
+
+        The penalty is for that size and for selecting the outliers.
+        """
         if left.signal != effect.place or effect["share"] <= 0.0:
             return left.error, columns, 0.0
         law = Contamination(effect["share"], effect["size"], effect.constants["level"])
@@ -235,13 +250,16 @@ class Outliers(Effect):
         return weight * left.error, weight[:, None] * columns, count * math.log(broader) - 2.0 * odds
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """Return the standard errors of the fraction, and of the rms of that many values."""
+        """Return the standard errors of ``share`` and ``size``."""
         n = sum(len(x.error) for x in left if x.signal == effect.place)
         count = max(effect["share"] * n, 1.0)
         return {"share": math.sqrt(effect["share"] / max(n, 1)), "size": effect["size"] / math.sqrt(2.0 * count)}
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
-        """Return the distribution of the errors: a narrow core with broad tails."""
+        """Return plot data: the distribution of the errors, a narrow core with broad tails.
+
+        It is None without outliers.
+        """
         level = effect.constants.get("level", 0.0)
         if level <= 0.0:
             return None
@@ -258,25 +276,29 @@ class Outliers(Effect):
 Flags = NDArray[np.bool_]
 
 WINDOW = 7
-"""Width, in samples, of the median filter that each error is compared with."""
+"""Width of the median filter with which each error is compared [samples]. Project choice."""
 MOST, LEAST_SIZE = 0.3, 3.0
-"""Largest fraction of outliers (MOST), and their least size relative to the noise (LEAST_SIZE). Both are set by
-hand."""
+"""Largest fraction of outliers, and their least size relative to the noise. Project choice."""
 DOUBT = 1e-3
-"""Probability of rejecting real outliers as dependent on the motion."""
+"""Probability of rejecting real outliers as dependent on the motion. Project choice."""
 SWEEPS = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Contamination:
-    """A fraction ``share`` of the errors has an additional rms ``size``, beside the noise ``level`` of all."""
+    """Distribution of errors with outliers.
+
+    - ``share``: fraction of the errors that are outliers.
+    - ``size``: additional rms of the outliers.
+    - ``level``: rms of the noise in all errors.
+    """
 
     share: float
     size: float
     level: float
 
     def odds(self, error: Array) -> Array:
-        """Return the log odds (n,) that an error is an outlier."""
+        """Return the log odds (n,) that each of the errors *error* (n,) is an outlier."""
         variance = self.level**2 + self.size**2
         narrow = math.log1p(-self.share) - math.log(self.level) - 0.5 * (error / self.level) ** 2
         broad = math.log(self.share) - 0.5 * math.log(variance) - 0.5 * error**2 / variance
@@ -284,25 +306,25 @@ class Contamination:
         return odds
 
     def flags(self, error: Array) -> Flags:
-        """Return which errors (n,) are more likely outliers than not."""
+        """Return a mask (n,) of the errors that are more likely outliers than not."""
         return np.asarray(self.odds(error) > 0.0)
 
     def density(self, error: Array) -> Array:
-        """Return the probability density (n,) of the mixture."""
+        """Return the probability density (n,) of the mixture at *error* (n,)."""
         variances = (self.level**2, self.level**2 + self.size**2)
         bells = [np.exp(-0.5 * error**2 / v) / math.sqrt(2.0 * math.pi * v) for v in variances]
         return np.asarray((1.0 - self.share) * bells[0] + self.share * bells[1])
 
 
 def stray(error: Array) -> Array:
-    """Return errors (n,) relative to the median of their neighbours; only isolated errors remain large."""
+    """Return the errors (n,) minus the median of their neighbours. Only isolated errors remain large."""
     from scipy.ndimage import median_filter  # here: a fifth of a second to import, at every command's start
 
     return np.asarray(error - median_filter(error, size=min(WINDOW, len(error)), mode="nearest"))
 
 
 def contamination(error: Array) -> Contamination | None:
-    """Return the mixture fitted to *error* (n,); return None if there is no fraction of larger errors."""
+    """Return the mixture fitted to *error* (n,), or None if there is no fraction of larger errors."""
     error = error[np.isfinite(error)]
     if len(error) < 20:
         return None
@@ -327,7 +349,7 @@ def contamination(error: Array) -> Contamination | None:
 
 
 def without_motion(flags: Sequence[Flags], motion: Sequence[Array]) -> bool:
-    """Return whether flagged samples are independent of the motion (n,) and do not come in groups.
+    """Return whether the *flags* of outliers are independent of the motion (n,) and do not come in groups.
 
     The tests are the rank test of Mann and Whitney on the change of the motion, and the number of flagged neighbours.
     """

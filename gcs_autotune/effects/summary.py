@@ -1,4 +1,5 @@
-"""Data on the runs that are available before any effect is fitted, with units and typical sizes for start values.
+"""Summary of the runs before any effect is fitted, and functions that derive units and typical sizes for start values
+from it.
 
 For a craft steered by a rudder, the base model's moment is in units of rudder angle. If a positive rudder angle turns
 the craft to port, inertia and drag are negative. :func:`sense` is then -1, so that damping and restoring forces keep
@@ -27,13 +28,18 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DataSummary:
-    """Data on the runs that are available before any effect is fitted.
+    """Summary of the runs before any effect is fitted.
 
-    ``form``: form of the base model. ``inputs``/``signals``: unit of each driven input and measured signal.
-    ``amplitude``: largest magnitude of each input. ``spread``: standard deviation of each signal. ``level``: noise of
-    each signal, without a model. ``channels``: names of all recorded channels. ``interval`` [s]: between samples.
-    ``time_constant`` [s]: the base model's slowest. ``duration`` [s]: of the longest run. ``quantum``: grid step of
-    each signal (0: none).
+    - ``form``: form of the base model.
+    - ``inputs``, ``signals``: name -> unit of each driven input and measured signal.
+    - ``amplitude``: largest magnitude of each input.
+    - ``spread``: standard deviation of each signal.
+    - ``level``: noise of each signal, estimated without a model.
+    - ``channels``: names of all recorded channels.
+    - ``interval`` [s]: time between samples.
+    - ``time_constant`` [s]: slowest time constant of the base model.
+    - ``duration`` [s]: duration of the longest run.
+    - ``quantum``: grid step of each signal, 0 if none.
     """
 
     form: Form
@@ -48,33 +54,33 @@ class DataSummary:
     duration: float
     quantum: Mapping[str, float] = field(default_factory=dict)
     extent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Smallest and largest value of every recorded channel."""
+    """Name -> smallest and largest value of every recorded channel."""
     rms: Mapping[str, float] = field(default_factory=dict)
-    """Root mean square of every recorded channel."""
+    """Name -> root mean square of every recorded channel."""
     usual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Quantiles of 10 and 90 % of every recorded channel."""
+    """Name -> quantiles of 10 and 90 % of every recorded channel."""
     base: Mapping[str, float] = field(default_factory=dict)
-    """Values of the base model's parameters."""
+    """Name -> value of the base model's parameters."""
     runs: tuple[str, ...] = ()
     """Names of the runs."""
     twins: tuple[tuple[str, str], ...] = ()
     """Pairs of inputs with equal gains, apart from the sign: two thrusters of one kind."""
     commanded_alike: tuple[tuple[str, str], ...] = ()
-    """Inputs whose commands were nearly equal in all runs, so that they are not distinguished."""
+    """Pairs of inputs whose commands were nearly equal in all runs, so that the runs do not distinguish the two."""
     still: frozenset[str] = frozenset()
     """Recorded velocities that never exceed their noise, so that nothing can depend on them."""
     lags: Mapping[str, float] = field(default_factory=dict)
-    """Delay [s] of each signal by a filter aboard, if its stamps have been corrected for it."""
+    """Signal -> delay [s] by an onboard filter, if its stamps have been corrected for the delay."""
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Full output of each input: 1 if recorded as a normalised output, else the largest value recorded."""
+        """Input -> full output: 1 if recorded as a normalised output, else the largest value recorded."""
         return {n: 1.0 if self.inputs.get(n) == "1" else s for n, s in self.amplitude.items()}
 
     def command_unit(self, name: str) -> str:
-        """Return the unit of a command.
+        """Return the unit of the command *name*.
 
-        A command that does not drive the model is assumed normalised if all driven inputs are.
+        A command that does not drive the model is assumed to be normalised if all driven inputs are.
         """
         shares = set(self.inputs.values()) == {"1"}
         return self.inputs.get(name, "1" if shares else SIGNALS[name][0])
@@ -85,7 +91,9 @@ RIGID_BODY = {"surge": "m", "sway": "m", "heave": "m", "roll": "I_x", "pitch": "
 
 
 def known_of(data: DataSummary) -> Mapping[str, float]:
-    """Return the base model's numbers: fitted ones, otherwise known ones, otherwise start values."""
+    """Return name -> value of the base model's parameters: fitted values, otherwise known ones, otherwise start
+    values.
+    """
     return {**data.form.start, **data.form.known, **data.base}
 
 
@@ -98,9 +106,9 @@ def _drives(dof: str, data: DataSummary) -> Iterator[tuple[str, float | str]]:
 
 
 def force_unit(dof: str, data: DataSummary) -> str:
-    """Return the unit of the force in the equation of *dof*.
+    """Return the unit of forces in the equation of *dof*.
 
-    If an input with a known gain drives it, this is the input's unit, otherwise the SI unit.
+    If an input with a known gain drives the equation, the unit is that of the input, otherwise the SI unit.
     """
     for channel, gain in _drives(dof, data):
         if not isinstance(gain, str):
@@ -113,12 +121,12 @@ def force_unit(dof: str, data: DataSummary) -> str:
 
 
 def stiffness_unit(dof: str, data: DataSummary) -> str:
-    """Return the unit of force per metre or radian."""
+    """Return the unit of a stiffness in the equation of *dof*: force per metre or radian."""
     return f"{force_unit(dof, data)}/{DOFS[dof].position_unit}"
 
 
 def force_scale(dof: str, data: DataSummary) -> float:
-    """Return a typical force in the equation of *dof*: the largest from the inputs, otherwise that of the motion."""
+    """Return a typical force in the equation of *dof*: the largest of the inputs, or else that of the motion."""
     known, total = known_of(data), 0.0
     for channel, gain in _drives(dof, data):
         size = abs(known.get(gain.lstrip("-"), 1.0)) if isinstance(gain, str) else abs(gain)
@@ -127,7 +135,7 @@ def force_scale(dof: str, data: DataSummary) -> float:
 
 
 def inertia_scale(dof: str, data: DataSummary) -> float:
-    """Return the magnitude of the base model's inertia; 1 if it is unknown."""
+    """Return the magnitude of the base model's inertia in *dof*, or 1 if it is unknown."""
     return abs(_inertia(dof, data)) or 1.0
 
 
@@ -137,12 +145,12 @@ def _inertia(dof: str, data: DataSummary) -> float:
 
 
 def sense(dof: str, data: DataSummary) -> dict[str, float]:
-    """Return the constant ``sense``: the sign of the base model's inertia."""
+    """Return the constant ``sense``, which is -1 if the base model's inertia in *dof* is negative, else 1."""
     return {"sense": -1.0 if _inertia(dof, data) < 0.0 else 1.0}
 
 
 def top_speed(dof: str, data: DataSummary) -> float:
-    """Return the largest recorded speed; otherwise that from recorded positions; otherwise 1."""
+    """Return the largest recorded speed in *dof*, or else that from recorded positions, or else 1."""
     d = DOFS[dof]
     fastest = max((abs(e) for e in data.extent.get(d.velocity, ())), default=0.0)
     return fastest or 2.0 * data.spread.get(d.position, 0.0) / max(data.time_constant, data.interval) or 1.0

@@ -1,9 +1,9 @@
 """The table of effects: everything that this package can identify as wrong in a simulation.
 
-A new effect takes one class and one line here. In another package it takes one class and one line in its
-``pyproject.toml`` (entry points of the group :data:`GROUP`). The order is that in which effects act on a command, a
-motion and a measurement. It also decides which of two equally likely effects is reported. Errors of the data come
-first, because they can look like physical effects.
+To add an effect, add one class, and one line in this module. In another package, add one class, and one line in its
+``pyproject.toml`` (entry points of the group :data:`GROUP`). The order of the table is that in which effects act on a
+command, a motion and a measurement. The order also decides which of two equally likely effects is reported. Errors of
+the data come first, because they can look like physical effects.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ OURS: tuple[Effect, ...] = (
 
 
 class Effects(Mapping[str, Effect]):
-    """Table of effects by slug: built-in ones, then those of other packages, which are loaded on first use."""
+    """Table of effects by slug: the built-in effects, then those of other packages, which are loaded on first use."""
 
     def __init__(self) -> None:
         self._rows: dict[str, Effect] | None = None
@@ -140,7 +140,7 @@ def _offered() -> Iterator[Effect]:
 
 
 EFFECTS = Effects()
-"""All known effects, by slug."""
+"""Slug -> effect, for all known effects."""
 
 
 CRAFT = "largest command 1, time constant 1 s, signals of standard deviation 1, one run of 60 s at 10 Hz"
@@ -151,7 +151,9 @@ _UNITS = {**dict.fromkeys("XYZ", "N"), "N": "N m", "delta": "rad"}
 
 
 def usual_bounds(effect: Effect) -> Mapping[str, tuple[float, float]]:
-    """Return parameter -> (smallest, largest) at the first place of the effect; infinite without bound.
+    """Return parameter -> (smallest, largest) of *effect* at its first place on a reference craft.
+
+    Infinite means no bound.
 
     Raises
     ------

@@ -1,13 +1,13 @@
 """Hydrodynamic forces proportional to products of velocities: one family, generated systematically.
 
 :func:`product_terms` lists every product of one or two velocities (three on request), with moduli, that a hull with
-port-starboard symmetry can have. It also lists those of a craft that pulls to one side. The terms are those of
+port-starboard symmetry can have. It also lists the products for a craft that pulls to one side. The terms are those of
 Abkowitz1964 (odd and even powers), of Norrbin1971 (moduli, equal for headway and sternway) and of Fossen2011 (chapter
 6). Each is a SNAME derivative.
 
 Some of these terms are other effects: linear and quadratic drag, the couplings of :mod:`.hydrodynamics`, and the named
-effects in this module. :class:`VelocityProduct` is any other term. A simulated velocity enters as simulated, a velocity
-that was only measured enters as an input.
+effects in this module. :class:`VelocityProduct` is any other term. A velocity that the model simulates enters as
+simulated. A velocity that was only measured enters as an input.
 """
 
 from __future__ import annotations
@@ -42,22 +42,25 @@ ODD = frozenset("vprYKN")
 """Velocities and forces that change sign when a craft is mirrored from port to starboard."""
 
 ONE_SIDED = frozenset({"N_u", "N_|u|u", "Y_u", "Y_|u|u"})
-"""Terms of a craft that pulls to one side when moving.
+"""Derivatives of a craft that pulls to one side when moving.
 
 A hull with port-starboard symmetry does not have them, but many boats do.
 """
 
 Factor = tuple[str, bool]
-"""A velocity, and whether its modulus is taken."""
+"""Type of a factor: a velocity, and whether its modulus is taken."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProductTerm:
     """A force or moment per product of velocities.
 
-    ``derivative``: its SNAME name. ``row``: the force. ``factors``: its velocities, moduli first. ``words``: a
-    description. ``source``: its reference. ``damps``: whether it takes energy out of its own motion, so that its sign
-    is known.
+    - ``derivative``: SNAME name of the term.
+    - ``row``: the force or moment.
+    - ``factors``: the velocities, those with modulus first.
+    - ``words``: a description.
+    - ``source``: the reference.
+    - ``damps``: whether the term takes energy out of its own motion, so that its sign is known.
     """
 
     derivative: str
@@ -69,17 +72,17 @@ class ProductTerm:
 
     @property
     def own(self) -> str:
-        """The velocity of the row's own degree of freedom."""
+        """Velocity of the degree of freedom in which the term acts."""
         return STATES[FORCES.index(self.row)]
 
     @property
     def code(self) -> Term:
-        """The term independent of its spelling."""
+        """The term with sorted factors, independent of its spelling."""
         return canonical(self.derivative)
 
 
 def canonical(derivative: str, inputs: Sequence[str] = ()) -> Term:
-    """Return the term of a derivative with sorted factors, so that ``N_rr`` and ``N_|r|r`` are equal."""
+    """Return the term of *derivative* with sorted factors, so that ``N_rr`` and ``N_|r|r`` are equal."""
     term = term_of(derivative, inputs)
     return Term(term.row, tuple(sorted(term.factors)))
 
@@ -121,7 +124,7 @@ def product_terms(velocities: str = "uvwpqr", order: int = 2) -> Iterator[Produc
     """Yield the terms of all rows of *velocities* with up to *order* factors among these velocities.
 
     Port-starboard symmetry decides which terms exist. A product of moduli alone is yielded only if it is a square, and
-    not of the row's own velocity. With its own velocity, that force would act in one direction only.
+    not the square of the row's own velocity. A force with that square would act in one direction only.
     """
     known = [s for s in STATES if s in velocities]
     products = [p for count in range(1, order + 1) for p in combinations_with_replacement(known, count)]
@@ -181,7 +184,7 @@ TERMS: Mapping[str, ProductTerm] = {t.derivative: t for t in product_terms(order
 
 
 def term_named(derivative: str) -> ProductTerm:
-    """Return the term of a derivative, in any spelling.
+    """Return the term of *derivative*, in any spelling.
 
     Raises
     ------
@@ -200,19 +203,25 @@ def term_named(derivative: str) -> ProductTerm:
 # -- as effects
 
 VARIES = 0.02
-"""Least range of a measured velocity, relative to its largest value; a constant velocity acts like a constant force."""
+"""Least range of a measured velocity, relative to its largest value. Project choice.
+
+A constant velocity acts like a constant force.
+"""
 
 ASTERN = 0.05
-"""Least speed astern, relative to the largest speed ahead, that distinguishes ``u`` from its modulus. Set by hand."""
+"""Least speed astern, relative to the largest speed ahead, that distinguishes ``u`` from its modulus.
+
+Project choice.
+"""
 
 SHARE = 0.2
-"""Start value of a coefficient: its force relative to the largest force, at the largest speeds."""
+"""Start value of a coefficient: its force at the largest speeds, relative to the largest force. Project choice."""
 
 LOOKED_AT = "uvr"
-"""Velocities that may enter as measured; others enter only if they are simulated."""
+"""Velocities that may enter a term as measured. Other velocities enter only if they are simulated."""
 
 SIMULATED = "simulated_"
-"""Start of the names of constants: ``simulated_u`` and so on, for velocities that the model simulates.
+"""Prefix of the constants ``simulated_u`` and so on, which mark velocities that the model simulates.
 
 The other velocities are inputs, as measured.
 """
@@ -233,7 +242,7 @@ def seen_or_simulated(term: ProductTerm, data: DataSummary) -> bool:
 
 
 def is_in(form: Form, term: ProductTerm) -> bool:
-    """Return whether a form already contains *term*, in any spelling."""
+    """Return whether *form* already contains *term*, in any spelling."""
     if term.derivative in MASSES and form.coriolis:
         return True
     inputs = tuple(form.inputs)
@@ -244,13 +253,13 @@ def is_in(form: Form, term: ProductTerm) -> bool:
 
 
 def ahead_only(data: DataSummary) -> bool:
-    """Return whether the craft never went astern, as far as is known; ``u`` then equals its modulus."""
+    """Return whether no recorded speed shows the craft going astern, so that ``u`` equals its modulus."""
     low, high = data.extent.get("u", (0.0, 0.0))
     return low > -ASTERN * abs(high)
 
 
 class ProductEffect(Effect):
-    """A force proportional to a product of velocities; a subclass defines which one, and where it acts."""
+    """Effect: a force proportional to a product of velocities. A subclass defines the product and where it acts."""
 
     family = "hydrodynamics"
     is_structural = True
@@ -260,13 +269,13 @@ class ProductEffect(Effect):
         raise NotImplementedError
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return which velocities the model simulates."""
+        """Return the constants ``simulated_u`` and so on, each 1, for the velocities that the model simulates."""
         term = self.term(place)
         letters = dict.fromkeys(s for s, _ in term.factors if s != term.own and DOF_OF[s] in data.form.dofs)
         return {f"{SIMULATED}{s}": 1.0 for s in letters}
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return values that give a fifth of the largest force at the largest speeds.
+        """Return start values of the coefficient that produce a fifth of the largest force at the largest speeds.
 
         Both signs are returned, unless the term is a damping term.
         """
@@ -277,7 +286,7 @@ class ProductEffect(Effect):
         return tuple({name: sign * size} for sign in signs)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: either sign, unless the term is a damping term."""
+        """Return the bounds of the coefficient. It may have either sign, unless the term is a damping term."""
         term, (name,) = self.term(place), (q.name for q in self.parameters)
         if not term.damps:
             return {name: (-inf, inf)}
@@ -289,11 +298,11 @@ class ProductEffect(Effect):
         return [s for s in letters if f"{SIMULATED}{s}" not in effect.constants]
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
-        """Return the velocities that were only measured, as inputs."""
+        """Return the names of inputs for velocities that were only measured."""
         return tuple(SEEN[s] for s in self._measured(effect))
 
     def drive(self, effect: EffectInstance, drive: Drive) -> Drive:
-        """Add the measured velocities as inputs; between two stamps they are the mean of both."""
+        """Return *drive* with the measured velocities added as inputs. Between two stamps they are the mean of both."""
         for letter in self._measured(effect):
             if SEEN[letter] in drive.channels:
                 continue
@@ -305,15 +314,17 @@ class ProductEffect(Effect):
         return drive
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the SNAME derivative, with the inputs ``surge``, ``sway``, ``yaw`` for velocities that were only
-        measured."""
+        """Return the coefficient as a SNAME derivative.
+
+        Velocities that were only measured appear in it as the inputs ``surge``, ``sway`` and ``yaw``.
+        """
         term, measured = self.term(effect.place), self._measured(effect)
         words = ((SEEN[s] if s in measured else s, size) for s, size in term.factors)
         name = f"{term.row}_" + "".join(f"|{word}|" if size else word for word, size in words)
         return {name: next(iter(effect.values.values()))}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return the unit of force or moment per product of speeds."""
+        """Return the unit of the coefficient: force or moment per product of speeds."""
         term = self.term(place)
         turning = sum(DOFS[DOF_OF[s]].angular for s, _ in term.factors)
         powers = [("m", len(term.factors) - turning), ("rad", turning)]
@@ -324,7 +335,7 @@ class ProductEffect(Effect):
 
 
 class NamedProduct(ProductEffect):
-    """A term that is an effect with its own slug; its place is the degree of freedom that it acts in."""
+    """Effect: a term that has its own slug. Its place is the degree of freedom in which it acts."""
 
     derivative: ClassVar[str]
 
@@ -337,7 +348,9 @@ class NamedProduct(ProductEffect):
         return TERMS[self.derivative]
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return its degree of freedom, if the model lacks the term and its velocities are simulated or measured."""
+        """Return the degree of freedom of the term, if the model lacks the term and its velocities are simulated or
+        measured.
+        """
         term = TERMS[self.derivative]
         dof = DOF_OF[term.own]
         if dof not in data.form.dofs or not seen_or_simulated(term, data) or is_in(data.form, term):
@@ -346,7 +359,10 @@ class NamedProduct(ProductEffect):
 
 
 class SwayMoment(NamedProduct):
-    """``N_v v``: a hull that moves sideways turns (SNAME; positive ``N_v`` turns the bow towards the motion)."""
+    """Effect: ``N_v v``, because a hull that moves sideways turns (SNAME).
+
+    A positive ``N_v`` turns the bow towards the motion.
+    """
 
     slug = "sway-moment"
     derivative = "N_v"
@@ -359,7 +375,10 @@ class SwayMoment(NamedProduct):
 
 
 class SpeedDamping(NamedProduct):
-    """``N_|u|r |u| r``: the flow along the hull damps the turn, so turning is harder at speed, ahead or astern."""
+    """Effect: ``N_|u|r |u| r``, because the flow along the hull damps a turn.
+
+    Turning is then harder at speed, ahead or astern.
+    """
 
     slug = "speed-damping"
     derivative = "N_|u|r"
@@ -374,7 +393,7 @@ class SpeedDamping(NamedProduct):
 
 
 class MunkMoment(NamedProduct):
-    """``N_uv u v``: a hull at a drift angle turns further (Munk; Fossen2011)."""
+    """Effect: ``N_uv u v``, because a hull at a drift angle turns further (Munk; Fossen2011)."""
 
     slug = "munk-moment"
     derivative = "N_uv"
@@ -411,7 +430,10 @@ VELOCITY_PRODUCT = "velocity-product"
 
 
 class VelocityProduct(ProductEffect):
-    """``coefficient`` times a product of velocities that is no other effect; the place is the derivative."""
+    """Effect: ``coefficient`` times a product of velocities that is not in any other effect.
+
+    The place is the derivative.
+    """
 
     slug = VELOCITY_PRODUCT
     grows_with = ("coefficient",)
@@ -427,7 +449,7 @@ class VelocityProduct(ProductEffect):
     )
 
     def term(self, place: str) -> ProductTerm:
-        """Return the term that the place names."""
+        """Return the term whose derivative is *place*."""
         return term_named(place)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -457,19 +479,21 @@ TWINS: Mapping[str, str] = {
     "N_|u|u": "N_u",
     "Y_|u|u": "Y_u",
 }
-"""Derivative -> the one that is equal or similar when the craft moves ahead only.
+"""Derivative -> another derivative that is equal or similar if the craft moves ahead only.
 
 Powers of a speed that hardly changes are similar.
 """
 
 
 def name_of(effect: EffectInstance) -> str:
-    """Return the name of a cause in lists: its slug, or the derivative if it is a velocity product."""
+    """Return the name of *effect* in lists of causes: its slug, or the derivative if it is a velocity product."""
     return effect.place if effect.slug == VELOCITY_PRODUCT else effect.slug
 
 
 def twins_of(effect: EffectInstance, data: DataSummary) -> tuple[str, ...]:
-    """Return derivatives that these runs do not distinguish from *effect*, because the craft never went astern."""
+    """Return derivatives that the runs of *data* do not distinguish from *effect*, because the craft never went
+    astern.
+    """
     entry = OWN.get(effect.slug)
     if entry is None or not ahead_only(data):
         return ()
@@ -478,4 +502,4 @@ def twins_of(effect: EffectInstance, data: DataSummary) -> tuple[str, ...]:
 
 
 OWN: Mapping[str, ProductEffect] = {e.slug: e for e in (SwayMoment(), SpeedDamping(), MunkMoment(), VelocityProduct())}
-"""Effects of this family, by slug."""
+"""Slug -> effect, for the effects of this family."""

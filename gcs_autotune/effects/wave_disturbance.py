@@ -1,4 +1,4 @@
-"""Waves: a narrow frequency band in the residual, and a test whether it is one.
+"""Waves: a narrow frequency band in the residual, and a test whether the residual contains one.
 
 A predicting filter improves the likelihood for any coloured residual that a wrong model leaves. A band is therefore
 accepted under these conditions:
@@ -27,36 +27,48 @@ __all__ = ["WaveDisturbance"]
 
 
 NARROW, BROAD = 0.25, 0.7
-"""Largest damping ratio of a band (NARROW), and that of a model without a peak to compare with (BROAD)."""
-FEWEST = 40
-"""Minimum number of samples of a run."""
-PERIODS = 5.0
-"""Minimum number of periods of the band in the longest run."""
-FASTEST = 0.7
-"""Highest frequency searched, relative to half the sampling rate."""
-BETTER = 10.0
-"""Reduction of minus twice the log-likelihood that a band must have over red noise."""
-SMOOTH = 0.005
-"""Fraction of every signal's residual that the filter must leave; if it leaves less, the record was smoothed.
+"""Damping ratios of the models that are compared. Project choice.
 
-The next sample of a smoothed record follows from the last ones, whatever is wrong with the model. The value is set by
-hand: a ship in a basin left 0.001, and waves with sensor noise leave a tenth or more.
+- ``NARROW``: largest damping ratio of a band.
+- ``BROAD``: damping ratio of a model without a peak, with which the band is compared.
+"""
+FEWEST = 40
+"""Minimum number of samples of a run for the search for waves. Project choice."""
+PERIODS = 5.0
+"""Minimum number of periods of the band in the longest run. Project choice."""
+FASTEST = 0.7
+"""Highest frequency searched, relative to half the sampling rate. Project choice."""
+BETTER = 10.0
+"""Minimum reduction of minus twice the log-likelihood by a band, compared with red noise. Project choice."""
+SMOOTH = 0.005
+"""Fraction of every signal's residual that the filter must leave. If it leaves less, the record was smoothed.
+
+The next sample of a smoothed record follows from the last ones, whatever is wrong with the model. Project choice: a
+ship in a basin left 0.001, and waves with sensor noise leave a tenth or more.
 """
 PARTS, MEMORY = 8, 4
-"""Delays at which the craft's own motion is compared with the band.
+"""Delays at which the craft's own motion is compared with the band. Project choice.
 
-PARTS: number of delays per period. MEMORY: number of periods.
+- ``PARTS``: number of delays per period.
+- ``MEMORY``: number of periods.
 """
 OWN, CHANCE = 0.1, 2.0
-"""Allowed gain of the craft's own motion over a band: a fraction of the band's gain (OWN), or per regressor
-(CHANCE)."""
+"""Allowed gain of the craft's own motion over a band. Project choice.
+
+- ``OWN``: gain as a fraction of the band's gain.
+- ``CHANCE``: gain per regressor.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """A band: frequency [rad/s] and damping ratio, and for each signal its model and the rms of the oscillation.
+    """A narrow frequency band in the residuals.
 
-    ``std``: standard errors of the logarithms of frequency, damping ratio and rms.
+    - ``omega`` [rad/s]: frequency.
+    - ``zeta``: damping ratio.
+    - ``laws``: signal -> model of the oscillation in it.
+    - ``rms``: signal -> rms of the oscillation in it.
+    - ``std``: standard errors of the logarithms of frequency, damping ratio and rms.
     """
 
     omega: float
@@ -68,7 +80,7 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class _Kin:
-    """One signal's records, whether it is a velocity, and the craft's lag [s]."""
+    """Records of one signal, whether the signal is a velocity, and the craft's lag [s]."""
 
     records: Sequence[Record]
     rate: bool
@@ -83,7 +95,7 @@ class _Kin:
 
 
 def band_of(left: Sequence[EffectResidual], *, velocity: str, lag: float) -> Band | None:
-    """Return the narrow band in the residuals *left*; return None if there is none.
+    """Return the narrow frequency band in the residuals *left*, or None if there is none.
 
     left : residuals of the position and *velocity* of one degree of freedom. lag : time constant of the craft [s].
     """
@@ -258,10 +270,11 @@ def _errors(kin: Mapping[str, _Kin], p: Array) -> tuple[float, float]:
 
 
 class WaveDisturbance(Effect):
-    """A narrow-band force on one degree of freedom, with rms ``amplitude``, ``frequency`` and damping ``bandwidth``.
+    """Effect: a narrow-band force on one degree of freedom, with rms ``amplitude``, ``frequency`` and damping
+    ``bandwidth``.
 
-    No simulation predicts its phase. It is estimated from the residuals of position and velocity, and judged by
-    predicting one sample ahead. Its force follows from the motion with the base model's inertia and drag
+    No simulation predicts the phase of the force. The force is estimated from the residuals of position and velocity,
+    and judged by predicting one sample ahead. It follows from the motion with the base model's inertia and drag
     (``DataSummary.base``). Without these, ``amplitude`` is not calculated.
     """
 
@@ -280,25 +293,28 @@ class WaveDisturbance(Effect):
     fixed = ("amplitude", "frequency", "bandwidth")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
-        """Return every degree of freedom with a measured signal."""
+        """Return the names of the degrees of freedom with a measured signal."""
         return tuple(d for d in data.form.dofs if {DOFS[d].position, DOFS[d].velocity} & set(data.signals))
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return an amplitude of zero; :meth:`learn` estimates the band."""
+        """Return a start value of 0 for ``amplitude``; :meth:`learn` estimates the band."""
         amplitude = {} if _gains(place, data) is None else {"amplitude": 0.0}
         return ({**amplitude, "frequency": 6.0 / data.time_constant, "bandwidth": 0.05},)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return bounds: the frequency is at most half the sampling rate, and the band is narrow."""
+        """Return the bounds of the parameters.
+
+        The frequency is at most half the sampling rate, and the band is narrow.
+        """
         amplitude = {} if _gains(place, data) is None else {"amplitude": (0.0, 10.0 * max(data.amplitude.values()))}
         return {**amplitude, "frequency": (0.0, math.pi / data.interval), "bandwidth": (0.0, NARROW)}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:
-        """Return inertia and time constant of the base model, per unit of input."""
+        """Return inertia and time constant of the base model, per unit of input, or only the time constant."""
         return _gains(place, data) or {"lag": data.time_constant}
 
     def learn(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> EffectInstance:
-        """Estimate the band; leave the amplitude zero if there is none."""
+        """Return *effect* with the band estimated from the residuals *left*. The amplitude is 0 if there is no band."""
         dof, lag = DOFS[effect.place], effect.constants["lag"]
         mine = [x for x in left if x.signal in (dof.position, dof.velocity)]
         band = band_of(mine, velocity=dof.velocity, lag=lag)
@@ -316,7 +332,10 @@ class WaveDisturbance(Effect):
         return replace(effect.with_values(found), constants={**kept, **used, **ratios, **errors})
 
     def judge(self, effect: EffectInstance, left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-        """Return one-step prediction errors, scaled to their size once the filter is stationary."""
+        """Return one-step prediction errors, their derivatives and a penalty.
+
+        The errors are scaled to their stationary size.
+        """
         rho = effect.constants.get(f"ratio {left.signal}", 0.0)
         if rho <= 0.0 or len(left.error) == 0:
             return left.error, columns, 0.0
@@ -328,9 +347,9 @@ class WaveDisturbance(Effect):
         return white[:, 0], white[:, 1:], 2.0 * float(np.sum(np.log(deviation / settled)))
 
     def uncertainty(self, effect: EffectInstance, left: Sequence[EffectResidual]) -> Mapping[str, float]:
-        """Return standard errors from the curvature of the likelihood.
+        """Return name -> standard error, from the curvature of the likelihood.
 
-        That of the amplitude follows from the number of independent oscillations.
+        The error of the amplitude follows from the number of independent oscillations.
         """
         if "std frequency" not in effect.constants:
             return {}
@@ -341,7 +360,7 @@ class WaveDisturbance(Effect):
         return found
 
     def curve(self, effect: EffectInstance, data: DataSummary) -> EffectCurve | None:
-        """Return the spectrum of the force."""
+        """Return plot data: the spectrum of the force. It is None without a band."""
         omega, zeta, a = effect["frequency"], max(effect["bandwidth"], 0.002), effect.values.get("amplitude", 0.0)
         if a <= 0.0:
             return None
@@ -353,7 +372,10 @@ class WaveDisturbance(Effect):
         )
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
-        """Return the unit of the force; that of the input if forces are known only as fractions or angles."""
+        """Return the unit of the parameter *name*.
+
+        For ``amplitude`` it is that of the force, or else that of the input.
+        """
         if name != "amplitude":
             return next(q.unit for q in self.parameters if q.name == name)
         return data.inputs.get(DOFS[place].force, next(iter(data.inputs.values()), "1"))

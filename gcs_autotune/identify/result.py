@@ -42,8 +42,10 @@ Status = Literal["fitted", "absent", "fixed", "at_bound"]
 class Parameter:
     """One identified parameter.
 
-    ``std``: standard error, 0 if the structure or the user fixed the value. ``bound``: Cramer-Rao bound, NaN if
-    unknown. No unbiased method can have a smaller standard error on these runs with their noise.
+    - ``std``: standard error, 0 if the structure or the user fixed the value.
+    - ``status``: whether the value was fitted, fixed or absent, or is on a limit.
+    - ``bound``: Cramer-Rao bound, NaN if unknown. No unbiased method can have a smaller standard error on these runs
+      with their noise.
     """
 
     name: str
@@ -58,14 +60,20 @@ class Parameter:
 class LimitCycle:
     """Limit cycle of one relay experiment (Miskovic2010, 6.6-6.7).
 
-    ``C``: relay output [input unit]. ``x_a``: set switching value, ``x_a_star``: actual one. ``X_m``: amplitude.
-    ``x_0``: bias. These four are in rad or m. ``omega``: frequency [rad/s]. ``T_H``, ``T_L``: times in high and low
-    position [s]. ``periods``: number used. ``scatter``: largest relative spread of maxima and minima (the 10 % rule).
-    ``valid``: whether condition (7.12) is satisfied.
+    - ``C``: relay output [input unit]. It is negative if the high position of the relay has the lower input.
+    - ``x_a``: switching value as set [rad or m].
+    - ``x_a_star``: actual switching value [rad or m].
+    - ``X_m``: amplitude [rad or m].
+    - ``x_0``: bias [rad or m].
+    - ``omega``: frequency [rad/s].
+    - ``T_H``, ``T_L``: times in the high and the low position of the relay [s].
+    - ``periods``: number of periods used.
+    - ``scatter``: largest relative spread of maxima and minima (the 10 % rule).
+    - ``valid``: whether condition (7.12) is satisfied.
+    - ``offset``: input midway between the two positions.
+    - ``nu_0``: mean velocity, if the relay acts on an integrated velocity (surge, Miskovic2010, eq. (6.48)), else 0.
 
-    The high position is the one that drives the position up. ``C`` is negative if its input is the lower one.
-    ``offset``: input midway between the two positions. ``nu_0``: mean velocity, if the relay acts on an integrated
-    velocity (surge, Miskovic2010, eq. (6.48)), else 0.
+    The high position is the one that makes the measured position increase.
     """
 
     C: float
@@ -85,10 +93,15 @@ class LimitCycle:
 
 @dataclass(frozen=True, slots=True)
 class IsoEstimate:
-    """Result of IS-O for one limit cycle.
+    """Result of IS-O for one limit cycle. Both drag structures come from the same reading (Miskovic2010, Table 6.3).
 
-    Both drag structures come from the same reading (Table 6.3). ``delta`` applies together with ``beta``. It depends on
-    the drag only if the limit cycle has a mean velocity.
+    - ``cycle``: the limit cycle.
+    - ``alpha``: inertia.
+    - ``beta``: drag of the linear structure.
+    - ``beta_quadratic``: drag of the structure with quadratic drag.
+    - ``delta``: constant force, which applies together with ``beta``. It depends on the drag only if the limit cycle
+      has a mean velocity.
+    - ``delay`` [s]: known delay.
     """
 
     cycle: LimitCycle
@@ -101,9 +114,11 @@ class IsoEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The two-experiment decision (7.1)-(7.2).
+    """Decision between linear and quadratic drag from two experiments (Miskovic2010 (7.1)-(7.2)).
 
-    ``sigma_*`` [%]: relative differences between the experiments. ``margin`` [%]: the chosen lambda.
+    - ``sigma_*`` [%]: relative differences of the parameters between the experiments.
+    - ``margin`` [%]: the chosen lambda.
+    - ``verdict``: ``linear``, ``nonlinear`` or ``undecided``.
     """
 
     sigma_alpha: float
@@ -115,7 +130,7 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class StructureFit:
-    """One drag structure fitted by output error, as compared in the choice of the structure."""
+    """One drag structure fitted by output error, with the numbers by which the structures are compared."""
 
     structure: Structure
     model: SingleDof
@@ -129,8 +144,11 @@ class StructureFit:
 class Trace:
     """Measured and fitted values of one signal in one run, for plots.
 
-    All arrays are (n,), in SI units. ``band``: half-width of the 95 % band of the *fitted curve plus measurement
-    noise*.
+    All arrays are (n,), in SI units.
+
+    - ``t``: stamps [s].
+    - ``measured``, ``fitted``: values.
+    - ``band``: half-width of the 95 % band of the *fitted curve plus measurement noise*.
     """
 
     run: str
@@ -144,7 +162,11 @@ class Trace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Measured minus fitted values of one signal in one run: arrays (n,), in SI units."""
+    """Residuals of one signal in one run.
+
+    - ``t`` (n,): stamps [s].
+    - ``values`` (n,): measured minus fitted values, in SI units.
+    """
 
     run: str
     signal: str
@@ -168,15 +190,20 @@ ModelT = TypeVar("ModelT", bound=Model, covariant=True)
 class Fit(Generic[ModelT]):
     """An identified model with its uncertainty, for any method and structure.
 
-    ``covariance`` (p, p): in the order of ``parameters``, with zero rows for fixed ones. ``fit_percent``: 100 (1 -
-    rms/std) of the free-run simulation, averaged over signals. ``noise``: standard deviation per signal (SI) that the
-    fit treats as noise; :attr:`remainder` shows how much of it is noise. ``used``: names of the runs.
+    - ``covariance`` (p, p): in the order of ``parameters``, with zero rows for fixed parameters.
+    - ``fit_percent``: 100 (1 - rms/std) of the free-run simulation, averaged over signals.
+    - ``used``: names of the runs.
+    - ``noise``: name of the signal -> standard deviation (SI) that the fit treats as noise; :attr:`remainder` shows how
+      much of it is noise.
 
-    For one degree of freedom, ``parameters`` are ``(alpha, beta, beta_quadratic, delta, delay)``. Those of the
-    actuator's ``effects`` (thrust curve, dead zone) follow, if fitted. ``noise_std``: standard deviation [rad or m] of
-    the noise in the main signal. ``residual_rms``: of the residual of the free-run simulation. ``iso``: readings of
-    limit cycles. ``decision``, ``candidates``: how the drag structure was chosen. For several degrees of freedom these
+    For one degree of freedom, ``parameters`` are ``(alpha, beta, beta_quadratic, delta, delay)``. The parameters of the
+    actuator's ``effects`` (thrust curve, dead zone) follow, if fitted. For several degrees of freedom the next fields
     are empty or NaN.
+
+    - ``noise_std``: standard deviation [rad or m] of the noise in the main signal.
+    - ``residual_rms``: root mean square residual [rad or m] of the free-run simulation.
+    - ``iso``: readings of limit cycles.
+    - ``decision``, ``candidates``: comparisons by which the drag structure was chosen.
     """
 
     dof: str
@@ -213,12 +240,12 @@ class Fit(Generic[ModelT]):
 
     @property
     def residuals(self) -> tuple[Residuals, ...]:
-        """Measured minus fitted values, per run and signal."""
+        """Measured minus fitted values, one element per run and signal."""
         return tuple(Residuals(t.run, t.signal, t.unit, t.t, t.measured - t.fitted) for t in self.traces)
 
     @property
     def unexplained(self) -> float:
-        """Fraction of the motion that the model does not explain [percent]."""
+        """Fraction of the motion that the model does not explain [%]."""
         return 100.0 - self.fit_percent
 
     @property
@@ -234,7 +261,7 @@ class Fit(Generic[ModelT]):
 
     @property
     def remainder(self) -> Mapping[str, Remainder]:
-        """Residual of each fitted signal, and how much of it is noise."""
+        """Name of the signal -> its residual, and how much of the residual is noise."""
         steps = self.extra.get("quantum") or {}
         rounding = self.extra.get("rounding") or {n: float(q) / math.sqrt(12.0) for n, q in steps.items()}
         signals = dict.fromkeys(t.signal for t in self.traces)
@@ -345,7 +372,7 @@ AxisFit: TypeAlias = Fit[SingleDof]
 
 
 def is_of_one_axis(fit: object) -> TypeGuard[Fit[SingleDof]]:
-    """Return whether this is a fit of one degree of freedom."""
+    """Return whether *fit* is a :class:`Fit` of one degree of freedom."""
     return isinstance(fit, Fit) and isinstance(fit.model, SingleDof)
 
 

@@ -17,10 +17,11 @@ __all__ = ["on_settled_stamps"]
 
 
 def on_settled_stamps(method: Callable[[Case], Fit[CoupledModel]]) -> Callable[[Case], Fit[CoupledModel]]:
-    """Adapt a method that needs exact input stamps to stamps with a common shift (decision 3).
+    """Return a method that accepts input stamps with a common shift, using *method*, which needs exact stamps (decision
+    3).
 
-    Output error estimates the shift, which is then removed. A second fit uses a shift that is larger by its standard
-    error. The difference adds the uncertainty of the shift to the estimate.
+    Output error estimates the shift, which is then removed. A second fit uses a shift that is larger by one standard
+    error. The difference between both fits adds the uncertainty of the shift to the estimate.
     """
 
     def fit(case: Case) -> Fit[CoupledModel]:

@@ -20,11 +20,11 @@ __all__ = ["extended_of", "simulated"]
 Array = NDArray[np.float64]
 
 STEP = 0.1
-"""Time [s] between the stamps of a simulation, if the caller supplies none."""
+"""Time [s] between the stamps of a simulation, if the caller supplies no stamps. Project choice."""
 
 
 def extended_of(fit: Fit[Model]) -> ExtendedModel:
-    """Return the model of *fit* in the form with effects, even if it has none.
+    """Return the model of *fit* as an extended model (a model with effects), even if it has no effects.
 
     Raises
     ------
@@ -52,10 +52,11 @@ def simulated(
 
     Parameters
     ----------
-    inputs : a run whose input channels are used; or input -> (stamps [s] (j,), values (j,)). The values are in the
-        units of the identification and are held until the next stamp.
+    inputs : a run whose input channels are used; or name of the input -> (stamps [s] (j,), values (j,)). The values are
+        in the units of the identification and are held until the next stamp.
     stamps : (n,) ascending times [s] of the motion. None takes ten per second from the first input to the last.
-    start : state -> value (SI, radians) at the first stamp. The default is the first sample of a run, otherwise 0.
+    start : name of the state -> value (SI, radians) at the first stamp. The default is the first sample of a run,
+        otherwise 0.
 
     Raises
     ------

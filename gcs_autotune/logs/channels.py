@@ -29,10 +29,12 @@ __all__ = ["drive_channels", "filters_of", "motion_channels", "servo_map_of"]
 Array = NDArray[np.float64]
 
 ENOUGH = 20
-"""Fewest samples for which a source is preferred."""
+"""Smallest number of samples for which a source is used in preference to a later one. Project choice."""
 
 ATTITUDES = ("attitude", "ahrs2")
-"""Sources of ``phi theta psi`` in order of preference: the estimate that the autopilot uses, then its second one."""
+"""Sources of ``phi theta psi`` in order of preference: the estimate that the autopilot uses, then its second
+estimate.
+"""
 POSITIONS = ("local", "ekf", "global", "gps")
 """Sources of ``x y`` and of velocity over ground in order of preference.
 
@@ -41,7 +43,7 @@ They are never mixed, because their origins differ.
 DEPTHS = ("global", "local", "ekf", "control", "ahrs2", "pressure", "baro")
 """Sources of ``z`` in order of preference."""
 RATES = ("attitude", "rate", "imu", "steering")
-"""Sources of ``p q r`` in order of preference. Sources with their own time stamps have priority over those without."""
+"""Sources of ``p q r`` in order of preference. Sources with their own time stamps precede those without."""
 STILL = 0.01
 """Smallest change of depth per second (rms) [m] that determines the sign of a vertical speed. Project choice."""
 SPEEDS = ("hud", "gps")
@@ -57,9 +59,9 @@ class _Pick:
 
 
 def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, str]]:
-    """Return the motion channels of a whole store and, for each channel, its source.
+    """Return (channel -> motion channel of a whole store, channel -> its source).
 
-    ``psi`` stays wrapped as recorded; ``u v`` are velocity over ground turned by the heading at their own stamps.
+    ``psi`` stays wrapped as recorded; ``u v`` are velocity over ground turned by the heading at their own time stamps.
     """
     pick = _Pick({}, {})
     for source in ATTITUDES:
@@ -162,17 +164,17 @@ NO_OUTPUTS = (
 """Cause and remedy for a log that lacks a required output."""
 _OTHER = "neither ArduRover nor ArduSub, so the functions of its outputs are unknown"
 LONGEST_GAP = 0.5
-"""Silence of the outputs [s] above which a change gets the time stamp of its own message. Project choice."""
+"""Silence of the outputs [s] after which the time of a change is that of its own message. Project choice."""
 
 STICKS = 400.0
-"""Half the range of an RC channel [us], if the log does not contain its limits."""
+"""Half the range of an RC channel [us], assumed if the log does not contain its limits."""
 
 
 def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[Note]]:
-    """Return the force channels (unit 1) and PWM channels of a store, their sources, and the doubts about them.
+    """Return the force channels (unit 1) and PWM channels of a store by name, their sources, and the doubts about them.
 
-    The time of an output change is midway between the last message without it and the first with it, as in the recorder
-    of live runs.
+    The time of an output change is midway between the last message before the change and the first message after it, as
+    in the recorder of live runs.
     """
     every = [Channel(f"servo{n}", "pwm", *store.series(f"servo.{n}")) for n in store.numbered("servo")]
     pwm = {c.name: c for c in every if np.any(c.values)}
@@ -199,7 +201,7 @@ def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[No
 
 
 def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
-    """Return the output wiring of a log, and its parameters under the names used for it.
+    """Return (output wiring of the vehicle in a log, parameters of the log under the names used for the wiring).
 
     Raises
     ------

@@ -26,18 +26,18 @@ __all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signa
 
 Array = NDArray[np.float64]
 Columns: TypeAlias = Mapping[str, Any]
-"""Column name (as in the log's own FMT) -> values of many messages, or of a single one."""
+"""Column name (as in the log's own FMT) -> its values in many messages, or in one."""
 
 RAD = math.pi / 180.0
 FIX_3D = 3
 EVENTS = frozenset({"PARM", "MSG", "VER", "MODE", "ARM", "EV"})
-"""Messages that are processed one by one."""
+"""Names of the messages that are processed one by one."""
 INSTANCE = ("C", "I")
-"""Columns that number the instances of a sensor or filter. Only the first instance is read."""
+"""Names of the columns that number the instances of a sensor or filter. Only the first instance is read."""
 
 
 class Missing(KeyError):
-    """Raised if a message lacks a column that all its known versions have, or contains text there."""
+    """Raised if a message lacks a column that all its known versions have, or contains text in such a column."""
 
 
 def _picked(**columns: tuple[str, float]) -> Callable[[Columns], dict[str, Array]]:
@@ -60,7 +60,7 @@ def _gps(c: Columns) -> dict[str, Array]:
 
 
 CHANNEL = ("C", "Ch", "Chan")
-"""Prefixes of the number of an output or RC channel; the last two were used until 2015."""
+"""Prefixes of a column name before the number of an output or RC channel. The last two were used until 2015."""
 
 
 def _numbered(source: str) -> Callable[[Columns], dict[str, Array]]:
@@ -91,11 +91,11 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     "RCOU": _numbered("servo"),
     "RCIN": _numbered("rc"),
 }
-"""Message -> its sources in the store, for arrays as well as single numbers."""
+"""Message -> function that returns its sources in the store, from arrays or single numbers."""
 
 
 def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
-    """Return the sources in a *kind* of message. Values of instances other than the first are NaN.
+    """Return source -> values of the messages of one *kind*. Values of instances other than the first are NaN.
 
     Raises
     ------
@@ -114,18 +114,22 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
 
 
 STRAY = 2.0
-"""Deviation of a stamp [s] from the median of its neighbours on each side above which it counts as damaged. Project
-choice."""
+"""Deviation of a time stamp [s] from the median of its neighbours on each side, above which it counts as damaged.
+Project choice.
+"""
 FAR = 600.0
-"""Deviation [s] from the only neighbours available above which a stamp counts as damaged. Project choice."""
+"""Deviation of a time stamp [s] from its neighbours, if there are neighbours on one side only, above which it counts as
+damaged. Project choice.
+"""
 NEIGHBOURS = 5
-"""Number of neighbouring messages examined on either side. Project choice."""
+"""Number of neighbouring messages on either side with which a time stamp is compared. Project choice."""
 
 
 def strays_of(t: Array) -> NDArray[np.bool_]:
-    """Return which stamps, in order of the file, are earlier or later than both their neighbourhoods.
+    """Return a mask (n,) of the time stamps, in order of the file, that are earlier or later than both their
+    neighbourhoods.
 
-    If there is only one neighbourhood (at the ends of a piece), a stamp far from it is also returned.
+    If there is only one neighbourhood (at the ends of a piece), a time stamp far from it is also in the mask.
     """
     if not np.any(~(np.abs(np.diff(t)) <= STRAY)):
         return np.zeros(len(t), dtype=bool)
@@ -145,13 +149,14 @@ AnyBlock: TypeAlias = Block | TextBlock
 
 FMT_LINE = re.compile(rb"^[\xef\xbb\xbf \t]*FMT\s*,", re.MULTILINE)
 EV_ARMED, EV_DISARMED = 10, 11
-"""Event numbers of ArduPilot, for logs older than the ARM message."""
+"""Numbers of ArduPilot's events for arming and disarming, in logs older than the ARM message."""
 REBOOT = 5.0
 """Step back in time [s] above which a piece of log counts as belonging to another boot. Project choice."""
 
 
 def record_dataflash(path: Path, system: int | None = None) -> Recording:
-    """Read the log at *path*, a piece at a time. *system* is ignored, because an onboard log is of one vehicle.
+    """Return the content of the dataflash log at *path*, which is read a piece at a time. *system* is ignored, because
+    an onboard log is of one vehicle.
 
     Raises
     ------
@@ -219,9 +224,9 @@ def _undated(path: Path, decoder: _Decoder) -> str:
 
 
 STAMPS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
-"""Columns with the boot clock -> seconds per unit; TimeMS was used until 2015."""
+"""Name of a column with the boot clock -> seconds per unit; TimeMS was used until 2015."""
 WEEK = frozenset({"Week", "GWk"})
-"""Columns that mark TimeMS as the time of the GPS week. The boot clock [ms] is then in ``T``."""
+"""Names of the columns that mark TimeMS as the time of the GPS week. The boot clock [ms] is then in ``T``."""
 
 
 def _stamps(block: AnyBlock) -> Array | None:
@@ -253,7 +258,7 @@ class _Decoder:
         self._stores = [SampleStore(name, "vehicle (TimeUS)")]
 
     def write(self, blocks: Iterable[AnyBlock]) -> None:
-        """Process the content of one piece of the file."""
+        """Write the messages of one piece of the file into the stores."""
         here = list(blocks)
         self.blocks += len(here)
         stamps = self._believable(here)
@@ -299,7 +304,9 @@ class _Decoder:
             _name(store, text)
 
     def stores(self) -> list[SampleStore]:
-        """Return the stores. If only armed time is logged (LOG_DISARMED 0), the log counts as armed from its start."""
+        """Return the stores written, one per boot. If only armed time is logged (LOG_DISARMED 0), the log counts as
+        armed from its start.
+        """
         for store in self._stores:
             store.arming.sort(key=lambda a: a[0])
             store.modes.sort(key=lambda m: m[0])

@@ -25,7 +25,7 @@ FMT = 128
 FMT_LENGTH = 89
 FMT_BODY = struct.Struct("<BB4s16s64s")
 PIECE = 4 << 20
-"""Number of bytes processed together. Project choice."""
+"""Number of bytes of the file processed together. Project choice."""
 LONGEST = 255
 
 LETTERS: dict[str, tuple[str, float]] = {
@@ -51,12 +51,14 @@ LETTERS: dict[str, tuple[str, float]] = {
     "q": ("<i8", 1.0),
     "Q": ("<u8", 1.0),
 }
-"""Format letter -> (type, factor). Factor 0 marks text."""
+"""Format letter of FMT -> (NumPy type, factor to the value). A factor of 0 marks text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Layout of one kind of message in the file. ``length`` includes the three header bytes."""
+    """Layout of one kind of message in the file: name, columns and types. ``length`` includes the three header
+    bytes.
+    """
 
     kind: str
     length: int
@@ -69,7 +71,7 @@ class Layout:
 class Block:
     """Messages of one kind from one piece of the file.
 
-    order : (n,) their numbers in the file. rows : (n,) of the layout's dtype.
+    order : (n,) positions of the messages in the file. rows : (n,) of the layout's dtype.
     """
 
     layout: Layout
@@ -78,16 +80,18 @@ class Block:
 
     @property
     def kind(self) -> str:
-        """Name of the message."""
+        """Name of the kind of message."""
         return self.layout.kind
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its columns."""
+        """Names of the message's columns."""
         return self.layout.names
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return values scaled by the log's letters (degrees stay degrees), or (n,) texts."""
+        """Return the values (n,) of the column *name*, scaled by the log's format letters (degrees are not converted),
+        or (n,) texts.
+        """
         raw = self.rows[name]
         factor = self.layout.factors[self.layout.names.index(name)]
         if factor == 0.0:
@@ -202,16 +206,16 @@ class BinaryLog:
 
 
 LINES_AT_ONCE = 20_000
-"""Number of lines processed together. Project choice."""
+"""Number of lines of the file processed together. Project choice."""
 MOST_ABOVE = 50
-"""Number of lines above the first FMT line that do not count as damage. Project choice."""
+"""Largest number of lines above the first FMT line that do not count as damage. Project choice."""
 TEXT = frozenset(letter for letter, (_, factor) in LETTERS.items() if factor == 0.0) | {"M", "a"}
-"""Letters whose values may be text, because a flight mode is written by its name."""
+"""Format letters whose values may be text, because a flight mode is written by its name."""
 
 
 @dataclass(frozen=True, slots=True)
 class TextBlock:
-    """Messages of one kind from one piece of the file, as columns; ``order``: their numbers in the file."""
+    """Messages of one kind from one piece of the file, as columns; ``order``: positions of the messages in the file."""
 
     kind: str
     order: list[int]
@@ -220,7 +224,7 @@ class TextBlock:
     rows: list[list[str]]
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return (n,) numbers (NaN for a cell that is not a number) or texts."""
+        """Return the values (n,) of the column *name*: numbers (NaN for a cell that is not a number) or texts."""
         i = self.names.index(name)
         if self.letters[i] in TEXT:
             return np.array([row[i] for row in self.rows], dtype=object)

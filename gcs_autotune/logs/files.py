@@ -1,4 +1,4 @@
-"""Find the runs to identify from on disk: files of every type in the table of ``formats``, and directories."""
+"""Find recorded runs on disk: files of every type in the table of ``formats``, and directories."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["TRIALS_FOLDER", "load_runs", "record"]
 
 
 TRIALS_FOLDER = "trials"
-"""Folder of a run directory that contains the recorded manoeuvres."""
+"""Name of the folder of a run directory that contains the recorded manoeuvres."""
 
 LEAD_IN = "-with-lead-in"
 """Suffix of the file name for a recording that starts before its manoeuvre."""
@@ -33,12 +33,12 @@ LONG_ENOUGH: Collection[Purpose] = ("identification", "proof")
 flown."""
 
 LEAST_SAMPLES = 30
-"""Fewest motion samples of a usable run: three seconds at 10 Hz. Project choice."""
+"""Smallest number of motion samples of a usable run: three seconds at 10 Hz. Project choice."""
 
 
 def record(path: Path, system: int | None = None, parameters: Mapping[str, float] | None = None) -> Recording | None:
-    """Read *path* as a log, recognised by its content or, if damaged, by its suffix. Return None for a table of
-    columns.
+    """Return the log at *path* as read, its type being recognised by its content or, if damaged, by its suffix. Return
+    None for a table of columns.
 
     parameters : parameters of the vehicle, used if missing in the log.
 
@@ -80,7 +80,7 @@ def load_runs(
 
     Parameters
     ----------
-    pick : numbers of the segments of a log to return (``dive#3`` is 3); empty: all.
+    pick : numbers of the log's segments to return (``dive#3`` is 3); empty: all.
     system : system id of the vehicle, for a log with several.
     columns : name in the file -> ``channel[unit]``, see :func:`parse_columns`.
     parameters : parameters of the vehicle, used if missing in the log.

@@ -1,4 +1,4 @@
-"""A type of file: how it is recognised, and its reader or the advice to convert it."""
+"""Description of a file type: how it is recognised, and its reader or the advice to convert it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ SIZE = 1 << 16
 """Number of bytes of a file that are examined to recognise it. Project choice."""
 
 RunReader: TypeAlias = Callable[[Path, Mapping[str, str]], list[Trial]]
-"""Function that reads (path, name in the file -> ``channel[unit]``). It raises ``BadFile`` or ``UsageError``."""
+"""Function that returns the runs in a file. Arguments: path, and name in the file -> ``channel[unit]``. It raises
+``BadFile`` or ``UsageError``.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +31,7 @@ class Head:
 
     @classmethod
     def of(cls, path: Path) -> Head:
-        """Read the beginning of the file at *path*.
+        """Return the beginning of the file at *path*.
 
         Raises
         ------
@@ -51,7 +53,7 @@ class Head:
 
     @property
     def is_text(self) -> bool:
-        """Return whether these bytes look like text with one byte per character."""
+        """Return whether the first bytes look like text with one byte per character."""
         return bool(self.data) and b"\0" not in self.data and not self.data.startswith((b"\xfd", b"\xfe"))
 
 
@@ -64,8 +66,8 @@ class Format:
     name : name with its article, as used after "is": "a PX4 ULog".
     fits : whether the first bytes of a file are of this type, whatever its name.
     suffixes : file name suffixes, used if the start of the file is damaged.
-    record : reads a vehicle's log into stores. runs : reads columns into runs. Neither: unsupported, and
-    advice : how to convert it; ``{name}`` is the file's name.
+    record : function that reads a vehicle's log into stores. runs : function that reads columns into runs. advice : for
+    a type without either function, how to convert the file; ``{name}`` is the file's name.
     """
 
     name: str

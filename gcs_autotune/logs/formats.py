@@ -28,7 +28,7 @@ __all__ = ["FORMATS", "LOG_SUFFIXES", "format_of"]
 FIRST_FRAMES = 3
 """Number of consecutive MAVLink frames by which a file is recognised. Project choice."""
 YEARS = (946_684_800_000_000, 4_102_444_800_000_000)
-"""Range of valid stamps of telemetry logs [us since 1970]: the years 2000 to 2099."""
+"""Range of valid time stamps of telemetry logs [us since 1970]: the years 2000 to 2099."""
 EXPORT = "export it as CSV (comma separated, UTF-8), with a header line like t[s],psi[deg],N[N m]"
 
 
@@ -173,7 +173,7 @@ FORMATS: tuple[Format, ...] = (
         advice="use it with --parameters, together with its log",
     ),
 )
-"""File types, tested in this order by content and then by suffix. To add a format, add a file and a line here."""
+"""File types, tested in this order by content and then by suffix. To add a format, add a module and a line here."""
 
 LOG_SUFFIXES = tuple(s for f in FORMATS if f.record or f.runs for s in f.suffixes if s not in (".log", ".db3"))
 """Suffixes of the logs that are searched for in a folder."""
@@ -185,7 +185,7 @@ def format_of(path: Path) -> Format | None:
     Raises
     ------
     BadFile
-        It cannot be read, is empty, or is unsupported; the message states the type, and how to convert it.
+        The file cannot be read, is empty, or is unsupported; the message states the type, and how to convert it.
     """
     head = Head.of(path)
     if not head.data and not path.is_dir():

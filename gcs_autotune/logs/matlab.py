@@ -26,12 +26,12 @@ __all__ = ["FORMAT", "read_mat"]
 HEAD = re.compile(rb"MATLAB 5\.0 MAT-file")
 EXPORT = "export it from MATLAB as CSV: writematrix([t psi N], 'run.csv'), with the header line t[s],psi[rad],N[N m]"
 DEEPEST = 8
-"""Greatest depth of nested structures. Project choice."""
+"""Greatest depth of nested structures that is read. Project choice."""
 SHORTEST = 2
 
 
 def read_mat(path: Path, columns: Mapping[str, str]) -> list[Trial]:
-    """Read the run in the MAT file at *path*.
+    """Return the run in the MAT file at *path*.
 
     columns : name in the file -> ``channel[unit]``.
 
@@ -81,13 +81,13 @@ TYPES = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 14, 15, 16, 17, 18})
 ARRAY, COMPRESSED = 14, 15
 CLASSES = range(1, 18)
 FLAGS = 6
-"""Type of the first element of an array. Its lowest byte is the class of the array."""
+"""Type code of the first element of an array. Its lowest byte is the class of the array."""
 IS_COMPLEX = 0x0800
 PARTS = {4: 4, 5: 6, **dict.fromkeys(range(6, 16), 4)}
 """Class of array (4 text, 5 sparse, 6 to 15 numbers) -> number of its elements, one more if it is complex."""
 HEADER = 128
 LARGEST = 1 << 31
-"""Largest size of a compressed element when unpacked [bytes]. Project choice."""
+"""Largest size [bytes] to which a compressed element may be unpacked. Project choice."""
 
 
 def _verify_complete(data: bytes) -> None:

@@ -47,13 +47,15 @@ def is_mavlogdump(head: str) -> bool:
 
 
 def record_mission_planner(path: Path, system: int | None = None) -> Recording:
-    """Read Mission Planner's CSV at *path*. Errors as for ``record_tlog``."""
+    """Return the content of Mission Planner's CSV file at *path*. It raises the errors of ``record_tlog``."""
     lines = _Lines(path)
     return _recording(path, "Mission Planner CSV", lines, _planner(lines), system, ())
 
 
 def record_mavlogdump(path: Path, system: int | None = None) -> Recording:
-    """Read mavlogdump's CSV at *path*, which contains no senders. Errors as for ``record_tlog``."""
+    """Return the content of mavlogdump's CSV file at *path*, which contains no senders. It raises the errors of
+    ``record_tlog``.
+    """
     lines = _Lines(path)
     note = (
         "senders-unknown",
@@ -86,7 +88,7 @@ class _Lines:
                 yield line.rstrip("\r\n")
 
     def damaged(self, line: str) -> None:
-        """Count an unusable line."""
+        """Count an unusable line of the file."""
         self.bad += 1
         self.bad_bytes += len(line)
 

@@ -37,14 +37,16 @@ BOOT_MS = frozenset(
         "RC_CHANNELS",
     }
 )
-"""Messages whose ``time_boot_ms`` is the autopilot's own time."""
+"""Names of the messages whose ``time_boot_ms`` is the autopilot's own time."""
 BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT"})
-"""Messages whose ``time_usec`` ArduPilot also counts from its boot (in SERVO_OUTPUT_RAW only 32 bits of it)."""
+"""Names of the messages whose ``time_usec`` ArduPilot also counts from its boot (in SERVO_OUTPUT_RAW only 32
+bits of it).
+"""
 TRUTH = frozenset({"SIMSTATE", "SIM_STATE", "SIM", "SIM2"})
-"""Messages with a simulator's true state. They are listed but never used."""
+"""Names of the messages with a simulator's true state. They are listed but never used."""
 
 NO_PULSE = 0.0
-"""Value of outputs 9 to 16, which MAVLink 1 does not contain."""
+"""Value of outputs 9 to 16 [us] in a message of MAVLink 1, which does not contain these outputs."""
 FIX_3D = 3
 UNKNOWN = 65535
 
@@ -102,7 +104,9 @@ def _rc(m: Message) -> dict[str, float]:
 
 
 def sticks(m: Message) -> dict[str, float]:
-    """Return ArduSub's sticks in a MANUAL_CONTROL. z runs from 0 to 1000 with 500 in the middle, positive up."""
+    """Return ArduSub's stick positions (-1 to 1) in a MANUAL_CONTROL message, as sources of the store. z runs from 0 to
+    1000 with 500 in the middle, positive up.
+    """
     return {
         "stick.X": m.x * 1e-3,
         "stick.Y": m.y * 1e-3,
@@ -122,15 +126,15 @@ SIGNALS: Mapping[str, Callable[[Message], dict[str, float]]] = {
     "AHRS2": _ahrs2,
     "SCALED_PRESSURE2": lambda m: {"pressure.z": (m.press_abs - 1013.25) * 100.0 / (1000.0 * 9.80665)},
 }
-"""Message -> its sources in the store."""
+"""Message -> function that returns its sources in the store."""
 
 Vehicle = tuple[int, int]
-"""System and component id."""
+"""MAVLink system and component id of a vehicle."""
 
 ARMED = 128
 """Value of MAV_MODE_FLAG_SAFETY_ARMED."""
 NO_AUTOPILOT = 8
-"""Value of MAV_AUTOPILOT_INVALID: the heartbeat of a ground station, camera or companion computer."""
+"""Value of MAV_AUTOPILOT_INVALID, in the heartbeat of a ground station, camera or companion computer."""
 REBOOT = 5.0
 """Step back of the boot clock [s] above which a new boot is assumed.
 
@@ -144,7 +148,7 @@ WRAP_MS = 2**32 * 1e-3
 
 @dataclass(frozen=True, slots=True)
 class DecodedLog:
-    """The messages of one vehicle. ``misfits`` counts messages with unexpected fields."""
+    """The decoded messages of one vehicle. ``misfits`` counts messages with unexpected fields."""
 
     vehicle: Vehicle
     stores: list[SampleStore]
@@ -250,7 +254,7 @@ class _Decoder:
         self._ground = SampleStore(self.name, "ground station")
 
     def hear(self, h: Heard) -> None:
-        """Process one message of this sender."""
+        """Process one message of the vehicle."""
         t = self._stamp(h)
         self.census.count(h.name, t + self._before)
         if h.name == "PARAM_VALUE":
@@ -263,7 +267,7 @@ class _Decoder:
             self._write(self._stores[-1], t, h)
 
     def read_sticks(self, h: Heard) -> None:
-        """Process the stick commands that a ground station sent to this vehicle."""
+        """Process the stick commands that a ground station sent to the vehicle."""
         if math.isfinite(self._boot):
             self._stores[-1].take(self._mapped(h.time), sticks(h.message))
             self._stores[-1].dated_by_arrival.add("stick")
@@ -271,7 +275,9 @@ class _Decoder:
             self._ground.take(h.time, sticks(h.message))
 
     def stores(self) -> list[SampleStore]:
-        """Return the stores written; times are the vehicle's own if it reported any, else the ground station's."""
+        """Return the stores written, one per boot. Times are the vehicle's own if it reported any, else the ground
+        station's.
+        """
         found = self._stores
         if self._ground is not None:
             found, self.census = [self._ground], self._heard_at

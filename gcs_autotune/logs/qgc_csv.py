@@ -36,7 +36,9 @@ COLUMNS: tuple[tuple[tuple[tuple[str, str, float], ...], ...], ...] = (
         (("gps.lat", "gps.lat", 1.0), ("gps.lon", "gps.lon", 1.0)),
     ),
 )  # fmt: skip
-"""Columns that belong together -> source and factor. First those in front of all groups, then those within one."""
+"""Groups of columns, each column with its source and factor: first those in front of all groups, then those of each
+group.
+"""
 
 MOTION_ONLY: Note = (
     "motion-only",
@@ -51,7 +53,8 @@ def is_qgc(head: str) -> bool:
 
 
 def record_qgc(path: Path, system: int | None = None) -> Recording:
-    """Read QGroundControl's CSV at *path*. *system* is ignored, because the file is of one vehicle.
+    """Return the content of QGroundControl's CSV file at *path*. *system* is ignored, because the file is of one
+    vehicle.
 
     Raises
     ------

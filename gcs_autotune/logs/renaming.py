@@ -13,12 +13,12 @@ __all__ = ["parse_columns", "renamed"]
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Parse ``"t_sim=t[s],heading_deg=psi[deg]"`` into name in the file -> ``channel[unit]``.
+    """Return name in the file -> ``channel[unit]`` from a text such as ``"t_sim=t[s],heading_deg=psi[deg]"``.
 
     Raises
     ------
     UsageError
-        A piece is not of the form ``name=channel[unit]``, or a name occurs twice.
+        An item is not of the form ``name=channel[unit]``, or a name occurs twice.
     """
     found: dict[str, str] = {}
     for piece in (p.strip() for p in text.split(",")):

@@ -30,7 +30,7 @@ Samples: TypeAlias = dict[str, float]
 INSTEAD = "convert it to CSV (ros2 bag, bagpy: bag.message_by_topic) and map the columns with --columns"
 OURS = ("_ned", "_frd")
 CAPACITY = 20_000_000
-"""Most messages read from one bag. Project choice."""
+"""Largest number of messages read from one bag. Project choice."""
 
 
 def _signs(frame: str) -> float:
@@ -89,7 +89,7 @@ KINDS: Mapping[str, Callable[[Message], Samples]] = {
     "geometry_msgs/msg/Wrench": _wrench,
     "mavros_msgs/msg/RCOut": lambda m: {f"servo{i}": float(v) for i, v in enumerate(m.channels, start=1)},
 }
-"""Type of message -> channels.
+"""Type of ROS message -> function that returns its channels.
 
 If two topics have the same channel, the type listed first is used, then the first topic.
 """
@@ -99,7 +99,7 @@ ARRAYS = frozenset(f"std_msgs/msg/{kind}MultiArray" for kind in _PLAIN)
 
 
 def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:
-    """Read the run in the bag at *path*; *columns* are applied to its channels afterwards.
+    """Return the run in the bag at *path*; *columns* are applied to its channels afterwards.
 
     Raises
     ------

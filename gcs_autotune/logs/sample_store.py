@@ -1,7 +1,7 @@
 """Content of any ArduPilot log between two boots, whatever its format: samples, parameters, modes, arming.
 
 Readers fill a :class:`SampleStore` with *named sources* (``attitude.psi``, ``local.x``, ``ekf.z``, ``servo.1``).
-:mod:`.channels` later decides which source becomes which channel. Angles are in radians, the rest in SI, positions on
+:mod:`.channels` later selects the source for each channel. Angles are in radians, the rest in SI, positions on
 the globe in degrees. Samples are stored in flat arrays of doubles, and a column that never changes as one number. So an
 hour's log needs megabytes and not gigabytes. A :class:`Recording` contains the stores of a whole log, with its counts
 and doubts.
@@ -45,24 +45,24 @@ UNKNOWN = "unknown vehicle"
 
 
 class RecordedParameters:
-    """The parameters recorded in a log, as a ``ParameterSource``."""
+    """The parameters recorded in a log, with the interface ``ParameterSource``."""
 
     def __init__(self, values: Mapping[str, float]) -> None:
         self.values = dict(values)
 
     def read(self, name: str) -> float:
-        """Return the value of one parameter."""
+        """Return the recorded value of the parameter *name*."""
         return self.read_all([name])[name]
 
     def read_all(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the values of all *names*.
+        """Return name -> value of all *names*.
 
         Raises
         ------
         ParameterMissing
-            The log does not contain one of them.
+            The log does not contain one of the parameters.
         PreconditionFailed
-            It contains an implausible value.
+            The log contains an implausible value.
         """
         wanted = list(names)
         missing = [n for n in wanted if n not in self.values]
@@ -71,7 +71,7 @@ class RecordedParameters:
         return checked_all({n: self.values[n] for n in wanted})
 
     def read_existing(self, names: Iterable[str]) -> dict[str, float]:
-        """Return those of *names* that the log contains."""
+        """Return name -> value of those *names* that the log contains."""
         return checked_all({n: self.values[n] for n in names if n in self.values})
 
 
@@ -155,7 +155,7 @@ class SampleStore:
     _limits: dict[tuple[str, ...], list[float]] = field(default_factory=dict)
 
     def take(self, t: float, values: Mapping[str, float]) -> None:
-        """Add samples stamped *t* [s]. One that is older than the last of its kind is counted and discarded."""
+        """Add samples stamped *t* [s]. A sample older than the last one of its source is counted and discarded."""
         if not values:
             return
         names = tuple(values)
@@ -177,7 +177,7 @@ class SampleStore:
             column.append(value)
 
     def take_all(self, t: Array, values: Mapping[str, Array]) -> None:
-        """Add many samples at once. t : (n,) stamps [s]; values : source -> (n,)."""
+        """Add many samples of several sources at once. t : (n,) stamps [s]; values : source -> (n,)."""
         names = tuple(values)
         columns = [np.asarray(v, dtype=np.float64) for v in values.values()]
         believable = np.isfinite(t)
@@ -206,7 +206,7 @@ class SampleStore:
         return any(source in names for names in self._groups)
 
     def series(self, source: str) -> tuple[Array, Array]:
-        """Return time stamps and values of a source; both are empty if the log does not contain it."""
+        """Return time stamps [s] and values, (n,) each, of a source; both are empty if the log does not contain it."""
         found = [
             (group.times(), group.columns[names.index(source)].read())
             for names, group in self._groups.items()
@@ -228,12 +228,12 @@ class SampleStore:
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last stamp [s]; (0, 0) if there are none."""
+        """First and last time stamp of the store [s]; (0, 0) if it has no samples."""
         ends = [(g.stamps[0], g.stamps[-1]) for g in self._groups.values()]
         return (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 0.0)
 
     def silences(self, longest: float) -> list[tuple[float, float]]:
-        """Return the intervals [s] longer than *longest* in which no source has a sample."""
+        """Return the intervals (begin, end) [s], longer than *longest* [s], in which no source has a sample."""
         groups = [g.times() for g in self._groups.values()]
         if not groups:
             return []
@@ -265,7 +265,9 @@ class Census:
     seen: dict[str, list[float]] = field(default_factory=dict)
 
     def count(self, kind: str, t: float, how_many: int = 1, until: float | None = None) -> None:
-        """Count *how_many* messages of a *kind* at *t*, or from *t* to *until*. An unknown time is not finite."""
+        """Count *how_many* messages of a *kind* at time *t* [s], or from *t* to *until* [s]. An unknown time is not
+        finite.
+        """
         row = self.seen.setdefault(kind, [0, math.inf, -math.inf])
         row[0] += how_many
         if math.isfinite(t):
@@ -273,7 +275,7 @@ class Census:
             row[2] = max(row[2], t if until is None else until)
 
     def rate(self, kind: str) -> float:
-        """Return messages per second between the first and the last one; 0 if there are fewer than two."""
+        """Return the mean rate [Hz] of a *kind* of message; 0 if there are fewer than two messages."""
         count, first, last = self.seen.get(kind, [0, 0.0, 0.0])
         return (count - 1) / (last - first) if last > first else 0.0
 
@@ -298,4 +300,6 @@ class Recording:
 
 
 LogReader: TypeAlias = Callable[[Path, int | None], Recording]
-"""Function that reads (path, system id of the vehicle meant). It raises ``BadFile`` or ``UsageError``."""
+"""Function that returns the content of a log. Arguments: path, and system id of the vehicle. It raises ``BadFile`` or
+``UsageError``.
+"""

@@ -27,13 +27,13 @@ AXES = ("yaw", "surge", "sway", "heave")
 SMALL_INPUT = 0.05
 """Smallest range of a useful input (normalised). Project choice."""
 FEW_CHANGES = 4
-"""Fewest reversals of the input that separate inertia from drag. Project choice."""
+"""Smallest number of input reversals that separate inertia from drag. Project choice."""
 QUIET = 3.0
-"""Ratio of a response's scatter to its noise below which it counts as no response. Project choice."""
+"""Ratio of a response's scatter to its noise below which the response counts as missing. Project choice."""
 SLOW = 0.5
 """Sampling interval [s] above which the motion of a small craft is missed. Project choice."""
 FEWEST = 20
-"""Fewest samples required of any motion channel."""
+"""Smallest number of samples required of a motion channel. Project choice."""
 GOOD = "possibly usable"
 
 
@@ -62,7 +62,7 @@ class DofExcitation:
     why: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the assessment as plain data for JSON."""
         return asdict(self)
 
 
@@ -73,7 +73,7 @@ def excitation_of(run: Trial) -> list[DofExcitation]:
 
 
 def little_excitation(looks: list[DofExcitation]) -> Note | None:
-    """Return the doubt about a run without a usable axis; None if one is usable, or there is none."""
+    """Return the doubt about a run of whose axes none is usable; None if one is usable, or there are no axes."""
     if not looks or any(e.verdict == GOOD for e in looks):
         return None
     return (
@@ -135,7 +135,7 @@ SHORTEST = 5.0
 SILENCE = 3.0
 """Longest silence [s] inside a run. Project choice."""
 NO_INPUT = ("motion-only", "no-inputs")
-"""Short names of the notes about a missing input."""
+"""Slugs of the notes about a missing input."""
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 
 
@@ -161,7 +161,7 @@ class SkippedPart:
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """Result of cutting a log: the ``runs`` and the segments left out."""
+    """Result of cutting a log: the ``runs``, and the segments left out with the reasons."""
 
     runs: list[Trial]
     left_out: list[SkippedPart]
@@ -173,7 +173,7 @@ def runs_of(log: Recording) -> list[Trial]:
     Raises
     ------
     NotInformative
-        No segment is driven and moves; the message states the contents.
+        No segment is driven and moves; the message states the contents of the log.
     """
     cut = cut_runs(log)
     if not cut.runs:
@@ -182,7 +182,9 @@ def runs_of(log: Recording) -> list[Trial]:
 
 
 def cut_runs(log: Recording) -> Cut:
-    """Cut a log at boots, silences, and every change of mode or arming."""
+    """Return the runs in a log and the segments left out. The log is cut at boots, silences, and every change of mode
+    or armed state.
+    """
     runs: list[Trial] = []
     dropped: list[SkippedPart] = []
     number = 0

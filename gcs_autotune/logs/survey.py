@@ -27,10 +27,10 @@ __all__ = ["fresh_folder", "survey", "write_runs"]
 
 
 def survey(log: Recording, cut: Cut) -> dict[str, Any]:
-    """Return the data that ``logs list`` shows.
+    """Return the contents of a log as plain data, as ``logs list`` shows them.
 
-    ``boots`` has a row per boot with its ``duration`` [s], and with ``modes`` and ``armed`` as (time since its start
-    [s], new state). ``messages`` is kind -> count and rate [1/s]. ``runs`` and ``left_out`` are the results of
+    ``boots`` has a row per boot with its ``duration`` [s], and with ``modes`` and ``armed`` as (time since the boot's
+    start [s], new state). ``messages`` is kind -> count and rate [1/s]. ``runs`` and ``left_out`` are the results of
     :func:`cut_runs`.
     """
     counted = sorted(log.census.seen.items(), key=lambda item: -item[1][0])
@@ -124,7 +124,7 @@ def fresh_folder(folder: Path) -> Path:
 
 
 def write_runs(folder: Path, label: str, runs: Sequence[Trial], log: Recording, told: Mapping[str, Any]) -> list[Path]:
-    """Write *runs* (``LABEL-03-MANUAL.csv``, with marks and meta data as ``.json``) and return their paths.
+    """Write *runs* (``LABEL-03-MANUAL.csv``, with marks and metadata as ``.json``) and return their paths.
 
     It also writes the survey (*told*) as ``LABEL.log.json`` and the vehicle's parameters, if the log contains any, as
     ``LABEL.param``.

@@ -14,7 +14,7 @@ __all__ = ["record_tlog"]
 
 
 def record_tlog(path: Path, system: int | None = None) -> Recording:
-    """Read the telemetry log at *path*, with at most one piece of it in memory.
+    """Return the content of the telemetry log at *path*. At most one piece of the file is in memory.
 
     Parameters
     ----------

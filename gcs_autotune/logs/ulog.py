@@ -63,11 +63,11 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     ),
     "rover_throttle_setpoint": _picked(setpoint__X="throttle_body_x"),
 }
-"""Topic -> its sources in the store; ``actuator_controls_0`` was used until PX4 1.13."""
+"""PX4 topic -> function that returns its sources in the store; ``actuator_controls_0`` was used until PX4 1.13."""
 
 
 def record_ulog(path: Path, system: int | None = None) -> Recording:
-    """Read the ULog at *path*. *system* is ignored, because the log is of one vehicle.
+    """Return the content of the ULog at *path*. *system* is ignored, because the log is of one vehicle.
 
     Raises
     ------

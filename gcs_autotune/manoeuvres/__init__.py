@@ -1,13 +1,13 @@
-"""Manoeuvres that reveal a craft's dynamics, and the engine that flies them safely.
+"""Manoeuvres that excite a craft's dynamics, and the sequencer that flies them safely.
 
 A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is only a generator of commands that receives observations.
 :class:`Sequencer` flies it inside an :class:`Envelope`, and cleans up on every ending.
 
 ``sign-check`` comes first and verifies that an actuator acts in the right direction. ``relay`` identifies one degree of
-freedom in a few oscillations. ``zig-zag``, ``turning-circle``, ``pull-out``, the spirals and ``stopping`` give the
-standard figures of ships. ``steps`` to ``free-decay`` apply to any force. ``throttle-steps`` identifies a boat's surge.
-``step`` proves a closed loop. ``turn-about`` turns a boat around between two manoeuvres. ``dive`` takes an ROV away
-from the surface. The table :data:`MANOEUVRES` contains all of them.
+freedom in a few oscillations. ``zig-zag``, ``turning-circle``, ``pull-out``, the spirals and ``stopping`` determine the
+standard manoeuvring figures of ships. ``steps`` to ``free-decay`` apply to any force. ``throttle-steps`` identifies a
+boat's surge. ``step`` proves a closed loop. ``turn-about`` turns a boat around between two manoeuvres. ``dive`` takes
+an ROV away from the surface. The table :data:`MANOEUVRES` contains all of them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,14 @@ from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
+from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
+from gcs_autotune.manoeuvres.keep_distance import KeepDistance
+from gcs_autotune.manoeuvres.keep_position import KeepPosition
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
+from gcs_autotune.manoeuvres.own_loop import KeepSetPoint, UnderOwnLoop
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, NominalPlant, PlantState, Preview, fly_on, preview
 from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
@@ -55,7 +59,11 @@ __all__ = [
     "DiveSettings",
     "Ending",
     "Envelope",
+    "FollowLine",
     "Guard",
+    "KeepDistance",
+    "KeepPosition",
+    "KeepSetPoint",
     "Manoeuvre",
     "ManoeuvreKind",
     "NominalPlant",
@@ -80,6 +88,7 @@ __all__ = [
     "ThrustCheckSettings",
     "TurnAbout",
     "TurnAboutSettings",
+    "UnderOwnLoop",
     "ZigZag",
     "ZigZagSettings",
     "Zone",
@@ -91,5 +100,6 @@ __all__ = [
     "preview",
     "read_area",
     "restore_on_exit",
+    "state_on",
     "windows_of",
 ]

@@ -1,6 +1,6 @@
 """The approach before a manoeuvre: gain speed if needed, and measure the noise of the monitored signal.
 
-:class:`UnderWay` is the common part of the standard ship manoeuvres (zig-zag, circle, spiral, stopping). It consists of
+:class:`UnderWay` is the base class of the standard ship manoeuvres (zig-zag, circle, spiral, stopping). It consists of
 an approach straight ahead and helm orders, each held until the craft turns steadily.
 """
 
@@ -21,21 +21,23 @@ from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre
 __all__ = ["Approach", "Part", "Steadiness", "Steering", "UnderWay"]
 
 Part = Generator[Command, Observation, Observation]
-"""A generator for a part of a manoeuvre.
-
-It yields commands, receives observations, and returns the first observation of the next part.
+"""A generator for one section of a manoeuvre. It yields commands, receives observations, and returns the first
+observation of the next section.
 """
 
 LEAST_TIME = 3.0
 """Shortest approach [s]: enough samples at 10 Hz to determine the noise within about 15 %. Project choice."""
 LONGEST_TIME = 30.0
-"""Longest approach [s]. A boat that still accelerates then starts the manoeuvre anyway. Project choice."""
+"""Longest approach [s]. A boat that still accelerates after this time starts the manoeuvre anyway. Project choice."""
 STEADY_WINDOW = 3.0
 STEADY_SHARE = 0.03
-"""Change of speed over the window [s] below which the speed counts as steady, as a fraction of the speed, or 2 cm/s if
-more."""
+"""Change of speed over :data:`STEADY_WINDOW` below which the speed counts as steady, as a fraction of the speed; at
+least 2 cm/s. Project choice.
+"""
 STEADY_RATE = 0.02
-"""Change of turn rate over the window below which a turn counts as steady, as a fraction of the largest rate seen."""
+"""Change of turn rate over the window below which a turn counts as steady, as a fraction of the largest turn rate
+measured. Project choice.
+"""
 COURSE_WINDOW = 1.0
 """Time [s] at the end of the approach over which the heading is averaged, because one compass sample is too noisy.
 Project choice."""
@@ -52,7 +54,7 @@ class Steadiness:
         self._start = math.nan
 
     def update(self, t: float, x: float) -> None:
-        """Process one sample: time [s] and value."""
+        """Add one sample: time [s] and value."""
         if not self._seen:
             self._start = t
         self._seen.append((t, x))
@@ -61,7 +63,9 @@ class Steadiness:
 
     @property
     def halves(self) -> tuple[float, float] | None:
-        """Means of the earlier and of the later half; None before the window is full or if a value is unknown."""
+        """Means of the earlier and the later half of the window; None before the window is full, or if a value
+        is unknown.
+        """
         values = [x for _, x in self._seen]
         if not values or self._seen[-1][0] - self._start < self.window or not all(math.isfinite(x) for x in values):
             return None
@@ -70,18 +74,19 @@ class Steadiness:
 
     @property
     def mean(self) -> float:
-        """Mean of the known values in the window; NaN if there are none."""
+        """Mean of the known values in the window; NaN without known values."""
         known = [x for _, x in self._seen if math.isfinite(x)]
         return float(np.mean(known)) if known else math.nan
 
     def is_within(self, band: float) -> bool:
-        """Return whether the halves differ by less than *band*."""
+        """Return whether the means of both halves of the window differ by less than *band*."""
         halves = self.halves
         return halves is not None and abs(halves[1] - halves[0]) < band
 
 
 class Approach:
-    """Waits until the speed is steady (if the actuator needs speed) and the noise is measured.
+    """Approach before a manoeuvre: wait until the speed is steady (if the actuator needs speed) and the noise is
+    measured.
 
     ``noise_std`` is computed from second differences, which a steady turn or drift does not affect.
     """
@@ -101,12 +106,14 @@ class Approach:
         self.noise_std, self.done = noise_std, True
 
     def start(self, observation: Observation) -> None:
-        """Store the time and the speed of the first observation."""
+        """Start the approach with the time and the speed of the first observation."""
         self.speed = observation.speed
         self._start = observation.t
 
     def update(self, t: float, x: float, speed: float) -> None:
-        """Process one sample: time [s], monitored signal [rad or m], speed [m/s] (NaN when unknown)."""
+        """Process one sample: time [s], monitored signal [rad or m], speed [m/s] (NaN if unknown). End the
+        approach once it is complete.
+        """
         self._x.append(x)
         self._speeds.update(t, speed)
         elapsed = t - self._start
@@ -147,7 +154,7 @@ class Steering:
 
     @classmethod
     def of(cls, options: Mapping[str, float]) -> Steering:
-        """Return the steering of *options* (of a row of the table of manoeuvres)."""
+        """Return the steering in *options*, which are those of an entry in the table of manoeuvres."""
         return cls(
             options.get("steering", 0.0),
             int(options["side"]),
@@ -174,7 +181,7 @@ class UnderWay(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings of the steering, and the results of the approach."""
+        """Settings of the steering and results of the approach by name, for the trial's ``meta``."""
         s = self._steering
         return {
             "dof": "yaw",

@@ -23,7 +23,7 @@ __all__ = ["Area", "Zone", "how_far", "read_area"]
 
 Point = tuple[float, float]
 MOST_CORNERS = 2000
-"""Most corners of an outline, because it is checked with every sample. Project choice."""
+"""Largest number of corners of an outline, because the outline is checked at every sample. Project choice."""
 _THINNEST = 1e-4
 """Ratio of width to length below which corners count as collinear: 10 cm in a kilometre. Project choice."""
 
@@ -41,7 +41,9 @@ class Zone:
     inside: bool = True
 
     def beyond(self, x: float, y: float) -> float:
-        """Return how far (x, y) [m] is on the forbidden side; negative on the permitted one."""
+        """Return the distance [m] of (x, y) [m] from the outline: positive on the forbidden side, negative on the
+        permitted side.
+        """
         if len(self.corners) == 1:
             out = math.hypot(x - self.corners[0][0], y - self.corners[0][1]) - self.radius
         else:
@@ -57,11 +59,11 @@ class Area:
     source: str
 
     def beyond(self, x: float, y: float) -> float:
-        """Return how far (x, y) [m] is outside the area; 0 inside."""
+        """Return how far [m] the position (x, y) [m] is outside the area; 0 inside."""
         return max(0.0, *(zone.beyond(x, y) for zone in self.zones))
 
     def around(self, lat: float, lon: float, x: float, y: float) -> Area:
-        """Return an area in degrees converted to metres, for a craft at *lat*, *lon* [deg] and (x, y) [m]."""
+        """Return this area, in degrees, converted to metres for a craft at *lat*, *lon* [deg] and (x, y) [m]."""
 
         def local(point: Point) -> Point:
             north, east = flat(point[0], point[1], (lat, lon))
@@ -70,7 +72,9 @@ class Area:
         return replace(self, zones=tuple(replace(z, corners=tuple(map(local, z.corners))) for z in self.zones))
 
     def seen_from(self, x: float, y: float, psi: float) -> Area:
-        """Return an area in metres relative to a craft at (x, y), with its position as origin and its bow as north."""
+        """Return this area, in metres, relative to a craft at (x, y) [m], with the craft as origin and its bow
+        as north.
+        """
         c, s = math.cos(psi), math.sin(psi)
 
         def seen(point: Point) -> Point:
@@ -80,7 +84,7 @@ class Area:
         return replace(self, zones=tuple(replace(z, corners=tuple(map(seen, z.corners))) for z in self.zones))
 
     def and_(self, other: Area | None) -> Area:
-        """Return the area permitted by both."""
+        """Return the area permitted by both this area and *other*."""
         return self if other is None else Area((*self.zones, *other.zones), f"{self.source} and {other.source}")
 
 
@@ -114,7 +118,7 @@ def how_far(distance: float) -> str:
 
 
 def read_area(text: str) -> Area:
-    """Parse the area in *text*: corners ``lat,lon lat,lon lat,lon ...`` in degrees, or the path of a GeoJSON file.
+    """Return the area in *text*: corners ``lat,lon lat,lon lat,lon ...`` in degrees, or the path of a GeoJSON file.
 
     The craft must stay inside the outer ring of the file's first polygon, and outside its holes.
 

@@ -17,16 +17,17 @@ from gcs_autotune.trial import Purpose
 __all__ = ["CalmCheck", "ComeBack", "ComeToRest"]
 
 GAIN, DAMPING, MOST = 0.6, 0.3, 0.5
-"""Steering per bearing error [1/rad], steering per yaw rate [s/rad], and the steering limit. Project choice.
+"""Controller of the return: steering per bearing error [1/rad], steering per yaw rate [s/rad], and largest steering
+[fraction of full]. Project choice.
 
 The loop is damped while a boat's turn rate at full rudder [rad/s] times its turning lag [s] stays below about 3.
 """
 THERE = 5.0
-"""Distance [m] from the start at which a boat counts as back. Project choice."""
+"""Distance [m] from the start at which a boat counts as returned. Project choice."""
 LEAST_WAY = 0.3
 """Assumed speed of a boat [m/s] for the time limit of its return. Project choice."""
 SPARE = 60.0
-"""Additional time [s] for turning around. Project choice."""
+"""Additional time [s] for turning around, in the time limit of a return. Project choice."""
 
 
 class ComeBack(Manoeuvre):
@@ -41,7 +42,7 @@ class ComeBack(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Destination and throttle."""
+        """Destination [m] and throttle by name, for the trial's ``meta``."""
         return {"x": self._x, "y": self._y, "throttle": self._throttle}
 
     def commands(self, now: Observation) -> Commands:
@@ -80,7 +81,7 @@ class CalmCheck(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Criterion for calm water."""
+        """Criterion for calm water by name, for the trial's ``meta``."""
         return {"calm": CALM}
 
     def commands(self, now: Observation) -> Commands:
@@ -106,14 +107,14 @@ class CalmCheck(Manoeuvre):
 STILL = math.radians(2.0), 0.05
 """Rms turn rate [rad/s] and climb rate [m/s] up to which a craft counts as still. Project choice."""
 STILL_FOR, REST = 1.0, 20.0
-"""Time [s] for which the craft must be still, and the longest wait for this [s]."""
+"""Time [s] for which the craft must be still, and the longest wait for it [s]. Project choice."""
 
 
 class ComeToRest(Manoeuvre):
     """Holds heading and depth of an ROV with low gains until it is still, or for :data:`REST`.
 
-    The autopilot's loop takes over next. If the craft still turned from an experiment, the loop's integral would build
-    up while stopping it. With little drag it would take half a minute to decay.
+    The autopilot's loop takes over next. If the craft still turned after an experiment, the loop's integral would build
+    up while it stops the turn. With little drag the integral would take half a minute to decay.
 
     ``signal`` and ``force`` are those of the next step, for display.
     """
@@ -126,11 +127,11 @@ class ComeToRest(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Criterion for a craft at rest."""
+        """Criterion for a craft at rest by name, for the trial's ``meta``."""
         return {"still": list(STILL)}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the commands that hold the craft."""
+        """Yield the commands that hold heading and depth."""
         start = now.t
         seen: deque[tuple[float, float, float]] = deque()
         while True:

@@ -21,7 +21,7 @@ class DiveSettings:
     """Settings of a dive to ``depth`` [m].
 
     The dive is complete once the depth is within ``band`` [m] for ``steady_time`` [s]. ``patience`` [s]: longest
-    duration. An untuned loop may oscillate about the depth or hold another one. Then it is sufficient to stay deeper
+    duration. An untuned loop may oscillate about the depth or hold another depth. Then it is sufficient to stay deeper
     than ``enough`` [m], and at most that much below ``depth``, for ``long`` [s].
     """
 
@@ -34,7 +34,9 @@ class DiveSettings:
 
 
 class Dive(Manoeuvre):
-    """Lowers the set-point of the autopilot's depth loop along a ramp and waits until the craft is there."""
+    """Lowers the set-point of the autopilot's depth loop along a ramp and waits until the craft is at the final
+    depth.
+    """
 
     kind, purpose, in_manual = "dive", "transit", False
 
@@ -44,11 +46,11 @@ class Dive(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings of the dive: the depth."""
+        """Depth [m] of the dive by name, for the trial's ``meta``."""
         return {"depth": self._settings.depth}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield a depth that increases from the present one, and check whether the craft has arrived."""
+        """Yield depth commands that increase from the present depth, until the craft is at the final depth."""
         s, start, top = self._settings, now.t, now.z
         there_since = deep_since = start
         while True:

@@ -18,9 +18,8 @@ NEARLY = 0.9
 FAR_OUT = 0.4
 """Fraction of the distance limit beyond which a boat turns around before a further manoeuvre. Project choice."""
 TO_COME_ABOUT = 12.0
-"""Time [s] of straight travel at cruise speed that corresponds to the distance of a turn.
-
-The boat Charlie needs 8 to 11 after an unsteady step. Project choice.
+"""Distance that a boat needs to turn around, as the time [s] of straight travel at cruise speed. The boat Charlie needs
+8 to 11 s after an unsteady step. Project choice.
 """
 
 
@@ -79,7 +78,7 @@ class Envelope:
 def far_out(envelope: Envelope, away: float, ahead: float, *, last: bool = False) -> bool:
     """Return whether a boat *away* [m] from its start must turn around before a stage of *ahead* [s].
 
-    It must if it is far out, or may be too far out at the end of that stage. *last*: no stage follows.
+    It must turn if it is far out, or may be too far out at the end of the stage. *last*: whether no stage follows.
     """
     limit = envelope.distance_limit
     share = NEARLY if last else FAR_OUT
@@ -89,10 +88,10 @@ def far_out(envelope: Envelope, away: float, ahead: float, *, last: bool = False
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """One limit: ``share(envelope, anchor, now)`` is the fraction of it that is used, above 1 if it is exceeded.
+    """One safety limit of the envelope. ``share`` is the fraction of the limit that is used, above 1 if it is exceeded.
 
-    ``measure`` returns (value, limit) in SI units, or None if the signal does not exist. ``option`` is the option that
-    sets the limit.
+    ``measure`` returns (value, limit) in SI units, or None if the signal does not exist. ``option`` is the command-line
+    option that sets the limit.
     """
 
     name: str
@@ -161,11 +160,12 @@ GUARDS: tuple[Guard, ...] = (
     ),
     Guard("time", "s", "max-time", lambda e, a, o: (o.t - a.t, e.time)),
 )
-"""All limits. To add one, add a line here and a field in :class:`Envelope`."""
+"""All safety limits. To add a limit, add a line here and a field in :class:`Envelope`."""
 
 
 class Watch:
-    """The envelope of one manoeuvre, relative to its start. Positions count from *home* if it is supplied.
+    """Monitors the envelope of one manoeuvre, relative to the manoeuvre's start. Positions count from *home* if it is
+    supplied.
 
     A signal that the craft does not have (a battery monitor, a position indoors) is not guarded. A signal that becomes
     invalid trips its guard. A signal that appears later is guarded from then on.
@@ -179,7 +179,7 @@ class Watch:
 
     @property
     def room(self) -> Room:
-        """The limits of the space, for the observer."""
+        """The limits of the space around the start, for the observer."""
         e, a = self.envelope, self.anchor
         zones = () if e.area is None else tuple((z.corners, z.radius, z.inside) for z in e.area.zones)
         bounds = {
@@ -193,7 +193,7 @@ class Watch:
         return _distance(self.anchor, now)
 
     def room_ends(self, now: Observation) -> str:
-        """Return a sentence on the space limit that the craft is too close to; empty if none."""
+        """Return a sentence on the space limit to which the craft is too close; empty if there is none."""
         envelope, limit, away = self.envelope, self.envelope.distance_limit, self.away(now)
         to_come_about = TO_COME_ABOUT * envelope.cruise
         least = min(to_come_about, 0.5 * limit)  # a small room is not over at its start
@@ -212,7 +212,7 @@ class Watch:
         Raises
         ------
         GuardTripped
-            A limit is crossed or can no longer be monitored; with guard, value and limit.
+            A limit is crossed or can no longer be monitored; the error contains guard, value and limit.
         """
         self._anchor_late(now)
         nearest, most = "", 0.0

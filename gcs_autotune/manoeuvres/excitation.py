@@ -16,38 +16,38 @@ from gcs_autotune.errors import UsageError
 __all__ = ["Signal", "chirp", "decay", "full", "growing", "levels", "multisine", "prbs", "sine", "staircase"]
 
 Signal = Callable[[float], float]
-"""Function from normalised time, 0 to 1, to the fraction of the requested amplitude."""
+"""Function of normalised time (0 to 1) that returns a fraction of the requested amplitude."""
 
 
 def levels(*values: float) -> Signal:
-    """Return levels of equal length, one after the other."""
+    """Return a signal with *values* as levels of equal length, one after the other."""
     return lambda x: values[min(int(x * len(values)), len(values) - 1)]
 
 
 def sine(periods: float) -> Signal:
-    """Return a sine with this many periods."""
+    """Return a sine with *periods* periods."""
     return lambda x: math.sin(2.0 * math.pi * periods * x)
 
 
 def full(x: float) -> float:
-    """Return full output for any *x*."""
+    """Return full output (1) at any normalised time *x*."""
     return 1.0
 
 
 def growing(x: float) -> float:
-    """Return a ramp up to full output, which is held for the last tenth."""
+    """Return the value at normalised time *x* of a ramp up to full output, which is held for the last tenth."""
     return min(x / 0.9, 1.0)
 
 
 def staircase(steps: int, both: bool) -> Signal:
-    """Return levels that rise to full output in equal steps and come down again. *both*: to either side."""
+    """Return a signal of levels that rise to full output in equal steps and fall again. *both*: to either side."""
     up = [k / steps for k in range(steps + 1)]
     there = [*up, *reversed(up[:-1])]
     return levels(*there, *([-x for x in there[1:]] if both else []))
 
 
 def chirp(options: Mapping[str, float]) -> Signal:
-    """Return an exponential sine sweep, faded in and out by half a cosine."""
+    """Return a signal that is an exponential sine sweep, faded in and out by half a cosine."""
     seconds, first, last = options["duration"], options["f-start"], options["f-stop"]
     fade_in, fade_out = options["fade-in"], options["fade-out"]
     if fade_in + fade_out > seconds:
@@ -67,12 +67,12 @@ def chirp(options: Mapping[str, float]) -> Signal:
 
 
 LINES = 20
-"""Largest number of frequencies of a multisine, because more frequencies share the same power. Project choice."""
+"""Largest number of frequencies of a multisine, because the power is divided among them. Project choice."""
 
 
 def multisine(options: Mapping[str, float]) -> Signal:
-    """Return a multisine of equal amplitudes, with frequencies at whole multiples of one per duration and a peak of
-    1.
+    """Return a signal that is a multisine of equal amplitudes, with frequencies at whole multiples of one per duration
+    and a peak of 1.
 
     Schroeder's phases keep its peak low for its power (Schroeder1970).
     """
@@ -111,7 +111,7 @@ def prbs(options: Mapping[str, float]) -> Signal:
 
 
 def decay(options: Mapping[str, float]) -> Signal:
-    """Return full output at the start, followed by zero output, for a decay."""
+    """Return a signal with full output at the start, followed by zero output, for a decay."""
     share = options["push"] / options["duration"]
     if share >= 1.0:
         raise UsageError(

@@ -23,7 +23,9 @@ PUSHED = math.radians(5.0)
 PATIENCE = 120.0
 """Longest time to wait for the push [s]. Project choice."""
 DECAYED, QUIET = 0.1, 3.0
-"""Fraction of the largest angle that counts as zero, and how long it must last [s]. Project choice."""
+"""Fraction of the largest angle below which the angle counts as zero, and the time [s] for which it must stay below.
+Project choice.
+"""
 
 
 class FreeDecay(Manoeuvre):
@@ -40,12 +42,12 @@ class FreeDecay(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings and result: force, its degree of freedom and the angle at rest."""
+        """Force, its degree of freedom and the angle at rest [rad] by name, for the trial's ``meta``."""
         return {"dof": {"K": "roll", "M": "pitch"}[self.force], "force": self.force, "signal": self.signal,
                 "rest": self._rest, "duration": self._duration}  # fmt: skip
 
     def commands(self, now: Observation) -> Commands:
-        """Yield neutral outputs."""
+        """Yield neutral outputs until the oscillation has decayed."""
         start, seen = now.t, []
         self.phase = "at rest: do not touch the craft"
         while now.t - start < REST:

@@ -17,10 +17,9 @@ __all__ = ["HELD_BEFORE", "HELD_DURING", "HeadingHold", "HoldController", "HoldG
 
 @dataclass(frozen=True, slots=True)
 class HoldGains:
-    """Gains of a slow PID: the signal, its rate, the force it drives, and gains in fractions of full output.
-
-    The gains are low. The loop is slow and well damped on craft that full output accelerates at 0.3 to 5 m/s^2 or
-    rad/s^2. ``most`` is its largest output. Project choice.
+    """Gains of a slow PID controller: its signal, the signal's rate, the force it drives, and gains in fractions of
+    full output. The loop is slow and well damped on craft that full output accelerates at 0.3 to 5 m/s^2 or rad/s^2.
+    ``most`` is its largest output. Project choice.
     """
 
     signal: str
@@ -42,9 +41,9 @@ HELD_DURING: Mapping[str, tuple[HoldGains, ...]] = {
     "y": (_HEADING, _DEPTH),
     "d": (_HEADING, _DEPTH),
 }
-"""Signal of the relay -> signals that are held during it."""
+"""Signal of a relay -> controllers of the signals that are held during the relay."""
 HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}
-"""Signal of the relay -> how it is held before the relay.
+"""Signal of a relay -> controller that holds the signal before the relay.
 
 With neutral outputs a buoyant craft would rise to the surface, where it can move in one direction only.
 """
@@ -61,12 +60,12 @@ class HoldController:
 
     @property
     def force(self) -> str:
-        """The force that it drives."""
+        """Name of the force that the controller drives."""
         return self._gains.force
 
     @property
     def signal(self) -> str:
-        """The signal that it holds."""
+        """Name of the signal that the controller holds."""
         return self._gains.signal
 
     def demand(self, observation: Observation) -> float:
@@ -95,17 +94,19 @@ def hold(command: Actuate, controllers: Iterable[HoldController], observation: O
 RUDDER_GAIN = 0.2
 """Steering per heading error [1/rad] at 1 m/s. Project choice.
 
-Above 1 m/s it is divided by the speed, because a rudder's effect grows with it. The controller is only proportional.
-With a turning lag T and a turn rate K at full rudder it is damped while ``RUDDER_GAIN K T`` is below about 1/2. This is
-sufficient for boats of K = 0.6 rad/s and T = 4 s.
+Above 1 m/s it is divided by the speed, because a rudder's effect grows with speed. The controller is purely
+proportional. With a turning lag T and a turn rate K at full rudder it is damped while ``RUDDER_GAIN K T`` is below
+about 1/2. This is sufficient for boats of K = 0.6 rad/s and T = 4 s.
 """
 MOST_RUDDER = 0.4
 CALMING = 0.5
-"""Factor on the gain after every oscillation that is not clearly smaller than the previous one. Project choice."""
+"""Factor by which the heading hold multiplies its gain after every oscillation that is not clearly smaller than the
+previous one. Project choice.
+"""
 LEAST_SHARE = 0.1
-"""Lower limit of the gain relative to :data:`RUDDER_GAIN`. Project choice."""
+"""Lower limit of the heading hold's gain relative to :data:`RUDDER_GAIN`. Project choice."""
 NOTED = math.radians(5.0)
-"""Heading oscillation [rad] up to which the gain is kept. Project choice."""
+"""Heading oscillation [rad] up to which the heading hold keeps its gain. Project choice."""
 
 
 class HeadingHold:

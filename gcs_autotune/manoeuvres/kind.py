@@ -1,4 +1,4 @@
-"""One row of the table of manoeuvres: its name, what it excites and needs, and how it is created."""
+"""Entries of the table of manoeuvres: name, excitation, requirements, and the function that creates the manoeuvre."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ class Preset:
 
     @property
     def name(self) -> str:
-        """The title without spaces and punctuation."""
+        """Name of the candidate: the title without spaces and punctuation."""
         plain = self.title.replace("%", "").replace("/", "-").replace(",", "").replace("  ", " ")
         return plain.replace(" ", "-").rstrip("-")
 
     @property
     def drives(self) -> frozenset[str]:
-        """The forces as separate letters."""
+        """Letters of the forces that the candidate drives."""
         return frozenset(self.forces.split())
 
 
 @dataclass(frozen=True, slots=True)
 class ManoeuvreKind:
-    """One kind of manoeuvre.
+    """One kind of manoeuvre: an entry of the table.
 
     Attributes
     ----------
     name, help : its name in records, and its description.
-    excites : degrees of freedom it excites. drives : forces it commands.
+    excites : degrees of freedom that it excites. drives : forces that it commands.
     make : function that creates it from options (SI and radians) by name: those of ``options``, and ``throttle``,
         ``duration``,
         ``side`` (1 starboard, -1 port) and ``keep-still`` (1: hold an ROV's other axes); None if only ``command``
         flies it.
     options : names in :data:`gcs_autotune.limits.LIMITS`.
-    room : text on the space it needs; the preview computes metres.
+    room : text on the required space; the preview computes it in metres.
     identifies : whether its record is for identification. turns : whether the heading may change by a full turn.
     needs_way : whether it is for craft that steer only under way. stays : whether it is for craft that hold position
         and have thrust in both directions.
@@ -83,7 +83,7 @@ class ManoeuvreKind:
     shrinks: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, force: str) -> ManoeuvreKind:
-        """Return the row for *force* (``X`` to ``N``; empty: unchanged).
+        """Return this entry of the table for *force* (``X`` to ``N``; empty: unchanged).
 
         Raises
         ------
@@ -99,7 +99,7 @@ class ManoeuvreKind:
         return self.for_force(force)
 
     def suits(self, firmware: Firmware) -> bool:
-        """Return whether a craft with this *firmware* has the actuators that it drives."""
+        """Return whether a craft with this *firmware* has the actuators that the manoeuvre drives."""
         way = firmware.needs_way
         driven = self.drives <= set(firmware.channels) and (not self.axis or self.axis in firmware.axes)
         return driven and (way or not self.needs_way) and not (way and self.stays)

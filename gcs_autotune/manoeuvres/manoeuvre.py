@@ -35,7 +35,7 @@ Commands = Generator[Command, Observation, None]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a manoeuvre ended by its own decision, and the reason in one sentence."""
+    """Result of a manoeuvre that ended by itself: how it ended, and the reason in one sentence."""
 
     ending: Ending
     reason: str
@@ -50,11 +50,11 @@ class Manoeuvre(ABC):
     purpose : purpose of its record.
     in_manual : mode required: True for direct control of actuators, False for the autopilot's own loops.
     by_hand : whether the operator pushes the craft.
-    name : the trial's name.
-    outcome : how it ended, None while it runs. It is set together with the last command.
-    signal, force : the controlled signal and the driven force, for display. phase, target : the current phase and
-        target, for display.
-    at_most : longest duration [s] with a poorly damped loop; NaN: from its preview.
+    name : name of the trial.
+    outcome : how the manoeuvre ended, None while it runs. It is set together with the last command.
+    signal, force : the controlled signal and the driven force, for display.
+    phase, target : the current phase and target, for display.
+    at_most : longest duration [s] with a poorly damped loop; NaN: as computed by the preview.
     """
 
     kind: str
@@ -77,7 +77,7 @@ class Manoeuvre(ABC):
     @property
     @abstractmethod
     def asked(self) -> Mapping[str, Any]:
-        """Settings and results (SI units) for the trial's ``meta``."""
+        """Name -> setting or result (SI units) of the manoeuvre, for the trial's ``meta``."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -85,7 +85,7 @@ class Manoeuvre(ABC):
         return {"manoeuvre": self.kind, "purpose": self.purpose, **self.asked}
 
     def take_marks(self) -> Sequence[Mark]:
-        """Return the events since the last call, each once."""
+        """Return the events marked since the last call, each once."""
         marks, self._marks = self._marks, []
         return marks
 
@@ -93,12 +93,12 @@ class Manoeuvre(ABC):
         """Return the outcome if the manoeuvre should end at the space limit *where*; None: it continues up to the
         limit.
 
-        It ends there if its record is sufficient by then.
+        It ends at the limit if its record is sufficient by then.
         """
         return None
 
     def progress(self, observation: Observation) -> Progress:
-        """Return the present state, for display."""
+        """Return the present state of the manoeuvre, for display."""
         return Progress(
             stage="",
             manoeuvre=self.phase,
@@ -118,10 +118,11 @@ class Manoeuvre(ABC):
 
 
 _NOTED, _LIMITED = 0.1, 0.9
-"""Smallest command that is evaluated (normalised), and the fraction of it that must reach the output. Project
-choice."""
+"""Smallest command whose output is checked (normalised), and the fraction of the command that must reach the output.
+Project choice.
+"""
 _MOST, _STEADY = (0.1, 0.9), 0.5
-"""Quantiles of an output, and their largest distance relative to the command. Project choice.
+"""Quantiles of an output, and their largest distance as a fraction of the command. Project choice.
 
 A larger distance indicates another source of commands (a clock or a controller) instead of a limit.
 """

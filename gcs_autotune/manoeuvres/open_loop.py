@@ -39,7 +39,7 @@ Programme = Callable[[float], Mapping[str, float]]
 """Function of the time since the beginning [s] that returns force name -> fraction of full output."""
 
 APPROACH, NO_APPROACH = 0.12, 0.02
-"""Fractions of the duration before the first steering, with an approach straight ahead and at rest."""
+"""Fraction of the duration before the first steering: with an approach straight ahead, and without one."""
 
 DOF_OF: Mapping[str, str] = {dof.force: name for name, dof in DOFS.items()}
 """Force -> the degree of freedom that it drives."""
@@ -72,17 +72,17 @@ class OpenLoopProgramme(Manoeuvre):
 
     @property
     def held(self) -> frozenset[str]:
-        """The signals held during the manoeuvre, which are its only feedback."""
+        """Signals that are held during the manoeuvre. They are its only feedback."""
         course = {"psi"} if self._heading_hold is not None else set()
         return frozenset({hold.signal for hold in self._holds} | course)
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings: force, its degree of freedom and the duration."""
+        """Force, its degree of freedom and the duration [s] by name, for the trial's ``meta``."""
         return {"dof": DOF_OF[self.force], "force": self.force, "duration": self._duration}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the programme's forces."""
+        """Yield commands with the programme's forces."""
         start, level = now.t, math.nan
         if self._heading_hold is not None:
             self._heading_hold.start(now)
@@ -106,7 +106,7 @@ class OpenLoopProgramme(Manoeuvre):
 JUMP = 0.1
 """Change of a force between two commands [fraction of full output] above which it is marked as a jump.
 
-A smaller one is part of a curve.
+A smaller change belongs to a curve. Project choice.
 """
 
 
@@ -143,7 +143,9 @@ def _random(forces: str, thrust: tuple[float, float], shortest: float, size: flo
 
 
 def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoopProgramme]:
-    """Return a function that makes a programme: accelerate at each thrust level in turn and coast after it."""
+    """Return a function that makes, for a duration [s], a programme that accelerates at each thrust level and coasts
+    after it.
+    """
 
     def make(seconds: float) -> OpenLoopProgramme:
         each = seconds / len(shares)
@@ -158,7 +160,7 @@ def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoop
 
 
 def turning(kind: str, thrust: float) -> Callable[[float], OpenLoopProgramme]:
-    """Return commands for a turn of this many seconds at full steering and constant *thrust*."""
+    """Return a function that makes, for a duration [s], a turn at full steering and constant *thrust*."""
     return lambda seconds: OpenLoopProgramme(kind, _timed(full, "N", thrust, 1.0, seconds), seconds)
 
 
@@ -285,9 +287,8 @@ def _grown(given: Mapping[str, float]) -> Programme:
 
 
 GENTLER = 0.4
-"""Exponent of the duration by which the amplitude shrinks.
-
-At an eighth of it thrusters are still outside their dead band. Project choice.
+"""The amplitude is reduced by this power of the factor by which the duration is reduced. At an eighth of the duration,
+thrusters are still outside their dead band. Project choice.
 """
 WITHOUT_THROTTLE = 0.5
 """Default thrust ahead of a craft without cruise throttle and without --throttle. Project choice."""
@@ -388,4 +389,4 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         room="a few turning circles",
     ),
 )
-"""Rows of the table for open-loop manoeuvres."""
+"""Entries of the table of manoeuvres for open-loop manoeuvres."""

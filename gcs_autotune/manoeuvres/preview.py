@@ -3,10 +3,10 @@
 Every preview is a closed loop of a manoeuvre and a :class:`Plant` (:func:`fly_on`). The plant is the nominal one here,
 and an identified model in ``experiments``.
 
-The nominal plant represents a craft of which few figures are known, so its degrees of freedom are uncoupled. It turns
-by its yaw model. It neither slows down in turns nor drifts sideways unless driven. This gives a conservative estimate
-of the space. Its equations are in plain Python, because previews are computed while the link is served and must not
-wait for a compiler.
+The nominal plant represents a craft of which few figures are known, so its degrees of freedom are uncoupled. Its yaw
+model alone determines its turns. It does not slow down in turns, and moves sideways only if driven. This gives a
+conservative estimate of the space. Its equations are in plain Python, because previews are computed while the link is
+served and must not wait for a compiler.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 __all__ = ["DEEP", "SPEED_TIME", "NominalPlant", "Plant", "PlantState", "Preview", "fly_on", "preview"]
 
 TICK, INSIDE = 0.1, 5
-"""Time between two commands [s], as on a link with 10 Hz, and the number of integration steps within it."""
+"""Time between two commands [s], as on a link with 10 Hz, and number of integration steps between them. Project
+choice.
+"""
 LONGEST = 3600.0
 LOOP_RATE = 0.5
 """Turn rate per heading error of the simulated heading loop [1/s]. Project choice."""
@@ -54,7 +56,7 @@ class NominalPlant:
     yaw : yaw model. others : models along a force (``X``, ``Y``, ``Z``); without one it does not respond to ``Y``
         and ``Z``, and any thrust ahead gives ``speed`` [m/s].
     speed_gain : thrust per speed error [1/(m/s)] of the autopilot's own speed loop, in addition to the steady thrust.
-    source : text on the origin of these numbers. assumed : whether they are assumptions, sufficient only to estimate
+    source : text on the origin of the numbers. assumed : whether they are assumptions, sufficient only to estimate
         the space.
     """
 
@@ -85,9 +87,13 @@ class PlantState:
 class Preview:
     """The result of a preview.
 
-    ``trial`` has psi, r, x, y, u and the forces. ``outcome``: how it ended, None if a safety limit ended it
-    (``refusal``). ``room`` [m]: longer side of the box around the track; ``turned`` [rad]: range of the heading;
-    ``deep`` [m]: range of the depth; ``away`` [m]: greatest distance from home; ``ends``: the last state.
+    ``trial``: record with psi, r, x, y, u and the forces.
+    ``outcome``: how the manoeuvre ended; None if a safety limit ended it (``refusal``).
+    ``room`` [m]: longer side of the box around the track.
+    ``turned`` [rad]: range of the heading.
+    ``deep`` [m]: range of the depth.
+    ``away`` [m]: greatest distance from home.
+    ``ends``: the last state.
     """
 
     trial: Trial
@@ -102,7 +108,7 @@ class Preview:
 
     @property
     def seconds(self) -> float:
-        """Duration in seconds."""
+        """Simulated duration of the manoeuvre [s]."""
         return self.trial.duration
 
     @property
@@ -113,7 +119,7 @@ class Preview:
         return self.outcome.reason if self.outcome.ending == "aborted" else ""
 
     def told(self) -> str:
-        """Return one sentence with time, space and turning."""
+        """Return one sentence with time, space and turning of the manoeuvre."""
         way = f", {self.room:.0f} m of free water" if self.room >= 1.0 else ""
         turned, fastest = math.degrees(self.turned), math.degrees(float(np.max(np.abs(self.trial["r"].values))))
         at = f" at up to {fastest:.0f} deg/s" if fastest >= 1.0 else ""
@@ -125,15 +131,15 @@ class Plant(Protocol):
     """A simulated craft on which a manoeuvre is flown."""
 
     def observe(self) -> Observation:
-        """Return the present motion."""
+        """Return the present motion as an observation."""
         ...
 
     def take(self, command: Command) -> None:
-        """Receive the command of this tick."""
+        """Store the command of this control tick."""
         ...
 
     def advance(self, seconds: float) -> bool:
-        """Advance one tick with the last command. Return False if the motion diverges."""
+        """Advance by *seconds* [s], one control tick, with the last command. Return False if the motion diverges."""
         ...
 
 
@@ -177,11 +183,11 @@ class _NominalMotion:
 
     @property
     def state(self) -> PlantState:
-        """The present state."""
+        """The present state of the simulated craft."""
         return PlantState(self._t, self._psi, self._r, self._x, self._y, self._z, *self._along.values())
 
     def observe(self) -> Observation:
-        """Return the present motion."""
+        """Return the present motion as an observation."""
         u, v, w = self._along.values()
         tilt = _pushed(self._t - self._start) if self._by_hand else 0.0
         o = self._output
@@ -191,14 +197,14 @@ class _NominalMotion:
         )  # fmt: skip
 
     def take(self, command: Command) -> None:
-        """Receive the command of this tick, and apply the autopilot's own loop to it if there is one."""
+        """Store the command of this control tick, after applying the autopilot's own loop if it commands one."""
         self._command = command
         self._output = o = _steered(command, self._plant, self._psi, self._r, self._along["X"])
         place = self._t, self._psi, self._r, self._x, self._y, self._z
         self.rows.append((*place, self._along["X"], o.N, o.X, o.Y, o.Z))
 
     def advance(self, seconds: float) -> bool:
-        """Advance one tick."""
+        """Advance by *seconds* [s], one control tick."""
         o, along, h = self._output, self._along, seconds / INSIDE
         for _ in range(INSIDE):
             self._late.append(o.N)
@@ -225,7 +231,7 @@ class _Monitor:
         self.outcome: Outcome | None = None
 
     def ends(self, now: Observation) -> bool:
-        """Return whether the preview ends at *now*."""
+        """Return whether a safety limit ends the preview at the observation *now*."""
         try:
             self._watch.check(now)
         except GuardTripped as error:
@@ -248,7 +254,7 @@ def preview(
     depth: float = DEEP,
     begins: PlantState | None = None,
 ) -> Preview:
-    """Fly *manoeuvre* in a simulation inside *envelope*.
+    """Fly *manoeuvre* in a simulation inside *envelope*, and return the result.
 
     It starts at home with the bow to the north, at the speed *way* [m/s], and at *depth* [m] unless it *floats*.
     Alternatively it starts in the state *begins*, in which another manoeuvre ended.

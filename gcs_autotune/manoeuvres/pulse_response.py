@@ -1,4 +1,4 @@
-"""Evaluate the response to a short pulse in each direction: whether the craft moved, and which way.
+"""Evaluate the response to a short pulse in each direction: whether the craft moved, and in which direction.
 
 The module only computes; :mod:`~gcs_autotune.manoeuvres.sign_check` flies the pulses. The evaluation must tolerate a
 craft that already turns, drifts or coasts, and a noisy compass. So ``nudot = -a nu + b u + c`` with a *b* for each
@@ -26,27 +26,29 @@ Tick = tuple[float, float, float]
 """One sample: time [s], position [rad or m], measured output [fraction of full]."""
 
 FOLLOWS = 0.5
-"""Fraction of the commanded output that must be measured.
+"""Smallest measured output, as a fraction of the commanded output, that counts as following.
 
 Holding loops and rounding reduce it slightly. Project choice.
 """
 SURE = 4.0
-"""Smallest significant motion, in multiples of its standard error."""
+"""Smallest significant motion, in multiples of its standard error. Project choice."""
 MOST_COLOUR = 0.9
-"""Largest correlation of neighbouring residuals that can be estimated from a short record."""
+"""Largest correlation of neighbouring residuals that can be estimated from a short record. Project choice."""
 CLEAR = 3.0
 """Actual motion that is significant without regard to the fit, in multiples of the threshold.
 
-A fast craft leaves few ticks to fit.
+For a fast craft the pulse has few samples to fit. Project choice.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """One pulse.
+    """One pulse of a check.
 
-    ``moved`` [rad or m]: fitted motion due to the pulse alone during its ``seconds``, with its standard error.
-    ``went``: actual motion in addition to the drift. ``output``: mean output.
+    ``command``: commanded output [fraction of full].
+    ``moved`` [rad or m]: fitted motion due to the pulse alone during its ``seconds``; ``error``: its standard error.
+    ``went`` [rad or m]: actual motion in addition to the drift.
+    ``output``: mean measured output [fraction of full].
     """
 
     command: float
@@ -58,7 +60,7 @@ class Pulse:
 
     @property
     def obeyed(self) -> float:
-        """Ratio of measured output to command; 1 if equal, negative if reversed."""
+        """Ratio of measured output to commanded output; 1 if equal, negative if reversed."""
         return self.output / self.command
 
 
@@ -79,7 +81,9 @@ class PulseResponse:
 
     @property
     def signs(self) -> tuple[int, int]:
-        """For each pulse: 1 if it moved the craft as commanded, -1 if in the other direction, 0 if not significant."""
+        """For the pulse in each direction: 1 if it moved the craft as commanded, -1 if in the other direction, 0 if not
+        significant.
+        """
         return self._sign(self.forward), self._sign(self.back)
 
     @property
@@ -89,7 +93,9 @@ class PulseResponse:
 
     @property
     def is_reversed(self) -> bool:
-        """Whether the significant motion is in the wrong direction, and the two pulses differ accordingly."""
+        """Whether all significant motion is in the wrong direction, and the comparison of the two pulses
+        confirms this.
+        """
         if self.signs not in ((-1, -1), (-1, 0), (0, -1)):
             return False
         return self.signs == (-1, -1) or (
@@ -103,7 +109,7 @@ class PulseResponse:
 
     @property
     def unheeded(self) -> Pulse | None:
-        """The pulse that did not reach the outputs, if there is one."""
+        """The pulse whose command did not reach the outputs, or None."""
         return next((s for s in (self.forward, self.back) if not s.obeyed >= FOLLOWS), None)
 
     def _sign(self, stretch: Pulse) -> int:
@@ -117,8 +123,9 @@ class PulseResponse:
 def pulse_response(
     command: float, rest: Sequence[Tick], forward: Sequence[Tick], back: Sequence[Tick], threshold: float
 ) -> PulseResponse:
-    """Evaluate a pulse of *command* [fraction of full] and one of ``-command``, from the ticks before and during
-    each."""
+    """Return the evaluation of a pulse of *command* [fraction of full] and one of ``-command``, from the samples before
+    and during each pulse.
+    """
     t, x, u = (np.array(column) for column in zip(*rest, *forward[1:], *back[1:], strict=True))
     idle = float(np.mean([output for _, _, output in rest]))
     drift = _slope(rest)

@@ -1,4 +1,4 @@
-"""The self-oscillation experiment: relay with hysteresis on heading, depth or (integrated) speed.
+"""The self-oscillation experiment: a relay with hysteresis on heading, depth or integrated speed.
 
 According to Miskovic2010, 6.6, the relay's input is the position of one degree of freedom: heading, depth, or the
 integral of surge or sway speed (6.6.2). Its output is the actuator. The output starts small and grows until the
@@ -27,29 +27,32 @@ if TYPE_CHECKING:
 __all__ = ["LEAST_REVERSALS", "Relay", "StopCriterion", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
-"""Signal -> the speed whose integral it is."""
+"""Position signal of a relay -> the speed whose integral is used in its place."""
 
 LEAST_PERIODS = 2
-"""Number of proper periods after which the period of an oscillation counts as known. Project choice."""
+"""Number of proper periods, as in (7.12), after which the period of an oscillation counts as known. Project choice."""
 
 LEAST_REVERSALS = 3
-"""Fewest switchings that show the response in both directions. Project choice."""
+"""Smallest number of switchings from which the response in both directions is known. Project choice."""
 
 MOST_SLOWINGS = 4
-"""Most increases of the hysteresis because of a slow link; together at least a factor of five. Project choice."""
+"""Largest number of increases of the hysteresis for a slow link; together they are at least a factor of five. Project
+choice.
+"""
 
 WIDEST_STEP = 3.0
 """Largest factor by which the hysteresis is increased at once, even if the link requires more. Project choice."""
 
 LEAST_MOMENTUM = 5.0
-"""Shortest time [s] after a switching until drift against the relay is reported. Project choice."""
+"""Shortest time [s] after a switching before drift against the relay is reported. Project choice."""
 
 ROUNDING = 1e-9
-"""Tolerance for rounding of a difference of two readings in centimetres, compared with the hysteresis."""
+"""Tolerance [m] in a comparison with the hysteresis, for the rounding of two readings to centimetres."""
 
 LEAST_TICKS = 5.0
-"""Ticks per half period below which an improper oscillation is attributed to the tick rate and not to a weak relay.
-Project choice."""
+"""Ticks per half period below which an oscillation that violates (7.12) is attributed to the control rate instead of a
+weak relay. Project choice.
+"""
 
 
 class StopCriterion(Protocol):
@@ -64,7 +67,7 @@ class StopCriterion(Protocol):
     counted_to: float
 
     def begin(self) -> None:
-        """Reset: the oscillation starts, or starts again with another size."""
+        """Reset the criterion, because the oscillation starts, or starts again with another size."""
         ...
 
     def update(self, relay: Relay, reversals: int) -> str:
@@ -73,7 +76,7 @@ class StopCriterion(Protocol):
 
 
 class Relay(Manoeuvre):
-    """Approach (gain speed, measure noise), then the relay until its periods agree or *criterion* is met."""
+    """Fly an approach (gain speed, measure noise), then the relay, until its periods agree or *criterion* is met."""
 
     kind = "relay"
 
@@ -106,9 +109,8 @@ class Relay(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings as flown, for the trial's meta; ``from_t`` is the time at which the relay itself began.
-
-        ``enough`` : whether the caller's criterion ended it, so that a small number of periods is no fault.
+        """Settings as flown, by name, for the trial's ``meta``. ``from_t``: time [s] at which the relay itself began.
+        ``enough``: whether the caller's criterion ended the relay, so that a small number of periods is no fault.
         """
         s = self._settings
         return {
@@ -127,7 +129,7 @@ class Relay(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach, then the relay."""
+        """Yield the commands of the approach, then those of the relay."""
         self._last_t = now.t
         self._approach.start(now)
         while True:
@@ -149,13 +151,15 @@ class Relay(Manoeuvre):
         return self._command(self._output if self._high else -self._output, observation)
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End with the present record if it is informative. A relay that does not settle continues up to the limit."""
+        """Return the outcome "stopped" if the record shows the response in both directions; else None, and the relay
+        continues up to the limit.
+        """
         if self._reversals < LEAST_REVERSALS:
             return None
         return Outcome("stopped", messages.room_ends(self._reversals, where))
 
     def progress(self, observation: Observation) -> Progress:
-        """Return amplitude, periods and scatter so far."""
+        """Return the progress with amplitude, periods and scatter of the oscillation so far."""
         s, state = self._settings, self._monitor.state
         along = s.signal in INTEGRATED
         return replace(

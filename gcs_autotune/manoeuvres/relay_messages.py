@@ -19,7 +19,7 @@ __all__ = [
 
 
 def never_settled(settings: RelaySettings, scatter: float) -> str:
-    """Return the message for periods that still differ by *scatter* [fraction]."""
+    """Return the message for a relay whose periods still differ by *scatter* [fraction]."""
     return (
         f"the limit cycle did not settle in {settings.most_periods} periods: the last periods differ by "
         f"{100 * scatter:.0f} % (limit {100 * settings.tolerance:.0f} %). Waves, gusts or a tether disturb it. Wait "
@@ -42,7 +42,7 @@ def link_too_slow(settings: RelaySettings, period: float) -> str:
 
 
 def wrong_way(settings: RelaySettings, output: float) -> str:
-    """Return the message for a first push that moved the craft in the wrong direction."""
+    """Return the message for a first relay pulse that moved the craft in the wrong direction."""
     return (
         f"{output:.2f} of full {settings.force} output moved {settings.signal} the wrong way. "
         "The actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION), or a constant disturbance is "
@@ -51,7 +51,7 @@ def wrong_way(settings: RelaySettings, output: float) -> str:
 
 
 def overwhelmed(settings: RelaySettings, output: float) -> str:
-    """Return the message for an oscillation that drifted away against the relay."""
+    """Return the message for a signal that keeps drifting against the relay."""
     return (
         f"a constant disturbance is stronger than {output:.2f} of full {settings.force} output: "
         f"{settings.signal} keeps drifting. Trim the craft, wait for less wind or current, or use a "
@@ -60,7 +60,7 @@ def overwhelmed(settings: RelaySettings, output: float) -> str:
 
 
 def no_oscillation(settings: RelaySettings, output: float) -> str:
-    """Return the message for a craft that did not reach the hysteresis in time."""
+    """Return the message for a craft whose signal did not reach the hysteresis in time."""
     return (
         f"no oscillation at relay output {output:.2f}: the craft did not cross the hysteresis within "
         f"{settings.patience:.0f} s. Check that the actuator moves the craft, or use a larger {settings.names.output} "
@@ -78,7 +78,7 @@ def too_fast(settings: RelaySettings, output: float, least_ticks: float, tick: f
 
 
 def improper(settings: RelaySettings, output: float) -> str:
-    """Return the message for an oscillation that does not fulfil condition (7.12)."""
+    """Return the message for an oscillation that does not fulfil condition (7.12) of Miskovic2010."""
     return (
         f"the oscillation did not fulfil condition (7.12), x_a* + |x_0| < X_m, up to relay output "
         f"{output:.2f}. Use a larger {settings.names.output} or a smaller {settings.names.hysteresis}"

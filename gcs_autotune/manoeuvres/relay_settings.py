@@ -19,7 +19,7 @@ class OptionNames(NamedTuple):
 
 
 OF_A_TUNE = OptionNames()
-"""Names of the options of ``tune`` and ``experiment``."""
+"""Names of the options that set a relay's size in ``tune`` and ``experiment``."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The only module that flies manoeuvres. It always cleans up after them.
+"""Fly manoeuvres and always clean up after them. No other module flies manoeuvres on a craft.
 
 Clean-up is here and not in the manoeuvres, so that it happens on every ending: success, stop, abort, a bug, Ctrl-C, a
 lost link. First the actuators are set to neutral, which is verified by the measured outputs. At the end of the run the
@@ -76,14 +76,16 @@ class Sequencer:
         return math.nan if self._home is None else math.hypot(now.x - self._home.x, now.y - self._home.y)
 
     def home_side(self, now: Observation) -> float:
-        """Return 1 if the start of the first manoeuvre is to starboard of the bow, -1 if to port; 1 if unknown."""
+        """Return the side of the start: 1 if the start of the first manoeuvre is to starboard of the bow, -1 if to
+        port; 1 if unknown.
+        """
         if self._home is None:
             return 1.0
         north, east = self._home.x - now.x, self._home.y - now.y
         return -1.0 if to_body(north, east, now.psi)[1] < 0.0 else 1.0
 
     def go_on(self) -> None:
-        """Permit further manoeuvres, because the cause of the last abort is over and the craft is neutral."""
+        """Permit further manoeuvres, because the cause of the last abort has ended and the craft is neutral."""
         self._broken = ""
 
     def _run(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope) -> Outcome:
@@ -147,8 +149,9 @@ DISARMED_ITSELF = (
     "the vehicle was armed before the run, but a restart, a failsafe or another station disarmed it. This tool does "
     "not arm it again"
 )
-"""Note for a craft that was armed before the run: this program does not disarm it, and only the operator arms it
-again."""
+"""Note to the operator for a craft that was armed before the run: this program does not disarm it, and only the
+operator arms it again.
+"""
 
 
 @contextmanager

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["KIND", "SetPointRelay"]
 
 PERIODS, MOST_PERIODS = 5, 15
-"""Number of consecutive periods that must agree (Miskovic2010, 6.7), and number of periods after which a relay ends
-anyway."""
+"""Number of consecutive periods that must agree (Miskovic2010, 6.7), and number of periods after which an unsettled
+relay ends.
+"""
 LONGEST, LEAST_SWITCHINGS = 110.0, 6
 """Time [s] and number of switchings after which an unsettled relay ends anyway, because a boat keeps moving. Project
 choice."""
@@ -38,22 +39,25 @@ A larger motion shows that the loop is poorly damped. The command is then held. 
 hold is caused by the loop itself. Project choice.
 """
 NOISES = 5.0
-"""Motion in standard deviations of the noise below which it is not an oscillation. Project choice."""
+"""Motion, in standard deviations of the noise, below which it does not count as an oscillation. Project choice."""
 LASTS = 0.6
 """Fraction of an oscillation that may remain after one and a half periods of a constant command.
 
 If more remains, the oscillation counts as persistent. A damping ratio of 0.05 leaves 0.62. Project choice.
 """
 PATIENCE = 60.0
-"""Time [s] after which a loop that has not brought the heading past x_a counts as not following. Project choice."""
+"""Time [s] after which a loop counts as not following the command, if the heading has not passed x_a. Project
+choice.
+"""
 
 
 class SetPointRelay(Manoeuvre):
-    """Holds the course, then flies each of ``relays`` (C, x_a) [SI, rad] until its oscillation has settled.
+    """A manoeuvre that holds the course, then flies each of ``relays`` (C, x_a) [SI, rad] until its oscillation has
+    settled.
 
     ``axis``: the commanded quantity: heading, depth or speed. ``speed`` [m/s]: speed ahead, which is the maximum of a
-    relay on speed. If the motion is much larger than the command, the command is then held to show whether the motion
-    decays. Marks: ``relay`` at its start, ``switch`` with the command, ``hold`` when the command is held.
+    relay on speed. If the motion is much larger than the command, the command is then held constant, to show whether
+    the motion decays. Marks: ``relay`` at its start, ``switch`` with the command, ``hold`` when the command is held.
     """
 
     kind, purpose, in_manual = "set-point-relay", "check", False
@@ -89,7 +93,7 @@ class SetPointRelay(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings: the relays, the speed, and the noise of the controlled signal."""
+        """Relays, speed, and noise of the controlled signal by name, for the trial's ``meta``."""
         return {
             "dof": self._axis.dof,
             "signal": self.signal,
@@ -100,7 +104,7 @@ class SetPointRelay(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the course, then the relays about it."""
+        """Yield the commands to hold the course, then the relays about it."""
         self.phase, self._course = "approach", now.psi
         self._base = self._middle if self._axis.controls_velocity else now.value(self.signal)
         self._approach.start(now)
@@ -123,7 +127,9 @@ class SetPointRelay(Manoeuvre):
         yield self._wanted(0.0)
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End with the present record if a relay has switched often enough to show the damping of the loop."""
+        """Return the outcome "stopped" if a relay has switched often enough to show the damping of the loop;
+        else None.
+        """
         if self._switchings < LEAST_SWITCHINGS:
             return None
         which = "the last relay" if self._flown == len(self._relays) else f"relay {self._flown}"

@@ -25,11 +25,11 @@ __all__ = ["SignCheck", "SignCheckSettings"]
 SHORTEST = 0.6
 """Shortest duration of a pulse [s], a few ticks longer than the delays of a radio and an actuator. Project choice."""
 DRIFT_WINDOW = 3.0
-"""Time [s] before the pulse over which the drift is measured."""
+"""Time [s] before a pulse over which the drift is measured. Project choice."""
 NOISES = 5.0
 """Smallest significant motion, in standard deviations of the noise. Project choice."""
 BACK_LONGER = 2.5
-"""Longest duration of the return pulse relative to the first one; a craft without drag needs 1 + sqrt(2)."""
+"""Longest duration of the return pulse relative to the first pulse; a craft without drag needs 1 + sqrt(2)."""
 LAST_LONGER = 2.0
 """Duration of the largest pulse, in multiples of ``longest``. Project choice.
 
@@ -37,17 +37,23 @@ With 0.6 of full rudder, a boat with a yaw time constant of 8 s turns by 2.5 deg
 compass. In 8 s it turns by 9 deg.
 """
 TWICE = 2
-"""Number of pulse pairs that must move the craft in the wrong direction before its actuator counts as reversed."""
+"""Number of pulse pairs that must move the craft in the wrong direction before its actuator counts as reversed. Project
+choice.
+"""
 STANDING = 0.9
-"""Output without any command above which the actuator counts as at its stop."""
+"""Output without any command [fraction of full] above which the actuator counts as at its stop. Project choice."""
 ASTERN = 0.7
-"""Fraction of motion astern above which neither leeway nor current explains it: the propeller turns the wrong way."""
+"""Fraction of the motion that is astern, above which neither leeway nor current explains it: the propeller turns the
+wrong way. Project choice.
+"""
 CIRCLING = math.radians(5.0)
 """Turn rate [rad/s] without steering, at varying speed, above which a boat counts as circling. Project choice."""
 EASED, LEAST_SHARE = 1.0, 1.0 / 64.0
-"""Time between two halvings of the throttle [s], and the smallest remaining fraction. Project choice."""
+"""Time between two halvings of the throttle [s], and the smallest remaining fraction of the throttle. Project
+choice.
+"""
 WAY_NOISES = 4.0
-"""Speed in standard deviations of its noise below which it is too low for steering."""
+"""Speed, in standard deviations of its noise, below which it counts as too low for steering. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +64,13 @@ class SignCheckSettings:
     ----------
     signal, force : the signal observed (``psi`` or ``z``) and the driven force.
     outputs : sizes of the pulse, tried until one has a response.
-    reach : motion that ends a pulse, else it ends after ``longest``, the largest after twice that.
+    reach : motion that ends a pulse. Otherwise a pulse ends after ``longest``, the largest pulse after twice that time.
     least : smallest motion that counts as a response.
     throttle : constant thrust ahead; the craft must make ``least_speed`` with it, or a rudder has no effect.
-    most_speed, wanted_speed : above the first [m/s] the throttle is halved; the throttle for the second is then
+    most_speed, wanted_speed : speed [m/s] above which the throttle is halved, and speed for which the throttle is then
         estimated.
-    cure, astern : advice if it turns the wrong way, or goes astern.
-    outlets : the servo outputs that drive this force, for messages.
+    cure, astern : advice if the craft turns the wrong way, or goes astern.
+    outlets : the servo outputs that drive the force, for messages.
     """
 
     signal: str
@@ -84,7 +90,7 @@ class SignCheckSettings:
 
 
 class SignCheck(Manoeuvre):
-    """Approach (measure speed, noise and drift), then pulses until there is a response in both directions."""
+    """Fly an approach (measure speed, noise and drift), then pulses until there is a response in both directions."""
 
     kind, purpose = "sign-check", "check"
 
@@ -107,7 +113,7 @@ class SignCheck(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings as flown and results, for the trial's meta."""
+        """Settings as flown and results by name, for the trial's ``meta``."""
         s, seen = self._settings, self.answer
         found = {} if seen is None else {"moved": [seen.forward.moved, seen.back.moved], "signs": list(seen.signs)}
         return {
@@ -122,7 +128,7 @@ class SignCheck(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach, then the pulses."""
+        """Yield the commands of the approach, then the pulses."""
         self._approach.start(now)
         self._began_at = now.value(self._settings.signal)
         while True:
@@ -162,7 +168,7 @@ class SignCheck(Manoeuvre):
 
     @property
     def throttle(self) -> float:
-        """The throttle [normalised] for the required speed if the boat was too fast; else the one flown."""
+        """Normalised throttle: that for the required speed if the boat was too fast, else the throttle flown."""
         s, flown = self._settings, self._share * self._settings.throttle
         if not self.eased or not self._approach.speed > 0.0 or not math.isfinite(s.wanted_speed):
             return flown

@@ -41,7 +41,7 @@ class Outlet:
 
 
 def named(outlets: Sequence[Outlet]) -> str:
-    """Return the names of the outputs."""
+    """Return the names of the servo outputs *outlets* as text."""
     return " and ".join(map(str, outlets)) or "the output"
 
 
@@ -52,7 +52,7 @@ def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
 
 
 def moved(stretch: Pulse, signal: str, force: str) -> str:
-    """Return a sentence on the motion caused by one pulse."""
+    """Return a clause on the motion caused by one pulse."""
     angular = SIGNALS[signal].angular
     size = f"{abs(math.degrees(stretch.moved)):.1f} deg" if angular else f"{abs(stretch.moved):.2f} m"
     way = ("to starboard", "to port") if angular else ("down", "up")
@@ -64,18 +64,18 @@ def moved(stretch: Pulse, signal: str, force: str) -> str:
 
 
 def acts_rightly(stretch: Pulse, signal: str, force: str) -> str:
-    """Return the message of a correct response."""
+    """Return the message that the craft responded in the right direction."""
     return f"{moved(stretch, signal, force)}: {force} acts in the right direction"
 
 
 def turned_round(seen: PulseResponse, signal: str, force: str, cure: str) -> str:
-    """Return the message of a response in the wrong direction."""
+    """Return the message that the craft responded in the wrong direction."""
     shown = seen.forward if seen.signs[0] else seen.back
     return f"{moved(shown, signal, force)}, the wrong way. {cure}"
 
 
 def unclear(seen: PulseResponse, signal: str, force: str, outlets: Sequence[Outlet]) -> str:
-    """Return the message of a missing or one-sided response."""
+    """Return the message that the craft did not respond, or only in one direction."""
     both = f"{moved(seen.forward, signal, force)}, and {moved(seen.back, signal, force)}{_drifting(seen, signal)}"
     if seen.is_silent:
         return (
@@ -100,7 +100,7 @@ def _drifting(seen: PulseResponse, signal: str) -> str:
 
 
 def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
-    """Return the message of outputs that do not follow the command."""
+    """Return the message that the outputs do not follow the command."""
     who = named(outlets)
     asked = f"commanded {stretch.command:+.2f} of full {force} output, but the outputs show {stretch.output:+.2f}"
     if stretch.obeyed <= -_NOTHING:
@@ -112,7 +112,7 @@ def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
 
 
 def at_its_stop(idle: float, force: str, outlets: Sequence[Outlet]) -> str:
-    """Return the message of an output that is saturated without command."""
+    """Return the message that an output is at its stop without command."""
     return (
         f"{force} is at {idle:+.2f} of full output without any command: {named(outlets)} is saturated. Check "
         "SERVOn_MIN, TRIM and MAX, and that no other station is steering"
@@ -120,7 +120,7 @@ def at_its_stop(idle: float, force: str, outlets: Sequence[Outlet]) -> str:
 
 
 def too_slow(speed: float, noise: float, least: float, throttle: float) -> str:
-    """Return the message of a speed that is too low to steer, or unknown."""
+    """Return the message that the speed is too low for steering, or unknown."""
     if not math.isfinite(speed):
         return "the vehicle reports no speed, which it needs to scale its steering. Wait for a GPS fix"
     return (
@@ -131,7 +131,7 @@ def too_slow(speed: float, noise: float, least: float, throttle: float) -> str:
 
 
 def turns_by_itself(rate: float, speed: float, noise: float, throttle: float) -> str:
-    """Return the message of a craft that turns (*rate* [rad/s]) without steering, at varying speed."""
+    """Return the message that the craft turns without steering at *rate* [rad/s], while its speed varies."""
     return (
         f"without steering the craft turns at {abs(math.degrees(rate)):.0f} deg/s to "
         f"{'starboard' if rate > 0.0 else 'port'} at {throttle:.0%} throttle, and its speed is not "
@@ -141,7 +141,7 @@ def turns_by_itself(rate: float, speed: float, noise: float, throttle: float) ->
 
 
 def gained(seen: Pulse) -> str:
-    """Return a sentence on the effect of a thrust pulse; ``moved`` is the speed gained [m/s]."""
+    """Return a clause on the effect of a thrust pulse; ``moved`` is the speed gained [m/s]."""
     way = "ahead" if seen.moved > 0.0 else "astern"
     return (
         f"{seen.command:+.2f} of full X output gave the craft {abs(seen.moved):.2f} m/s {way} in {seen.seconds:.1f} s"
@@ -149,7 +149,7 @@ def gained(seen: Pulse) -> str:
 
 
 def does_not_drive(seen: Pulse, outlets: Sequence[Outlet]) -> str:
-    """Return the message of thrust without effect."""
+    """Return the message that thrust has no effect."""
     went = ", ".join(f"{o} went to {o.trim + o.per_full * seen.output:.0f} us" for o in outlets) or "the output changed"
     return (
         f"{gained(seen)}, although {went}. The thruster is dead or too weak. Check propeller and power supply, the "
@@ -159,7 +159,7 @@ def does_not_drive(seen: Pulse, outlets: Sequence[Outlet]) -> str:
 
 
 def turns_on_thrust(turn: float, seconds: float, command: float, crooked: str) -> str:
-    """Return the message of a craft that turns under thrust alone; *turn* [rad]."""
+    """Return the message that the craft turns by *turn* [rad] under thrust alone."""
     side = "starboard" if turn > 0.0 else "port"
     return (
         f"{command:+.2f} of full X output without steering turned the craft {abs(math.degrees(turn)):.0f} deg to "
@@ -169,5 +169,5 @@ def turns_on_thrust(turn: float, seconds: float, command: float, crooked: str) -
 
 
 def goes_astern(u: float, throttle: float, cure: str) -> str:
-    """Return the message of a craft that goes astern."""
+    """Return the message that the craft goes astern under thrust ahead."""
     return f"the craft goes astern at {-u:.2f} m/s with {throttle:.0%} throttle ahead. {cure}"

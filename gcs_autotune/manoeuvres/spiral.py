@@ -18,7 +18,7 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands
 __all__ = ["KINDS", "BechSpiral", "DirectSpiral"]
 
 KNEE = 1.0 - math.exp(-1.0)
-"""Fraction of the steady rate that a turn reaches after one time constant."""
+"""Fraction of the steady rate that a turn reaches after one time constant: 1 - 1/e."""
 RATE_TIMES, LEAST_RATE_TIME = 6.0, 8.0
 """Duration of a held rate, in time constants of the turn, and its minimum [s]. Project choice."""
 LEAST_LAG = 0.5
@@ -28,7 +28,7 @@ LEAST_TURN = math.radians(0.5)
 
 
 class DirectSpiral(UnderWay):
-    """Steps the helm from one side to the other and back; each helm is held until the turn is steady.
+    """Direct spiral: step the helm from one side to the other and back; each helm is held until the turn is steady.
 
     ``levels``: number of helms on either side, in addition to amidships.
     """
@@ -41,11 +41,11 @@ class DirectSpiral(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings: the steering and the number of levels."""
+        """Settings of the steering and number of levels by name, for the trial's ``meta``."""
         return {**super().asked, "levels": self._levels}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach and the helms."""
+        """Yield the commands of the approach, then the helms in turn."""
         now = yield from self._approached(now)
         n, helm = self._levels, self._steering.side * self._steering.share
         there = [k / n for k in range(n, -n - 1, -1)]
@@ -57,7 +57,8 @@ class DirectSpiral(UnderWay):
 
 
 class BechSpiral(UnderWay):
-    """Steps the yaw rate from that of the first rudder angle to the opposite one. A slow controller holds each rate.
+    """Reverse spiral: step the yaw rate from that of the first rudder angle to the opposite rate. A slow controller
+    holds each rate.
 
     The first turn determines the rate and the controller. Its proportional gain closes the loop with about the craft's
     own time constant. Its integral has the same time constant.
@@ -71,11 +72,11 @@ class BechSpiral(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings: the steering and the number of levels."""
+        """Settings of the steering and number of levels by name, for the trial's ``meta``."""
         return {**super().asked, "levels": self._levels}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach, the first turn, and the rates."""
+        """Yield the commands of the approach, of the first turn, and of the controller at each rate."""
         now = yield from self._approached(now)
         helm = self._steering.side * self._steering.share
         self._execute("first turn", helm, now)
@@ -137,4 +138,4 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         turns=True,
     ),
 )
-"""Rows of the table for spirals."""
+"""Entries of the table of manoeuvres for spirals."""

@@ -5,7 +5,7 @@ thrusters, rudders and buoyancy are not symmetric. Each half ends early once the
 enough. The duration of each half is stored, because two proofs can be compared only over the time that both recorded.
 
 The waits before the step and at its target let the controller's integral settle. Its changes appear in the signal or in
-the output. So a wait ends early if neither would change noticeably in the rest of it.
+the output. So a wait ends early if neither signal nor output would change noticeably in the remaining time.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
 """Distance from the target within which a signal counts as settled: fraction of the step, and standard deviations of
 its noise. Project choice."""
 ONE_QUANTUM = 1.01
-"""Tolerance in steps of the sensor's resolution."""
+"""Tolerance about the target, in steps of the sensor's resolution. Project choice."""
 LEAST_CROSSINGS, LEAST_OSCILLATING = 4, 8.0
 """Number of mean crossings that counts as oscillation, and the hold [s] over whose last two thirds they are counted.
 
@@ -43,29 +43,33 @@ Waves or the loop cause such an oscillation. A longer hold adds no information. 
 MAX_OSCILLATION = 0.5
 """Largest oscillation about the target, relative to the step, that counts as settled.
 
-A larger one is recorded for the full requested time. Project choice.
+A step with a larger oscillation is recorded for the full requested time. Project choice.
 """
 LEAST_HALF = 4.0
 """Shortest half step that can be compared [s].
 
-Twice this is less than a boat has before its space ends. Project choice.
+A boat has more than twice this time before its space ends. Project choice.
 """
 LEAST_SAMPLES = 5
-"""Fewest second differences from which the noise is computed."""
+"""Smallest number of second differences from which the noise is computed. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """Settings of a step. ``signal`` is one of :data:`gcs_autotune.axes.SIGNAL_FORCES`, ``size`` in its unit (SI),
-    times s.
+    """Settings of a step in SI units; times in s.
 
-    ``base`` is the initial value; None: the present one, which a craft at rest can hold. ``speed`` [m/s] is the speed
-    ahead, unused for ``u``. ``settle`` is the longest wait until the signal is steady, i.e. within ``steady_band`` of
-    the held value for ``steady_time``. ``hold`` is the shortest wait, steady or not, since the integral's state affects
-    the step. ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the loop counts as
-    diverged and the manoeuvre stops. ``duration`` is the longest duration of each half. A half ends early once the
-    signal has been at its target for ``enough``. ``least_hold`` and ``least_enough``: shortest ``hold`` and ``enough``,
-    if signal and output are at rest.
+    ``signal``: one of :data:`gcs_autotune.axes.SIGNAL_FORCES`.
+    ``size``: size of the step, in the signal's unit.
+    ``base``: initial value; None: the present value, which a craft at rest can hold.
+    ``speed`` [m/s]: speed ahead, unused for ``u``.
+    ``settle``: longest wait until the signal is steady, i.e. within ``steady_band`` of the held value for
+    ``steady_time``.
+    ``hold``: shortest wait, steady or not, since the integral's state affects the step.
+    ``diverged``: error beyond the step itself, as a multiple of the step, above which the loop counts as diverged and
+    the manoeuvre stops.
+    ``duration``: longest duration of each half.
+    ``enough``: time at the target after which a half ends early.
+    ``least_hold``, ``least_enough``: shortest ``hold`` and ``enough``, if signal and output are at rest.
     """
 
     signal: str
@@ -84,7 +88,7 @@ class StepSettings:
 
 
 class Rest:
-    """Detects whether signal and output are at rest; not if either is NaN."""
+    """Detects whether signal and output are at rest. They are not at rest if either is NaN."""
 
     def __init__(self) -> None:
         self._seen: deque[tuple[float, float, float]] = deque()
@@ -94,7 +98,7 @@ class Rest:
         self._seen.clear()
 
     def update(self, t: float, x: float, output: float) -> None:
-        """Process one sample: time [s], signal [SI] and output [fraction of full]."""
+        """Add one sample: time [s], signal [SI] and output [fraction of full]."""
         self._seen.append((t, x, output))
         while self._seen[0][0] < t - LOOK:
             self._seen.popleft()
@@ -131,7 +135,7 @@ def _swing_in(x: Array) -> float:
 
 
 class Step(Manoeuvre):
-    """Hold, step, step back. It marks ``target`` at each change of the reference."""
+    """Fly a step: hold, step, step back. The manoeuvre marks ``target`` at each change of the reference."""
 
     kind, purpose, in_manual = "step", "proof", False
 
@@ -156,7 +160,7 @@ class Step(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings of the step, and how long each half ``lasted``, for the trial's meta."""
+        """Settings of the step, and duration [s] of each half (``lasted``), by name, for the trial's ``meta``."""
         s = self._settings
         return {
             "dof": next(d.name for d in DOFS.values() if d.force == SIGNAL_FORCES[s.signal]),
@@ -175,7 +179,7 @@ class Step(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the reference: the present value, the step, the step back."""
+        """Yield the reference commands: the initial value, the step, the step back."""
         base = self._settings.base
         self._base = now.value(self._settings.signal) if base is None else base
         self._course = now.psi
@@ -205,7 +209,9 @@ class Step(Manoeuvre):
         return self._command()
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """Cut the present half short if it is long enough to be compared. End the manoeuvre with the second half."""
+        """End the present half early if it is long enough to be compared. Return the outcome "stopped" after the second
+        half, else None.
+        """
         elapsed = self._now - self._step_start
         if self._step not in (1, 2) or not elapsed >= LEAST_HALF:
             return None
@@ -281,7 +287,7 @@ class Step(Manoeuvre):
 
 
 def windows_of(trial: Trial) -> tuple[float, ...]:
-    """Return how long [s] the step and the step back of a step *trial* were recorded, as far as they were flown.
+    """Return the recorded durations [s] of the step and the step back of a step *trial*, as far as they were flown.
 
     A step that was stopped because the loop diverged counts as recorded to its end.
     """
@@ -292,6 +298,7 @@ def windows_of(trial: Trial) -> tuple[float, ...]:
 
 
 def common_windows(one: Trial, other: Trial) -> tuple[float, ...]:
-    """Return how long [s] both of two step trials recorded the step and the step back, which limits their
-    comparison."""
+    """Return the durations [s] of the step and the step back that both of two step trials contain. They limit the
+    comparison.
+    """
     return tuple(min(pair) for pair in zip(windows_of(one), windows_of(other), strict=False))

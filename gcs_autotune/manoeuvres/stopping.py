@@ -26,7 +26,7 @@ PATIENCE = 180.0
 
 
 class Stopping(UnderWay):
-    """Approach at a throttle, then zero or ``astern`` (normalised) until the craft has stopped.
+    """Stopping test: approach at a throttle, then zero or ``astern`` (normalised) until the craft has stopped.
 
     The rudder stays amidships. Marks ``execute`` with the commanded thrust.
     """
@@ -39,11 +39,11 @@ class Stopping(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings: throttle and thrust astern."""
+        """Throttle and thrust astern [fraction of full] by name, for the trial's ``meta``."""
         return {**super().asked, "dof": "surge", "astern": self._astern}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach, then no thrust or thrust astern."""
+        """Yield the commands of the approach, then zero thrust or thrust astern."""
         now = yield from self._approached(now)
         speed, start = self._approach.speed, now.t
         if not speed >= LEAST_SPEED:

@@ -178,4 +178,4 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         _CALM_CHECK,
     )
 }
-"""Name -> manoeuvre. To add one, add a file with its class and its row, and a line here."""
+"""Name -> kind of manoeuvre. To add a manoeuvre, add a module with its class and its entry, and a line here."""

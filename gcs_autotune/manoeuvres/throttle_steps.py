@@ -35,9 +35,11 @@ differs between the runs. Project choice.
 
 STEADY_WINDOW = 3.0
 STEADY_SHARE = 0.04
-"""Change of speed over the window [s] below which it counts as steady, as a fraction of the working speed."""
+"""Change of speed over the window, as a fraction of the working speed, below which the speed counts as steady. Project
+choice.
+"""
 NOISE_STDS = 2.0
-"""Change of speed, in standard errors, within which it counts as steady too."""
+"""Change of speed, in standard errors, below which the speed also counts as steady. Project choice."""
 ANSWERED = 0.08
 """Fraction of the whole change of speed below which a level counts as complete.
 
@@ -49,17 +51,21 @@ COASTED = 0.35
 FEW = 5
 """Number of readings averaged for the initial speed of a level. Project choice."""
 TELLING = 2
-"""Number of complete levels that is sufficient for an identification if the space ends. Project choice."""
+"""Number of complete levels that is sufficient for an identification, if the run ends at the space limit.
+Project choice.
+"""
 BEFORE = 2.0
-"""Time [s] of the steady approach that belongs to the record, as the initial state of the first step."""
+"""Time [s] of the steady approach included in the record, for the initial state of the first step. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThrottleStepsSettings:
-    """Settings: ``throttle`` is the working throttle (normalised), ``levels`` are relative to it, ``most`` is the
-    largest.
+    """Settings of throttle steps.
 
-    A level lasts at least ``least_time`` and at most ``most_time`` [s]. ``least_speed`` [m/s]: lowest usable speed.
+    ``throttle``: working throttle (normalised).
+    ``levels``: throttle levels relative to the working throttle; ``most``: the largest throttle.
+    ``least_time``, ``most_time`` [s]: shortest and longest duration of a level.
+    ``least_speed`` [m/s]: lowest usable speed.
     ``until_answered``: a level ends once its response is complete, steady or not.
     """
 
@@ -73,7 +79,9 @@ class ThrottleStepsSettings:
 
 
 class ThrottleSteps(Manoeuvre):
-    """Approach at the working throttle, then the levels. It marks ``level`` at each change and ``steady`` before it."""
+    """Fly an approach at the working throttle, then the throttle levels. The manoeuvre marks ``level`` at each change
+    and ``steady`` before it.
+    """
 
     kind = "throttle-steps"
 
@@ -96,7 +104,7 @@ class ThrottleSteps(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings as flown, for the trial's meta; ``from_t`` is shortly before the first step."""
+        """Settings as flown, by name, for the trial's ``meta``; ``from_t`` [s] is shortly before the first step."""
         s = self._settings
         return {
             "dof": "surge",
@@ -112,7 +120,7 @@ class ThrottleSteps(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach, then each level until its response is complete."""
+        """Yield the commands of the approach, then each throttle level until its response is complete."""
         self._approach.start(now)
         self._heading_hold.start(now)
         while True:
@@ -121,7 +129,7 @@ class ThrottleSteps(Manoeuvre):
             now = yield command
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End with the levels recorded if they are sufficient."""
+        """Return the outcome "stopped" if the levels recorded are sufficient; else None."""
         flown = self._next - 1
         if flown < TELLING:
             return None

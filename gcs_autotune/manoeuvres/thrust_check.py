@@ -29,16 +29,16 @@ WINDOW = 3.0
 STILL = 0.04
 """Largest change of speed [m/s] between the halves of the window, at rest or in steady drift. Project choice."""
 LONGEST_REST = 30.0
-"""Longest wait for rest [s]; after it the check begins anyway. Project choice."""
+"""Longest wait for rest [s]; after this time the check begins anyway. Project choice."""
 UNKNOWN = 12.0
-"""Time [s] without a speed reading after which the vehicle counts as reporting no speed."""
+"""Time [s] without a speed reading after which the vehicle counts as reporting no speed. Project choice."""
 SHORTEST = 1.5
 """Shortest duration of a pulse [s]. The throttle is slew-limited, by default 1 s from none to full. Project choice."""
 AT_ONCE, FAR_TOO_MUCH = 0.6, 3.0
 """Duration [s] after which a pulse may end early, and the multiple of the intended speed at which it does. Project
 choice."""
 LAST = 0.5
-"""Time [s] at the end of the pulse over which the speed gained is averaged."""
+"""Time [s] at the end of the pulse over which the gained speed is averaged. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +51,8 @@ class ThrustCheckSettings:
     reach : gained speed that ends a pulse; otherwise it ends after ``longest``.
     least : smallest speed gained that counts as a response.
     turned : turn under thrust alone, in excess of the drift, that indicates a fault on one side.
-    cure, crooked : advice if it goes astern, or turns.
-    outlets : the servo outputs that drive it, for messages.
+    cure, crooked : advice if the craft goes astern, or turns.
+    outlets : the servo outputs that drive the thrust, for messages.
     """
 
     outputs: tuple[float, ...] = (0.25, 0.5)
@@ -67,7 +67,9 @@ class ThrustCheckSettings:
 
 
 class ThrustCheck(Manoeuvre):
-    """Rest (measure speed, noise and idle output), then pulses ahead until the craft has responded to one."""
+    """Wait at rest (measure speed, noise and idle output), then give thrust pulses ahead until the craft has responded
+    to one.
+    """
 
     kind, purpose = "sign-check", "check"
 
@@ -86,7 +88,7 @@ class ThrustCheck(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings as flown and results, for the trial's meta."""
+        """Settings as flown and results by name, for the trial's ``meta``."""
         s, seen = self._settings, self.answer
         return {
             "dof": "surge",
@@ -99,7 +101,7 @@ class ThrustCheck(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the rest, then the pulses."""
+        """Yield neutral commands at rest, then the pulses."""
         self._began = now.t
         while True:
             command = self._tick(now)

@@ -17,8 +17,8 @@ __all__ = ["TurnAbout", "TurnAboutSettings"]
 class TurnAboutSettings:
     """Settings: constant rudder until the heading has changed by ``angle`` [rad].
 
-    ``output`` steering and ``throttle`` are fractions of full; a positive output turns to starboard. ``patience``
-    [s] is the longest time it may take.
+    ``output`` steering and ``throttle`` are fractions of full; a positive output turns to starboard. ``patience`` [s]
+    is the longest permitted duration.
     """
 
     throttle: float
@@ -28,7 +28,9 @@ class TurnAboutSettings:
 
 
 class TurnAbout(Manoeuvre):
-    """Turns with constant rudder, without a control loop, so that it does not depend on the present gains."""
+    """Turns a boat around with constant rudder, without a control loop, so that it does not depend on the
+    present gains.
+    """
 
     kind, purpose = "turn-about", "transit"
 
@@ -38,12 +40,12 @@ class TurnAbout(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings: throttle, steering and angle."""
+        """Throttle, steering and angle [rad] by name, for the trial's ``meta``."""
         s = self._settings
         return {"throttle": s.throttle, "output": s.output, "angle": s.angle}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the same rudder until the heading has changed by the angle."""
+        """Yield commands with a constant rudder until the heading has changed by the required angle."""
         s, psi, start = self._settings, now.psi, now.t
         while True:
             turned = abs(now.psi - psi)

@@ -1,7 +1,7 @@
 """The turning circle and the pull-out: the rudder is held until the heading has turned once, then set amidships.
 
-The circle gives advance, transfer, tactical diameter and the steady turn. The remaining turn after the pull-out shows
-directional stability (ITTC 7.5-04-02-01; IMO MSC.137(76), MSC/Circ.1053).
+From the circle follow advance, transfer, tactical diameter and the steady turn. The remaining turn after the pull-out
+shows directional stability (ITTC 7.5-04-02-01; IMO MSC.137(76), MSC/Circ.1053).
 """
 
 from __future__ import annotations
@@ -19,13 +19,17 @@ from gcs_autotune.manoeuvres.open_loop import turning
 __all__ = ["KINDS", "CircleAndPullOut", "PullOuts"]
 
 LEAST_GAIN, PATIENCE = math.radians(30.0), 60.0
-"""Smallest change of heading [rad] within the given seconds for a craft to count as turning. Project choice."""
+"""Smallest change of heading [rad], and the time [s] in which it must be reached for a craft to count as turning.
+Project choice.
+"""
 LEAST_PULL_OUT = 10.0
 """Shortest time [s] for which the rudder stays amidships. Project choice."""
 
 
 class CircleAndPullOut(UnderWay):
-    """Approach, rudder to one side until the heading has changed by ``turn`` [rad], then amidships until steady."""
+    """Turning circle and pull-out: approach, rudder to one side until the heading has changed by ``turn`` [rad], then
+    amidships until steady.
+    """
 
     kind = "turning-circle"
 
@@ -35,11 +39,11 @@ class CircleAndPullOut(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings: steering and the change of heading."""
+        """Settings of the steering and change of heading [rad] by name, for the trial's ``meta``."""
         return {**super().asked, "turn": self._turn}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach, the turn and the pull-out."""
+        """Yield the commands of the approach, the turn and the pull-out."""
         now = yield from self._approached(now)
         side, base = self._steering.side, now.psi
         helm = side * self._steering.share
@@ -67,12 +71,14 @@ class CircleAndPullOut(UnderWay):
 
 
 class PullOuts(UnderWay):
-    """Approach, then a steady turn and the rudder amidships, to either side, to test directional stability."""
+    """Pull-outs to both sides, to test directional stability: approach, then a steady turn and the rudder amidships, to
+    either side.
+    """
 
     kind = "pull-out"
 
     def commands(self, now: Observation) -> Commands:
-        """Yield a turn and a pull-out, then both to the other side."""
+        """Yield the commands of a turn and a pull-out, then of a turn and a pull-out to the other side."""
         now = yield from self._approached(now)
         for k, side in enumerate((self._steering.side, -self._steering.side), start=1):
             helm = side * self._steering.share
@@ -110,4 +116,4 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         turns=True,
     ),
 )
-"""Rows of the table for turning manoeuvres."""
+"""Entries of the table of manoeuvres for turning manoeuvres."""

@@ -1,7 +1,7 @@
 """The zig-zag (Kempf): rudder to one side until the heading has changed by an angle, then to the other side.
 
-It gives overshoot angles, times and Nomoto's K and T (ITTC 7.5-04-02-01, IMO MSC.137(76); Miskovic2010, alg. 4.1). Any
-pair of angles and either first side are possible, with a rudder, two thrusters or an ROV's yaw moment.
+From it follow overshoot angles, times and Nomoto's K and T (ITTC 7.5-04-02-01, IMO MSC.137(76); Miskovic2010, alg.
+4.1). Any pair of angles and either first side are possible, with a rudder, two thrusters or an ROV's yaw moment.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class ZigZagSettings:
     Attributes
     ----------
     heading : deviation from the approach's heading at which the rudder is reversed.
-    executes : number of rudder reversals; it ends when the heading has returned after the last.
+    executes : number of rudder reversals; the manoeuvre ends when the heading has returned after the last.
     approach : seconds straight ahead before the first execute; None: until the speed is steady.
     duration : longest duration. patience : the longest time between two executes.
     """
@@ -39,7 +39,9 @@ class ZigZagSettings:
 
 
 class ZigZag(UnderWay):
-    """Approach, then the executes. It marks ``execute`` with the heading [rad] and the new rudder."""
+    """Zig-zag: approach, then the rudder reversals. The manoeuvre marks ``execute`` with the heading [rad] and the new
+    rudder.
+    """
 
     kind = "zig-zag"
 
@@ -49,11 +51,11 @@ class ZigZag(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings: angles and sizes as flown."""
+        """Angles [rad] and sizes as flown by name, for the trial's ``meta``."""
         return {**super().asked, "heading": self._settings.heading, "executes": self._settings.executes}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the approach, then the rudder to one side and the other."""
+        """Yield the commands of the approach, then the rudder to one side and the other in turn."""
         s, start = self._settings, now.t
         if s.approach is None:
             now = yield from self._approached(now)

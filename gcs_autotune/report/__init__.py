@@ -1,4 +1,4 @@
-"""The only package that formats results for users: pages, terminal tables, live lines, wording.
+"""Formats results for users: pages, terminal tables, live lines, wording. No other package does this.
 
 Each report is a :class:`Document`, built by the function named after it and shown by :func:`to_html`,
 :func:`print_document` or :func:`to_json`. To add a section, add a function to the module of its report.
@@ -27,6 +27,17 @@ from gcs_autotune.report.flight.document import (
     flight_document,
     preview_document,
 )
+from gcs_autotune.report.flight.held import (
+    Held,
+    HeldDistance,
+    HeldLine,
+    HeldLoop,
+    HeldPosition,
+    distance_figures,
+    figures_on,
+    hold_document,
+    position_figures,
+)
 from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_document
 from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
 from gcs_autotune.report.study.document import fit_document, method_list, study_document
@@ -54,6 +65,11 @@ __all__ = [
     "Document",
     "FlightModel",
     "FlightStory",
+    "Held",
+    "HeldDistance",
+    "HeldLine",
+    "HeldLoop",
+    "HeldPosition",
     "LoopCheck",
     "LoopNumbers",
     "MethodOutcome",
@@ -67,19 +83,23 @@ __all__ = [
     "beside_telemetry",
     "correlation_plot",
     "diagnosis_document",
+    "distance_figures",
     "effects_document",
+    "figures_on",
     "fit_document",
     "flight_document",
     "format_factor",
     "frequency_plot",
     "hint_notes",
     "hint_title",
+    "hold_document",
     "lead_sentence",
     "log_document",
     "method_list",
     "plan_document",
     "plan_plot",
     "plot",
+    "position_figures",
     "preview_document",
     "print_document",
     "profile_plot",

@@ -11,7 +11,7 @@ twin_thrusters    surge force and yaw moment of two thrusters to commands and ba
 from __future__ import annotations
 
 from gcs_autotune.research.correlation import Correlation, correlations, structure_by_correlation
-from gcs_autotune.research.laser import LaserCurve, angle_to_surface, calibrate, distance_to_surface
+from gcs_autotune.research.laser import LaserCurve, calibrate
 from gcs_autotune.research.parameter_tables import ParameterTable, TableFinding, diagnose_table
 from gcs_autotune.research.twin_thrusters import TwinCommand, TwinThrusters
 
@@ -22,10 +22,8 @@ __all__ = [
     "TableFinding",
     "TwinCommand",
     "TwinThrusters",
-    "angle_to_surface",
     "calibrate",
     "correlations",
     "diagnose_table",
-    "distance_to_surface",
     "structure_by_correlation",
 ]

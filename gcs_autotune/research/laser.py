@@ -6,7 +6,6 @@ The two lengths give the craft's distance (3.8) and its angle to the surface.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,7 +15,7 @@ from scipy.optimize import brentq, least_squares
 
 from gcs_autotune.errors import NotInformative
 
-__all__ = ["LaserCurve", "angle_to_surface", "calibrate", "distance_to_surface"]
+__all__ = ["LaserCurve", "calibrate"]
 
 Array = NDArray[np.float64]
 
@@ -94,21 +93,3 @@ def _fit(x: Array, y: Array, b: float, d: float) -> tuple[LaserCurve, float]:
     rates = np.sort(found.x * scale)
     (a, c), error = amplitudes(rates)
     return LaserCurve(float(a), float(rates[0]), float(c), float(rates[1])), float(error @ error)
-
-
-def distance_to_surface(left: float, right: float) -> float:
-    """Return the distance of the craft from the beams' lengths (Miskovic2010, eq. (3.8))."""
-    return 0.5 * (left + right)
-
-
-def angle_to_surface(left: float, right: float, apart: float) -> float:
-    """Return the angle [rad] between the heading and the surface's normal; it is 0 at right angles to the surface.
-
-    Miskovic2010, eq. (3.7) prints the complement, 90 deg at right angles to the surface; the controller and (2.43) use
-    0 for that.
-
-    Parameters
-    ----------
-    apart : distance of the two lasers, in the unit of their lengths.
-    """
-    return math.atan2(right - left, apart)

@@ -19,6 +19,7 @@ from gcs_autotune.workflow.flight_plan import FlightPlan, FlySettings, load_flig
 from gcs_autotune.workflow.flight_preview import preview_of_model
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan
+from gcs_autotune.workflow.hold import HoldSettings, hold
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.precision import Precision, precision_of
@@ -39,6 +40,7 @@ __all__ = [
     "FlightPlan",
     "FlightResult",
     "FlySettings",
+    "HoldSettings",
     "Operator",
     "Precision",
     "StudySettings",
@@ -51,6 +53,7 @@ __all__ = [
     "first_run",
     "fly",
     "fly_plan",
+    "hold",
     "is_settled",
     "link_of",
     "listened_to",

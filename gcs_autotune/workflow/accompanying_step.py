@@ -18,19 +18,19 @@ from gcs_autotune.workflow.proof import LEAST_NOISES, Known, Proof, proof_of_tur
 __all__ = ["BESIDE", "PRESENT", "PROVING", "AccompanyingStep", "Compared", "flies_accompanying_step", "within"]
 
 BESIDE = "turn rates"
-"""Label of the accompanying step's results in the report."""
+"""Label in the report for the results of the turn-rate step that accompanies a heading step."""
 PRESENT, PROVING = "turn rate with present gains", "turn rate with new gains"
 """Names of the two stages of the accompanying step: with the present gains and with the new ones."""
 
 
 def flies_accompanying_step(context: TuneContext) -> bool:
-    """Return whether a turn-rate step is flown in addition to the heading step of this axis."""
+    """Return whether a tune of this axis flies a turn-rate step in addition to its heading step."""
     return not context.law.controls_velocity and context.axis.law in OTHER_MODE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """The accompanying step flown with the old and with the new gains, and the verdict."""
+    """Metrics of the turn-rate step flown with the old and with the new gains, and the verdict on their difference."""
 
     before: StepMetrics
     after: StepMetrics
@@ -46,9 +46,8 @@ class AccompanyingStep:
 
     @classmethod
     def flown(cls, context: TuneContext, known: Known | None) -> AccompanyingStep | None:
-        """Fly the step with the present gains.
-
-        Return None if the axis has no such step or the craft's model is unknown.
+        """Fly the turn-rate step with the present gains and return it. None if the axis has no such step, or the
+        craft's model is unknown.
         """
         if known is None or not flies_accompanying_step(context):
             return None
@@ -63,7 +62,7 @@ class AccompanyingStep:
         return cls(StepCriteria(proof, noise, resolution(before)), before)
 
     def compared(self, context: TuneContext) -> Compared:
-        """Fly the step with the new gains and compare both records."""
+        """Fly the turn-rate step with the new gains. Return the comparison with the record of the present gains."""
         after = _fly(context, self.criteria, "turn-rate-after", PROVING)
         return context.run_in_background(_compared, self.criteria, self.before, after)
 
@@ -91,7 +90,9 @@ def within(limit: float, proof: Proof, known: Known) -> Proof:
 
 
 SHARE = 0.8
-"""Fraction of the heading limit that a turn-rate step may use. Project choice; the rest is margin."""
+"""Fraction of the heading limit that a turn-rate step may use. Project choice: a larger fraction leaves less margin to
+the limit.
+"""
 
 
 def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:

@@ -20,7 +20,7 @@ from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 __all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "room", "whole_of"]
 
 ROV_ROOM, BELOW = 2.0, 1.5
-"""Free water around an ROV that holds its position, and depth below the deepest target, both [m]. Project choice."""
+"""Free water [m] required around an ROV that holds its position, and below its deepest target. Project choice."""
 
 
 def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole: Excursion) -> str:
@@ -74,7 +74,7 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
 
 
 def exactly(seconds: float) -> str:
-    """Format seconds as minutes and seconds, rounded up to tens; below one minute, to fives."""
+    """Return a time [s] as minutes and seconds, rounded up to multiples of 10 s; below one minute, of 5 s."""
     step = 5 if seconds < 60.0 else 10
     minutes, rest = divmod(step * math.ceil(seconds / step), 60)
     return " ".join(([f"{minutes} min"] if minutes else []) + ([f"{rest} s"] if rest or not minutes else []))

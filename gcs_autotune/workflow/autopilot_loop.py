@@ -82,7 +82,7 @@ class _AutopilotLoop:
 
     @property
     def name(self) -> str:
-        """Name of the axis."""
+        """Name of the tuned axis."""
         return self.context.axis.name
 
     def read(self) -> Mapping[str, float]:
@@ -91,18 +91,19 @@ class _AutopilotLoop:
         return self.context.craft.parameters.read_existing(self.context.log.parameters_before, as_is=True)
 
     def lend(self, journal: Journal) -> GainLoan:
-        """Return the transaction that changes the vehicle's parameters and can restore them."""
+        """Return a context manager that changes the vehicle's parameters and can restore them."""
         return ParameterTransaction(self.context.craft.parameters, journal)
 
     def fly_baseline(self) -> None:
-        """Fly the turn-rate step that accompanies a heading step, if the craft's model is known well enough to size
-        it."""
+        """Fly the turn-rate step that accompanies a heading step, if the craft's model is known well enough to compute
+        its size.
+        """
         self._beside = AccompanyingStep.flown(self.context, self._known)
 
     def prove(self) -> ProofResult:
         """Fly the step with the new gains.
 
-        Compare it with the old one over the time that both recorded, as each may end early.
+        Return the comparison with the step with the old gains, over the time that both records contain.
         """
         context, log, before, criteria = self.context, self.context.log, self._before, self._criteria
         context.turn_around("step-after", STEP_AHEAD, last=self._beside is None)
@@ -147,7 +148,9 @@ class _DesignedGains(_AutopilotLoop):
         self._found: Identified | None = None
 
     def experiment(self) -> None:
-        """Fly the step and the experiments, in the order that the loop requires."""
+        """Fly the step with the present gains and the identification experiments, in the order that the loop
+        requires.
+        """
         context = self.context = self.context.begin()
         moving, found = context.law.controls_velocity, self._found
         if moving:
@@ -178,8 +181,9 @@ class _DesignedGains(_AutopilotLoop):
         self._found = found
 
     def propose(self) -> Offer:
-        """Design gains. If the short experiments leave the step's cost too uncertain, fly the full experiments
-        first."""
+        """Return gains designed from the experiments. If short experiments leave the step's predicted cost too
+        uncertain, fly the full experiments first.
+        """
         context, before, criteria, found = self.context, self._before, self._criteria, self._found
         if context.given is not None:
             proposal = design_from_file(context, context.given, before, criteria)
@@ -272,9 +276,8 @@ def _compared(
 
 
 WORSE, ENOUGH = 1.05, 0.9
-"""First: factor by which a predicted error must rise before a warning.
-
-Second: fraction of the commanded turn rate that counts as followed.
+"""Factor by which a predicted error must rise before a warning, and fraction of the commanded turn rate above which the
+craft counts as tracking it. Project choice.
 """
 
 

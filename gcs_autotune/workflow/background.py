@@ -37,10 +37,9 @@ def run_in_background(
     *args: P.args,
     **named: P.kwargs,
 ) -> T:
-    """Return the result of *work*, computed by the *worker* while the link is served. Raise its exceptions here.
-
-    *bear* returns whether a fault of the craft is over; the work then continues. On a lock-stepped link, simulated time
-    stands still, so the work is done at once.
+    """Return the result of *work*, computed by the *worker* while the link is served. Exceptions of *work* are raised
+    here. *bear* returns whether a fault of the craft is over; the work then continues. On a lock-stepped link,
+    simulated time stands still, so the work is done at once.
     """
     if isinstance(craft.clock, ManualClock):
         return work(*args, **named)
@@ -104,14 +103,14 @@ def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
 
 
 def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
-    """Return the operator's answer. Hold and monitor the craft until it comes."""
+    """Return the operator's answer. Until then the craft is kept at rest and monitored."""
     if craft.armed:
         hold_neutral(craft)
     return operator.ask(question, craft.observe)
 
 
 def agreed(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
-    """Return whether the operator agrees. A simulated vehicle needs no answer; the log reports this."""
+    """Return whether the operator agrees. For a simulated vehicle the operator is not asked; the log reports this."""
     if craft.session.transport.is_simulated:
         observer.say(f"{question} yes (simulated vehicle)")
         return True

@@ -20,9 +20,8 @@ from gcs_autotune.workflow.settings import CommonSettings, Connection
 __all__ = ["arming", "axis_of", "connect", "connect_craft", "say_link_times", "telemetry_rates"]
 
 SERVO_RATE = 40.0
-"""Requested rate [Hz] of SERVO_OUTPUT_RAW, which shows when a relay switched.
-
-It is the highest rate of a 50 Hz ArduRover.
+"""Requested rate [Hz] of SERVO_OUTPUT_RAW, which contains the moments at which a relay switched. It is the highest rate
+that an ArduRover with a 50 Hz loop sends.
 """
 SPARE: Mapping[str, float] = {"SERVO_OUTPUT_RAW": 100.0}
 """Message rate [Hz] for a vehicle with a faster loop, if the link has spare capacity.
@@ -40,7 +39,7 @@ lock-stepped time there is no delay.
 
 
 def arming(craft: MavlinkCraft) -> str:
-    """Return a warning on what arming involves: steering thrusters produce thrust during their check."""
+    """Return a warning of what happens at arming: steering thrusters produce thrust during their check."""
     armed = "leave the vehicle armed" if craft.armed else "arm the vehicle, and disarm it at the end"
     steers_by_thrust = craft.skid or not craft.firmware.needs_way
     twitched = "turning thrusters" if steers_by_thrust else "steering"
@@ -49,7 +48,7 @@ def arming(craft: MavlinkCraft) -> str:
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:
-    """Return a table of message to rate [Hz] for a relay that runs at *control_rate* [Hz]."""
+    """Return message name -> rate [Hz] required for a relay that runs at *control_rate* [Hz]."""
     return {**WANTED_RATES, "ATTITUDE": control_rate, "SERVO_OUTPUT_RAW": max(SERVO_RATE, control_rate)}
 
 
@@ -59,7 +58,7 @@ def connect(
 ) -> Iterator[Session]:
     """Open the link, create the *record* and find the vehicle. Close the link on every exit.
 
-    A vehicle of the wrong type leaves no record.
+    For a vehicle of the wrong type no record is created.
     """
     with _without_record_of_the_wrong_vehicle(record), connection.open() as transport:
         if record is not None:
@@ -173,7 +172,7 @@ def _leave(craft: MavlinkCraft) -> None:
 
 
 def axis_of(firmware: Firmware, name: str) -> Axis:
-    """Return the firmware's control loop of that name.
+    """Return the axis (control loop) called *name* of the vehicle's firmware.
 
     Raises
     ------

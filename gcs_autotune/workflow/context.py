@@ -43,9 +43,10 @@ class TuneContext:
     Attributes
     ----------
     earlier : trials of an earlier run to use.
-    axis : with the vehicle's own parameter names. present : their values under the canonical names.
-    given : the model to design from; None: identify the craft in this run.
-    throttle, speed : what to tune at [fraction, m/s].
+    axis : the axis, with the vehicle's own parameter names.
+    present : values of the axis' parameters, under the canonical names.
+    given : the user's model to design from; None: identify the craft in this run.
+    throttle, speed : throttle [fraction of full] and speed [m/s] at which to tune.
     """
 
     settings: TuneSettings
@@ -60,12 +61,12 @@ class TuneContext:
 
     @property
     def craft(self) -> MavlinkCraft:
-        """The vehicle."""
+        """The vehicle, as flown by the manoeuvres."""
         return self.visit.craft
 
     @property
     def log(self) -> TuneLog:
-        """The log of all events so far."""
+        """The log of all events of the run so far."""
         return self.visit.log
 
     @property
@@ -74,7 +75,9 @@ class TuneContext:
         return lookup(LAWS, self.axis.law, "control law")
 
     def fly(self, manoeuvre: Manoeuvre, stage: str) -> Trial:
-        """Report the *stage* and fly it, unless an earlier run already has. ``NotAchieved`` is raised if it fails."""
+        """Report the *stage* and fly it, unless an earlier run already has. Return the manoeuvre. ``NotAchieved`` is
+        raised if it fails.
+        """
         flown = self.earlier.take(manoeuvre.name)
         if flown is not None:
             self.visit.keep(flown)
@@ -86,7 +89,7 @@ class TuneContext:
         return self.runner.fly(manoeuvre, stage)
 
     def come_down(self) -> None:
-        """Dive if the next manoeuvre needs depth and a buoyant craft has risen near the surface."""
+        """Dive if the next manoeuvre needs depth and a buoyant craft has risen towards the surface."""
         if self.craft.firmware.floats or not self.axis.excitation.below_surface:
             return
         dive = dive_for(self.axis.dof, self.craft.firmware, self.craft.observe())
@@ -98,7 +101,8 @@ class TuneContext:
         """Turn a boat around before the trial *before* of up to *ahead* [s] if the space requires it. Return whether it
         turned.
 
-        It does not turn before a trial that an earlier run has flown. If stages do not end early, it always turns.
+        The boat does not turn before a trial that an earlier run has flown. If stages do not end early, the boat always
+        turns.
         """
         if self.earlier.has(before):
             return False
@@ -120,19 +124,17 @@ class TuneContext:
         return found
 
     def await_worker(self) -> Any:
-        """Return the result that the worker is computing, and monitor the craft until then.
-
-        Raise its exceptions here.
+        """Return the result that the worker is computing. Until then monitor the craft. Exceptions of the worker are
+        raised here.
         """
         if not self.visit.worker.done:
             hold_neutral(self.craft)
         return await_worker(self.craft, self.visit.worker, self.runner.bear)
 
     def begin(self) -> TuneContext:
-        """Check that the actuators act in the right direction before a loop or a relay uses them. Dive where needed.
-
-        These are the actuator of the axis and the one that steers during the run. Return the context. Its throttle is
-        adjusted if the boat's cruise throttle drives it much faster than its cruise speed.
+        """Check that the actuators act in the right direction before a loop or a relay uses them. Dive first if
+        necessary. The actuators are that of the axis and the one that steers during the run. Return the context. Its
+        throttle is adjusted if the boat's cruise throttle drives it much faster than its cruise speed.
         """
         axis, firmware, servos = self.axis, self.craft.firmware, self.craft.servos
         output, limit = self.settings.relay_output, self.runner.speed_limit

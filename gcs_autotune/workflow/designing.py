@@ -24,10 +24,12 @@ __all__ = ["StepCriteria", "design_from_file", "design_from_fit", "question_of"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepCriteria:
-    """Criteria for a step: the ``proof`` flown, the signal's ``noise`` and the resolution ``grain`` of its sensor
-    (SI).
+    """Criteria for evaluating a step.
 
-    ``jitter``: the part of the noise that moves the actuator; None: all of it.
+    ``proof``: the step as flown.
+    ``noise``: standard deviation of the signal's noise (SI).
+    ``grain``: resolution of the signal's sensor (SI).
+    ``jitter``: standard deviation of the noise that moves the actuator; None: all of ``noise``.
     """
 
     proof: Proof
@@ -67,9 +69,8 @@ def design_from_fit(context: TuneContext, found: Identified, criteria: StepCrite
 
 
 def question_of(context: TuneContext, criteria: StepCriteria, flown: Trial) -> DesignQuestion:
-    """Return the design question that the experiments answer, from *criteria*.
-
-    *flown* is the step with the present gains.
+    """Return the question that the experiments answer: the gains to design, with the specification from *criteria*.
+    *flown*: the step with the present gains.
     """
     spec = _spec(context, context.log.speed_of([flown]), criteria, flown)
     s = context.settings
@@ -77,7 +78,9 @@ def question_of(context: TuneContext, criteria: StepCriteria, flown: Trial) -> D
 
 
 def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, criteria: StepCriteria) -> Proposal:
-    """Return gains for the model of a file, and report how much of the step just *flown* the model explains."""
+    """Return gains for the model from a file. Report how much of the step *flown* with the present gains the model
+    explains.
+    """
     log, file = context.log, given.file
     share = context.run_in_background(explained, given, flown)
     if not math.isnan(share):

@@ -1,4 +1,4 @@
-"""Run a complete diagnosis: read the runs, search for causes, write the verdict and the files."""
+"""Run a complete diagnosis of a simulation: read the runs, search for causes, write the verdict and the files."""
 
 from __future__ import annotations
 
@@ -22,16 +22,20 @@ from gcs_autotune.trial import Trial
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
 
 KEPT_FILE = "search.jsonl"
-"""Name of the file in the page's folder that stores the results of a stopped search."""
+"""Name of the file that stores the intermediate results of a search, in the folder of its page."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisSettings:
     """Settings of ``diagnose``; the names are those of :func:`gcs_autotune.diagnose.diagnose`.
 
-    ``model``: a model file. ``effects``: slugs to try; None: all. ``without``: slugs to leave out. ``jobs``: number of
-    processes. ``max_seconds``: the search stops after this time. ``keep``: the folder that stores results until the
-    search ends. ``resume``: the folder to continue from.
+    ``model``: a model file.
+    ``effects``: slugs to try; None: all.
+    ``without``: slugs to leave out.
+    ``jobs``: number of processes.
+    ``max_seconds``: the search stops after this time.
+    ``keep``: the folder that stores results until the search ends.
+    ``resume``: the folder to continue from.
     """
 
     dof: str | None = None
@@ -47,7 +51,7 @@ class DiagnosisSettings:
     resume: bool = False
 
     def slugs(self) -> tuple[str, ...] | None:
-        """Return the effects to try; None for all.
+        """Return the slugs of the effects to try; None for all.
 
         Raises
         ------
@@ -72,16 +76,17 @@ def run_diagnosis(
     settings: DiagnosisSettings,
     watch: Callable[[str, int, int], None] | None = None,
 ) -> Diagnosis:
-    """Diagnose *runs* and measure the improvement on the *unseen* runs; without these, on parts of *runs* left out in
-    turn.
+    """Diagnose *runs* and measure the improvement on the *unseen* runs; without these, on sections of *runs* left out
+    in turn.
 
     *watch* receives the stage, how much of it is done, and its total.
 
     Raises
     ------
     AutotuneError
-        The runs, the model file or the settings cannot be used; the message says why and what to try. It is also raised
-            if the folder to resume from contains no search, or one of other runs or settings.
+        The runs, the model file or the settings cannot be used; the message states the reason and what to try. It is
+        also raised
+            if the folder to resume from contains no search, or a search with other runs or settings.
     """
     kept = None
     if settings.keep is not None:

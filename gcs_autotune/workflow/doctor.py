@@ -34,11 +34,11 @@ LEAST_DISK = 200e6
 A tune writes about 20 MB, and a full day of tunes ten times that.
 """
 LEAST_SYNC = 1.0
-"""Time [s] for a journal write to disk above which control ticks may be late. Project choice."""
+"""Time [s] to write the journal to disk above which control ticks may be late. Project choice."""
 LATEST_TICK = 0.02
-"""Delay of a timed wait [s] above which a warning is shown: half a tick of a 25 Hz relay."""
+"""Delay of a timed wait [s] above which a warning is shown: half a control period of a 25 Hz relay."""
 WAITS, WAIT = 60, 0.005
-"""Number of timed waits, and the length of each [s]."""
+"""Number of timed waits in the test of the clock, and the length of each [s]. Project choice."""
 UDP = "udpin:0.0.0.0:14550"
 """Address on which ground stations usually listen: BlueOS, companion computers and MAVProxy send to it."""
 

@@ -50,7 +50,7 @@ vehicle. Measured on the simulated autopilots."""
 STOPPED, LONGEST_COAST = 0.1, 60.0
 """Speed [m/s] below which a craft counts as stopped, and the longest simulated coast [s].
 
-With quadratic drag the speed never quite reaches zero, so the second number ends the coast. Project choice.
+With quadratic drag the speed never quite reaches zero, so the longest coast ends the simulation. Project choice.
 """
 SPARE, SPARE_METRES = 1.2, 2.0
 """Margin over the craft that needs most, for wind, waves and noise.
@@ -61,7 +61,7 @@ SUBMERGED, SUBMERGED_METRES = 1.1, 0.3
 """The margin for a submerged vehicle, which neither wind nor waves move: a factor, and a minimum in metres. Project
 choice."""
 LATE = 1.05
-"""Factor for the margin on time. Project choice."""
+"""Factor by which the announced time exceeds the simulated time. Project choice."""
 ROUNDED, EXACT = 5.0, 30.0
 """Announced distances are rounded to multiples of the first [m]; those below the second [m] to whole metres. Project
 choice."""
@@ -87,11 +87,11 @@ class Ahead(Manoeuvre):
 
     @property
     def asked(self) -> dict[str, float]:
-        """The speed and the duration."""
+        """Requested speed [m/s] and duration [s], by name."""
         return {"speed": self._speed, "seconds": self._seconds}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the initial course command."""
+        """Yield the command to keep the initial course, until the end of the stage."""
         course, start = now.psi, now.t
         while True:
             self._elapsed = now.t - start
@@ -100,7 +100,7 @@ class Ahead(Manoeuvre):
             now = yield HeadingTarget(course, self._speed)
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End at the limit of the space, once the stage has lasted long enough."""
+        """Return the outcome "stopped" at the space limit *where*, if the stage has lasted ``least`` [s]; else None."""
         return Outcome("stopped", where) if self._elapsed >= self._least else None
 
 
@@ -115,11 +115,11 @@ class _Coast(Manoeuvre):
 
     @property
     def asked(self) -> dict[str, float]:
-        """The longest duration."""
+        """Longest duration [s], by name."""
         return {"seconds": self._seconds}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield neutral outputs."""
+        """Yield neutral outputs until the craft has stopped."""
         start = now.t
         while True:
             if now.t - start >= self._seconds or math.hypot(now.u, now.v) <= STOPPED:
@@ -140,7 +140,7 @@ class VisitPreview:
         self.trouble = ""
 
     def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Preview:
-        """Simulate *manoeuvre* and return its preview."""
+        """Simulate *manoeuvre* from the end of the last stage, and return its preview."""
         seen = preview(manoeuvre, self._craft, envelope or self._envelope, begins=self._state)
         self.stages.append((stage, seen))
         self._state = seen.ends
@@ -162,7 +162,7 @@ class VisitPreview:
             self.fly(TurnAbout(replace(turn, output=side * turn.output)), "turning around", self._turning)
 
     def come_back(self, throttle: float, stage: str) -> None:
-        """Return a boat to where the run began."""
+        """Simulate the return of a boat to the start of the run."""
         if self._under_way:
             self.fly(ComeBack(0.0, 0.0, throttle), stage, self._turning)
 
@@ -205,13 +205,15 @@ class Excursion:
 
     Attributes
     ----------
-    seconds : from arming until the vehicle is restored. distance : the greatest [m] from the start.
-    stages : name and seconds of each.
-    time : seconds of the longest stage. All numbers are the greatest ones, as the envelope limits them: SI, rad.
+    seconds : time [s] from arming until the vehicle is restored.
+    distance : greatest distance [m] from the start.
+    stages : name and duration [s] of each stage.
+    time : duration [s] of the longest stage.
+        All other numbers are the greatest values of what the envelope limits: SI, rad.
     trouble : reason for an early end; empty if there is none.
     usual : the excursion with a well damped loop; None: no loop is flown for long.
     least : the smallest numbers among several craft, by name; empty for one craft.
-    submerged : whether it is flown below the surface.
+    submerged : whether the run is flown below the surface.
     """
 
     seconds: float
@@ -230,7 +232,7 @@ class Excursion:
 
     @property
     def needs(self) -> float:
-        """The required distance [m] with a margin, rounded up to whole steps."""
+        """The required distance [m] with a margin, rounded up to announced distances."""
         factor, metres = (SUBMERGED, SUBMERGED_METRES) if self.submerged else (SPARE, SPARE_METRES)
         return rounded(max(factor * self.distance, self.distance + metres))
 
@@ -239,12 +241,10 @@ class Excursion:
         return min(self.needs, envelope.distance_limit)
 
     def beyond(self, envelope: Envelope, what: str) -> str:
-        """Return why *what* is rejected: a limit of *envelope* that it would exceed, and the nearest sufficient
-        value.
-
-        The text is empty if nothing is exceeded. Only limits that the user set count. Distance and time are those of
-        the worst craft; other limits count only if every craft exceeds them. The loop is assumed to be well damped,
-        because otherwise its run ends at the limit of the space.
+        """Return why *what* is rejected: a limit of *envelope* that *what* would exceed, and the nearest sufficient
+        value. Empty if no limit is exceeded. Only limits that the user set count. Distance and time are those of the
+        worst craft; other limits count only if every craft exceeds them. The loop is assumed to be well damped, because
+        otherwise its run ends at the limit of the space.
         """
         usual = Envelope()
         for option, name, factor, unit in LIMITED:
@@ -268,11 +268,11 @@ LIMITED: Sequence[tuple[str, str, float, str]] = (
     ("max-depth", "depth_max", 1.0, "m"),
     ("max-depth-excursion", "depth_excursion", 1.0, "m"),
 )
-"""For each option: the field of the envelope and of an excursion, the factor to the user's unit, and that unit."""
+"""Option -> (field of the envelope, field of an excursion, factor to the user's unit, that unit)."""
 
 
 def too_small(what: str, option: str, limit: float, needs: float, unit: str) -> str:
-    """Return the sentences that reject a *limit* smaller than the *needs* of *what*, both in the user's *unit*."""
+    """Return sentences that reject a *limit* that is smaller than the *needs* of *what*, both in the user's *unit*."""
     return (
         f"not started: {what} needs {needs:g} {unit}, but the limit --{option} is {limit:g} {unit}. Nothing was armed. "
         f"Use --{option} {needs:g}, or fly a smaller, slower or shorter manoeuvre"
@@ -280,7 +280,7 @@ def too_small(what: str, option: str, limit: float, needs: float, unit: str) -> 
 
 
 def rounded(metres: float) -> float:
-    """Return *metres* rounded up to whole steps."""
+    """Return *metres* rounded up to a multiple of :data:`ROUNDED`; below :data:`EXACT`, to whole metres."""
     step = ROUNDED if metres > EXACT else 1.0
     return step * math.ceil(metres / step)
 
@@ -289,7 +289,9 @@ _NUMBERS = ("distance", *(name for _, name, _, _ in LIMITED[1:]))
 
 
 def worst_of(excursions: Sequence[Excursion]) -> Excursion:
-    """Return the greatest of each number. The stages are those of the excursion that takes longest."""
+    """Return one excursion with the greatest of each number of *excursions*. The stages are those of the excursion that
+    takes longest.
+    """
     longest = max(excursions, key=lambda one: one.seconds)
     numbers = {name: [float(getattr(one, name)) for one in excursions] for name in _NUMBERS}
     most, least = ({name: of(values) for name, values in numbers.items()} for of in (max, min))
@@ -298,7 +300,7 @@ def worst_of(excursions: Sequence[Excursion]) -> Excursion:
 
 
 def overhead(stages: int) -> float:
-    """Return the seconds that a run of this many stages takes in addition to the stages."""
+    """Return the time [s] that a run of *stages* stages takes in addition to the stages themselves."""
     return ARMING + BETWEEN * stages + LEAVING
 
 

@@ -1,6 +1,5 @@
-"""``experiment``: fly the experiments of an axis and identify it, as in the first half of a tune.
-
-Nothing is changed.
+"""``experiment``: fly the experiments of an axis and identify the craft, as in the first half of a tune. No parameter
+is changed.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ from gcs_autotune.workflow.study import study_of
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of
 
-__all__ = ["experiment"]
+__all__ = ["experiment", "learn"]
 
 
 def experiment(settings: TuneSettings, operator: Operator, observer: Observer, when: str = "") -> AxisFit:
-    """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog``, ``fit.json``,
-    ``report.html``.
+    """Fly and record the experiments, identify the craft and return the record. The run directory receives ``trials/``,
+    ``telemetry.tlog``, ``fit.json``, ``report.html``.
 
     No parameter is written. However the run ends, the vehicle is restored to its previous state.
 
@@ -62,8 +61,8 @@ def experiment(settings: TuneSettings, operator: Operator, observer: Observer, w
 
 
 def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneLog]) -> Mission:
-    """Return what this experiment will do on the vehicle of *visit*. The identified model is stored in *found*."""
-    context, craft = _learn(settings, visit), visit.craft
+    """Return what this experiment will do on the vehicle of *visit*, which puts its model into *found*."""
+    context, craft = learn(settings, visit), visit.craft
     now, firmware, axis = craft.observe(), craft.firmware, context.axis
     dive = dive_for(axis.dof, firmware, now)
     pace = pace_of(craft.steered_by)
@@ -98,8 +97,8 @@ def _movements(context: TuneContext, depth: float) -> str:
     return f"{kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}"
 
 
-def _learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:
-    """Determine what is flown and at what speed; nothing moves yet."""
+def learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:
+    """Learn what is flown and how fast; nothing moves yet."""
     craft = visit.craft
     axis = _axis(settings.axis, craft.firmware)
     visit.log.meet(craft)

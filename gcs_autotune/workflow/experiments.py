@@ -33,7 +33,7 @@ from gcs_autotune.workflow.settings import TuneSettings
 Array = NDArray[np.float64]
 
 CALMED: Mapping[str, float] = {a.stepped: a.calmed for a in AXES.values() if a.calmed}
-"""Signals so noisy that a step is measured through a centred moving average, with its length [s]."""
+"""Signal -> length [s] of the centred moving average through which its step is measured, because it is noisy."""
 
 __all__ = [
     "SHALLOW",
@@ -54,7 +54,9 @@ __all__ = [
 
 
 def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
-    """Return (throttle fraction, speed [m/s]) for the tune: the user's values, otherwise the vehicle's own cruise."""
+    """Return (throttle [fraction of full], speed [m/s]) for the tune: the user's values, otherwise the vehicle's own
+    cruise.
+    """
     if not axis.needs_speed:
         return settings.throttle or 0.0, settings.speed or 0.0
     throttle = settings.throttle
@@ -82,7 +84,7 @@ def steering_throttle(step: Trial, present: Mapping[str, float], throttle: float
 
 
 LEAST_THROTTLE, MOST_THROTTLE = 0.1, 0.9
-"""Limits of the throttle.
+"""Limits of the throttle [fraction of full] at which a boat is identified.
 
 Between them the boat has headway and the autopilot can still compensate for steered thrust. Project choice.
 """
@@ -91,7 +93,7 @@ Between them the boat has headway and the autopilot can still compensate for ste
 def throttle_steps_for(throttle: float, number: int, name: str, *, short: bool = False) -> ThrottleSteps:
     """Return the *number*-th (from 0) surge experiment of a boat about *throttle* [fraction].
 
-    short : its levels end once the boat has responded to them.
+    short : each throttle level ends once the boat has responded to it.
     """
     levels = LEVELS[number % len(LEVELS)]
     return ThrottleSteps(ThrottleStepsSettings(throttle, levels, until_answered=short), name)
@@ -104,7 +106,7 @@ class Relays:
     Attributes
     ----------
     throttle : fraction of full thrust ahead. A boat's surge oscillates about its cruise, an ROV's about rest.
-    keep_still : whether the vehicle's other axes are held during the relay.
+    keep_still : whether the vehicle's other axes are controlled during the relay.
     least_period : shortest oscillation period [s] for which the link is fast enough.
     """
 
@@ -127,7 +129,8 @@ class Relays:
         noise_std: float | None = None,
         criterion: StopCriterion | None = None,
     ) -> Relay:
-        """Return the relay *name* with amplitude *output*; with None it finds a suitable amplitude itself.
+        """Return the relay *name* with amplitude *output*; if it is None, the relay determines a suitable amplitude
+        itself.
 
         noise_std : noise [rad or m] of a vehicle that needs no approach. criterion : the rule that may end it before
             its periods agree.
@@ -174,16 +177,15 @@ def _is_hasty(relay: Trial) -> bool:
 
 
 STEP_AHEAD, SWING_AHEAD = 60.0, 30.0
-"""Longest time straight ahead [s] of a proof, and of an experiment that oscillates or is short. Project choice."""
+"""Longest time straight ahead [s]: of the step that proves gains, and of an experiment that oscillates or is short.
+Project choice.
+"""
 WORKING_DEPTH, SHALLOW = 1.5, 1.0
 """Depth [m] at which the depth loop is tuned if the craft is shallower than the second number [m]. Project choice."""
 
 
 def dive_for(dof: str, firmware: Firmware, now: Observation) -> Dive | None:
-    """Return the dive that takes an ROV away from the surface before its depth oscillates.
-
-    None if it is deep enough.
-    """
+    """Return the dive that takes an ROV away from the surface before a depth relay. None if the ROV is deep enough."""
     if firmware.floats or not excitation_of(dof).below_surface or not now.z < SHALLOW:
         return None
     return Dive(DiveSettings(WORKING_DEPTH, enough=SHALLOW))
@@ -215,10 +217,9 @@ def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
 def measure(
     trial: Trial, noise_std: float = 0.0, resolution: float = 0.0, windows: Sequence[float] = ()
 ) -> StepMetrics:
-    """Evaluate the step out and the step back of a step trial; return their mean and the worse of the limits.
-
-    Arguments as those of :func:`measure_halves`. If the loop diverged before the target moved, nothing can be measured
-    and all numbers are NaN.
+    """Return the metrics of a step trial: the mean of the step out and the step back, and the worse of their limits.
+    Arguments as for :func:`measure_halves`. If the loop diverged before the target moved, nothing can be measured and
+    all numbers are NaN.
     """
     return combine(measure_halves(trial, noise_std, resolution, windows))
 
@@ -226,9 +227,8 @@ def measure(
 def measure_halves(
     trial: Trial, noise_std: float = 0.0, resolution: float = 0.0, windows: Sequence[float] = ()
 ) -> list[StepMetrics]:
-    """Evaluate the step out and the step back of a step trial, as far as they were flown.
-
-    Each is evaluated over its first ``windows`` [s], or over its record if that is shorter.
+    """Return the metrics of the step out and of the step back of a step trial, as far as they were flown. Each half is
+    evaluated over its first ``windows`` [s], or over its record if that is shorter.
 
     A step that was stopped because the loop diverged counts as if its last error had lasted to the end. *noise_std* and
     the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass with a resolution of two

@@ -46,10 +46,11 @@ class ExtraRelay:
 
 
 def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ExtraRelay | None:
-    """Return the relay that separates a dead zone from a thrust curve. None if the *runs* need neither or are
-    sufficient.
+    """Return the relay that separates a dead zone from a thrust curve. None if the *runs* need neither model, or
+    already separate them.
 
-    plain : the model of the *runs* without either. room : largest relay output there is.
+    plain : the model of the *runs* without dead zone and curve.
+    room : largest available relay output [fraction of full].
     """
     dead, bent = fit_with_actuator(runs, plain, DEAD_ZONE), fit_with_actuator(runs, plain, QUADRATIC)
     if dead is None or bent is None or not (pays(dead, plain, DEAD_ZONE) and pays(bent, plain, QUADRATIC)):
@@ -70,9 +71,8 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Ext
 
 
 def fly_extra(third: ExtraRelay, relays: Relays, runner: ManoeuvreRunner, observer: Observer) -> list[Trial]:
-    """Report why a third amplitude is needed and fly it.
-
-    Return nothing if the craft does not oscillate; two then have to suffice.
+    """Report why a third amplitude is needed, fly it and return its record. Return nothing if the craft does not
+    oscillate with it.
     """
     observer.say(third.why)
     try:

@@ -1,4 +1,4 @@
-"""Where a flight may go: the area set by the user, and the vehicle's own fence."""
+"""The permitted area of a flight: the area set by the user, and the vehicle's own fence."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _FAR = 10e3
 
 
 def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) -> Area | None:
-    """Return the permitted area in metres around *craft*: the user's area *given* within its own fence. None: no
-    limit.
+    """Return the permitted area in metres around *craft*: the intersection of the user's area *given* and the vehicle's
+    own fence. None: no limit.
 
     Raises
     ------

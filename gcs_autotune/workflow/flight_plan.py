@@ -46,9 +46,9 @@ __all__ = ["FlightPlan", "FlightRun", "FlownAgain", "FlySettings", "load_flight_
 
 
 UNTRIED = {"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
-"""Cruise values that ArduRover sets by default. They do not describe any particular boat."""
+"""Default values of ArduRover's cruise parameters. A boat with these values has probably not been configured."""
 SCALES = tuple(0.8**k for k in range(1, 11))
-"""Sizes tried one after the other, as a fraction of the usual one.
+"""Sizes of a manoeuvre tried one after the other, as fractions of its usual size.
 
 Below a tenth a run is not informative. Project choice.
 """
@@ -61,10 +61,12 @@ class FlySettings:
     Attributes
     ----------
     options : the options that the user set (SI and radians), by their names in the table of limits.
-    side : 1 to begin to starboard, -1 to port. force : the force to apply, if the manoeuvre can apply any.
-    model : the model for the preview; None: the vehicle's own figures. full_scale : its input at full output.
-    name : name of the run and its record; empty: that of the manoeuvre. held_out : whether the fit leaves it out, to
-        validate on it.
+    side : 1 to begin to starboard, -1 to port.
+    force : the force to apply, if the manoeuvre can apply any.
+    model : the model for the preview; None: the vehicle's own figures.
+    full_scale : the model's input at full output.
+    name : name of the run and its record; empty: the name of the manoeuvre.
+    held_out : whether the run is used for validation and not for the fit.
 
     Raises
     ------
@@ -110,7 +112,7 @@ class FlySettings:
 
     @property
     def kind(self) -> ManoeuvreKind:
-        """The manoeuvre's row in the table."""
+        """The entry of the manoeuvre in the table of manoeuvres."""
         return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre").of(self.force)
 
     def cruise(self, firmware: Firmware, present: Mapping[str, float]) -> tuple[float, float]:
@@ -158,7 +160,9 @@ class FlySettings:
                 return
 
     def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
-        """Return the manoeuvre, recorded under the name of the run. Options not set have their defaults."""
+        """Return the manoeuvre, recorded under the name of the run. Options that the user did not set have
+        their defaults.
+        """
         kind = self.kind
         assert kind.make is not None  # refused when these settings were made
         given = dict(self.options)
@@ -184,7 +188,7 @@ class FlownAgain(Protocol):
     words: str
 
     def meet(self, craft: MavlinkCraft) -> None:
-        """Receive the identity of the vehicle; nothing moves yet."""
+        """Process the vehicle's identity and parameters, before anything moves."""
         ...
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
@@ -201,10 +205,12 @@ class FlightPlan:
 
     Attributes
     ----------
-    calm, min_depth : conditions before each run: calm water, a minimum depth [m]. area : the permitted area [deg].
-    text : the content of its file.
-    until : the required precision; further runs are chosen after these until it is reached. options : options common to
-        the runs chosen. known : earlier runs of the same craft; with them the first run is chosen too.
+    calm, min_depth : conditions before each run: calm water, a minimum depth [m].
+    area : the permitted area [deg].
+    text : content of the plan's file.
+    until : the required precision; further runs are chosen after these until it is reached.
+    options : options common to the runs chosen.
+    known : earlier runs of the same craft; with them the first run is also chosen from the data.
     again : the rule that may repeat a run, depending on its record.
     """
 
@@ -221,25 +227,25 @@ class FlightPlan:
 
     @classmethod
     def of(cls, settings: FlySettings) -> FlightPlan:
-        """Return the plan of one manoeuvre."""
+        """Return the plan that consists of one run with *settings*."""
         return cls(settings.kind.name, (replace(settings, name=settings.kind.name),))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the runs."""
+        """Names of the plan's runs, in order."""
         return tuple(run.name for run in self.runs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightRun:
-    """A run with everything known about it.
+    """A run of a plan with its preview and, once flown, its record.
 
     Attributes
     ----------
     throttle, speed, envelope : a boat's throttle [fraction] and speed [m/s], and the limits.
-    preview : the preview of the manoeuvre alone. excursion : the space and time including all that comes before and
-        after it.
-    trial : its record, once flown.
+    preview : the preview of the manoeuvre alone.
+    excursion : space and time of the manoeuvre and of all stages before and after it.
+    trial : record of the run, once flown.
     """
 
     settings: FlySettings
@@ -257,7 +263,9 @@ class FlightRun:
 
     @property
     def why_not(self) -> str:
-        """Why the run is rejected before arming: it would exceed a limit that the user set. Empty if it is not."""
+        """Why the run is rejected before arming: it would exceed a limit that the user set. Empty if the run is not
+        rejected.
+        """
         return self.excursion.beyond(self.envelope, self.name)
 
 
@@ -267,18 +275,18 @@ _RUN = ("manoeuvre", "force", "sides", "repeat", "hold-out", "throttle", "speed"
 """Keys of a run in addition to the options of its manoeuvre."""
 _CONDITIONS = ("calm", "min-depth")
 MOST_RUNS = 100
-"""Most runs in a plan. A larger number is taken as a typing error. Project choice."""
+"""Largest number of runs in a plan. A larger number is treated as a typing error. Project choice."""
 
 
 def load_flight_plan(
     path: Path, common: CommonSettings, model: ModelFile | None, full_scale: float | None
 ) -> FlightPlan:
-    """Read a plan; ``common``, ``model`` and ``full_scale`` apply to every run.
+    """Return the plan in the file *path*; ``common``, ``model`` and ``full_scale`` apply to every run.
 
     Raises
     ------
     BadFile
-        Not readable, not TOML, or not a plan. The message states the run, the reason and similar spellings.
+        The file is not readable, not TOML, or not a plan. The message states the run, the reason and similar spellings.
     """
     try:
         text = read_text(path)

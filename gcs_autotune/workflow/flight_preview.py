@@ -27,7 +27,9 @@ from gcs_autotune.workflow.settings import CommonSettings
 __all__ = ["COMING_BACK", "DEEPER", "FlightPreviewer", "preview_of_model"]
 
 DEEPER = 0.5
-"""Additional depth [m] of an ROV below a plan's minimum depth, because its depth oscillates. Project choice."""
+"""Additional depth [m] of an ROV below a plan's minimum depth, because the depth varies during a run. Project
+choice.
+"""
 _LEFT = 0.7
 """Fraction of its speed that a boat still has after the previous stage (the sign check, the return). Project choice."""
 SATURATED, OFTEN = 0.98, 0.05
@@ -77,7 +79,7 @@ class FlightPreviewer:
 
     Attributes
     ----------
-    held : the vehicle's parameters that describe how it moves. area : where it must stay.
+    held : the vehicle's parameters that describe its motion. area : the permitted area.
     least_depth : depth [m] to which an ROV dives before each run.
     checks : degrees of freedom whose actuators are checked before the first run.
     several : whether there are several runs; then a boat returns to the start after each.
@@ -92,7 +94,7 @@ class FlightPreviewer:
     several: bool = False
 
     def run_of(self, settings: FlySettings) -> FlightRun:
-        """Return the run of *settings* with its preview from where the craft is now."""
+        """Return the run of *settings* with its preview from the present position of the craft."""
         throttle, speed = settings.cruise(self.craft.firmware, self.held)
         envelope = replace(settings.envelope(speed), area=self.area)
         now = self.craft.observe()
@@ -101,9 +103,8 @@ class FlightPreviewer:
         return FlightRun(settings, throttle, speed, envelope, seen, self._whole(settings, seen, now))
 
     def made_to_fit(self, run: FlightRun) -> FlightRun:
-        """Return the run, reduced in the options that the user did not set, if this keeps it inside the limits.
-
-        If it cannot fit, it is returned unchanged with the preview of the full run.
+        """Return *run* with smaller values of the options that the user did not set, if this keeps it inside the
+        limits. Otherwise return it unchanged, with the preview of the full run.
         """
         settings, troubled, why = run.settings, run.preview, run.why_not
         limited = "" if troubled.refusal or why else self._limited(troubled, settings)

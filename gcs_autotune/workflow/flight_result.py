@@ -36,9 +36,12 @@ __all__ = ["FlightResult", "read_flight", "write_previews"]
 class FlightResult:
     """The result of a flight.
 
-    ``runs`` with their records, ``sheets`` of figures, a model per degree of freedom in ``models``, and ``remarks``.
-    ``document`` is the report, written to ``page``. ``steps`` are the steps of a self-planned trial, whose model has
-    the required form.
+    ``runs``: the runs with their records.
+    ``sheets``: manoeuvring figures of the runs.
+    ``models``: one model per degree of freedom.
+    ``remarks``: results that the records do not determine.
+    ``document``: the report, written to ``page``.
+    ``steps``: steps of a self-planned trial, whose model has the required form.
     """
 
     runs: Sequence[FlightRun]
@@ -61,7 +64,7 @@ class FlightResult:
 
     @property
     def fit(self) -> Fit[Model] | None:
-        """The first model."""
+        """The fit of the first model identified from the flight."""
         return self.models[0].fit if self.models else None
 
 
@@ -83,11 +86,12 @@ def read_flight(
     when: str,
     steps: Sequence[TrialStep] = (),
 ) -> FlightResult:
-    """Compute figures and models from the records. A figure or model that they do not determine becomes a remark.
+    """Return the figures and models computed from the records of *runs*. A figure or model that they do not determine
+    becomes a remark.
 
-    A model is fitted per degree of freedom and validated on the runs held out. The plan sets these; otherwise it is the
-    last of several runs. A self-planned trial (*steps*) already has its model. Each of its runs was predicted by the
-    model identified before it.
+    A model is fitted per degree of freedom and validated on the runs held out. The plan selects the held-out runs; by
+    default it is the last of several runs. A self-planned trial (*steps*) already has its model. Each of its runs was
+    predicted by the model identified before it.
     """
     remarks: list[str] = []
     sheets: list[Sheet] = []

@@ -56,7 +56,7 @@ BACK, LOOKING = 45.0, 6.0
 _FIGURES = ("CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF", "ATC_SPEED_P")
 """Parameters that describe how a boat moves."""
 SHOWN_FIRST = "heading"
-"""The axis whose telemetry has priority on a slow link, because most manoeuvres steer."""
+"""Name of the axis whose telemetry has priority on a slow link: the heading, because most manoeuvres steer."""
 _POINTS = 400
 """Most points of a predicted track passed on to the observer; a screen cannot show more. Project choice."""
 
@@ -77,8 +77,8 @@ def fly_plan(
     *,
     only_preview: bool = False,
 ) -> FlightResult:
-    """Preview, announce, ask, fly and evaluate. The run directory receives ``trials/``, figures, models and
-    ``report.html``.
+    """Preview and announce the plan, ask the operator, fly it, and return the evaluated result. The run directory
+    receives ``trials/``, figures, models and ``report.html``.
 
     No parameter is written. However the flight ends, the vehicle is restored. Runs already contained in
     ``common.resume`` are not flown again.
@@ -86,7 +86,7 @@ def fly_plan(
     Raises
     ------
     WrongVehicle
-        It does not have an actuator that a manoeuvre needs, or is not the vehicle of the earlier flight.
+        The vehicle lacks an actuator that a manoeuvre needs, or it is not the vehicle of the earlier flight.
     PreconditionFailed
         A predicted track leaves the envelope.
     OperatorStopped, GuardTripped, NotAchieved, LinkError
@@ -125,7 +125,7 @@ class _Flight:
         self._previewer: FlightPreviewer
 
     def declare(self, visit: Visit[MissionLog]) -> Mission:
-        """Return what this flight will do on the vehicle of *visit*; nothing moves yet."""
+        """Return the mission: what this flight will do on the vehicle of *visit*. Nothing moves yet."""
         return self._declared(visit, only_preview=False)
 
     def show_preview(self, visit: Visit[MissionLog]) -> None:
@@ -421,7 +421,7 @@ class _Flight:
 
 COMPLETE = "every run is complete. Nothing is armed or moved; figures and models are computed again"
 LOOKING_OUT = "checking for calm water"
-"""Name of a stage between two runs, like :data:`COMING_BACK`."""
+"""Name of the stage between two runs in which the craft waits for calm water."""
 
 
 def _dive(runner: ManoeuvreRunner, dive: Dive | None) -> None:

@@ -45,7 +45,7 @@ class Identified:
 
     @property
     def unexplained(self) -> float:
-        """Unexplained part of the motion [percent]."""
+        """Fraction of the motion [%] that the model does not explain."""
         return (self.fit if self.curved is None else self.curved).unexplained
 
 
@@ -57,12 +57,12 @@ def identify(
     turns_first: bool = True,
     early: bool = False,
 ) -> Identified:
-    """Fly the experiments of the axis and fit its model. Errors are those of flying and of ``fit_axis`` or
+    """Fly the experiments of the axis, fit its model and return it. Errors are those of flying and of ``fit_axis`` or
     ``fit_surge``.
 
     step : an earlier step under the autopilot's own loop, if any; it separates a dead zone from a thrust curve.
-    rule : ends relays once the gains are known; without it they end when five periods agree.
-    turns_first : turn a boat around before the first relay too.
+    rule : ends relays once the gains are known; without a rule, relays end when five periods agree.
+    turns_first : also turn a boat around before the first relay.
     early : omit a boat's throttle steps on the return run if they add no information.
     """
     if context.axis.excitation.by_throttle and context.craft.firmware.needs_way:
@@ -143,17 +143,17 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
 
 
 BENT_UNEXPLAINED = 10.0
-"""Largest unexplained part of the motion [percent] for a model with a thrust curve or dead zone.
-
-A complete record of a BlueROV2 leaves 7 unexplained. Project choice.
+"""Largest unexplained fraction of the motion [%] for a model with a thrust curve or dead zone. In a complete record of
+a BlueROV2 it is 7 %. Project choice.
 """
 
 
 def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Identified:
-    """Return *found* with the thrust curve that *step* shows, flown about the speed that *found* predicts.
+    """Return *found* with a thrust curve fitted to *step* as well. The step is flown about the speed that *found*
+    predicts.
 
-    Each oscillation has one amplitude, larger than the outputs of the step. So only the step shows small outputs. A
-    boat's steering is not treated this way, because it depends on the throttle, which the autopilot changes. For a
+    Each oscillation has one amplitude, larger than the outputs of the step. So only the step contains small outputs.
+    This is not done for a boat's steering, because it depends on the throttle, which the autopilot changes. For a
     boat's surge the step replaces the return run.
     """
     if found.short and context.axis.excitation.by_throttle:

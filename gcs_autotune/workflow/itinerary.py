@@ -21,23 +21,24 @@ __all__ = ["TURNING", "Itinerary", "Leg", "MissionLog", "Pace", "legs_of_experim
 
 TURNING = "turning around"
 DIVE, HOLD = 20.0, 10.0
-"""Seconds of a dive, and of the hold before a step that is flown for a fixed time."""
+"""Assumed duration [s] of a dive, and of the hold before a step that is flown for a fixed time."""
 SETTLE, GAINS = 6.0, ("present", "new")
-"""Seconds before a turn-rate step that accompanies a heading step, and the names of the gains it is flown with."""
+"""Time [s] before a turn-rate step that accompanies a heading step, and the names of the two sets of gains with which
+it is flown.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
     """Duration [s] of stages that have no fixed length.
 
-    Attributes
-    ----------
-    check, turn : the sign check, turning around.
-    relay, level : a self-oscillation and a throttle level until they are steady.
-    known, answered : their durations if they end early, once the gains are known or the boat has responded.
-    rests : the hold before a step until the craft is at rest.
-    settles, moving : half of a step until the craft settles at its target, and that in a speed or a turn rate.
-    under_way : whether it is a boat, which turns around between stages.
+    ``check``, ``turn``: the sign check, and turning around.
+    ``relay``, ``level``: a relay oscillation, and a throttle level, until they are steady.
+    ``known``, ``answered``: their durations if they end early, once the gains are known or the boat has responded.
+    ``rests``: the hold before a step until the craft is at rest.
+    ``settles``: half of a position step, until the craft settles at its target.
+    ``moving``: half of a speed or turn-rate step, until it settles.
+    ``under_way``: whether the craft is a boat, which turns around between stages.
     """
 
     check: float
@@ -70,7 +71,7 @@ choice."""
 
 
 def pace_of(steered_by: SteeredBy, *, restless: bool = False) -> Pace:
-    """Return the pace of a craft by what turns it.
+    """Return the assumed durations of stages for the type of steering *steered_by*.
 
     restless : whether the craft does not come to rest.
     """
@@ -80,9 +81,9 @@ def pace_of(steered_by: SteeredBy, *, restless: bool = False) -> Pace:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One stage: its name for the sequencer, its seconds, and the seconds of turning around before it.
+    """One stage of a mission: its name, its duration [s], and the time [s] to turn around before it.
 
-    Stages of one ``kind`` take the same time, so the first one flown gives the estimate for the others. The name of an
+    Stages of one ``kind`` take the same time, so the first one flown is the estimate for the others. The name of an
     unplanned stage ends with its kind.
     """
 
@@ -93,7 +94,7 @@ class Leg:
 
     @property
     def total(self) -> float:
-        """Seconds of the stage, including the turn before it."""
+        """Duration of the stage [s], including the turn before it."""
         return self.seconds + self.before
 
 
@@ -109,7 +110,8 @@ def legs_of_tune(
 ) -> tuple[Leg, ...]:
     """Return the stages of a tune.
 
-    moving : the loop controls a velocity. given : whether no experiments are flown. dives : whether an ROV dives first.
+    moving : whether the loop controls a velocity. given : whether the model is supplied, so that no experiments are
+    flown. dives : whether an ROV dives first.
     beside : whether a turn-rate step accompanies the heading step.
     """
     turn = pace.turn
@@ -182,7 +184,7 @@ def _step_seconds(settings: TuneSettings, pace: Pace, *, moving: bool) -> float:
 class Itinerary:
     """The progress through the stages, updated by the *stage* of each tick. An unplanned stage is inserted.
 
-    turn : seconds of an unplanned turn.
+    turn : duration [s] of an unplanned turn.
     """
 
     def __init__(self, legs: Sequence[Leg], turn: float = 0.0) -> None:
@@ -194,7 +196,7 @@ class Itinerary:
 
     @property
     def seconds(self) -> float:
-        """Total duration in seconds."""
+        """Total duration of all stages [s]."""
         return sum(leg.total for leg in self.legs)
 
     def told(self) -> str:
@@ -207,7 +209,7 @@ class Itinerary:
         return ", ".join(pieces)
 
     def at(self, progress: Progress) -> Progress:
-        """Return *progress* with the number of its stage, the time since the start and the time left."""
+        """Return *progress* with the number of its stage, the time since the start [s] and the remaining time [s]."""
         t = progress.t
         if not math.isfinite(self._began):
             self._began = t
@@ -254,22 +256,22 @@ class Itinerary:
 
 
 class MissionLog:
-    """Forwards everything to an observer; with an ``itinerary``, each tick also states its stage."""
+    """Forwards everything to an observer; with an ``itinerary``, each tick also contains the number of its stage."""
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
         self.itinerary: Itinerary | None = None
 
     def update(self, progress: Progress) -> None:
-        """Forward the tick, with the stage if there is an itinerary."""
+        """Forward the progress at a control tick, with its stage if there is an itinerary."""
         self._observer.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
-        """Forward the message."""
+        """Forward a message for the operator."""
         self._observer.say(text)
 
     def note(self, fact: Fact) -> None:
-        """Forward the fact."""
+        """Forward a note to the observer."""
         self._observer.note(fact)
 
     def announce(self, intentions: tuple[str, ...]) -> None:

@@ -38,7 +38,9 @@ Log = TypeVar("Log", bound=MissionLog)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visit(Generic[Log]):
-    """The resources of a job once it is connected to its vehicle; ``worker`` computes while the link is served."""
+    """What a job has once it is connected: the craft, settings, record and worker. ``worker`` computes while the link
+    is served.
+    """
 
     common: CommonSettings
     operator: Operator
@@ -93,8 +95,8 @@ class Mission:
 
     Attributes
     ----------
-    itinerary : its stages with their times.
-    modes : flight modes it uses; if empty, nothing is flown, for the reason in ``movements``.
+    itinerary : the stages with their times.
+    modes : flight modes used; if empty, nothing is flown, for the reason in ``movements``.
     movements, needs : sentences on what moves, and on the space, time and battery needed.
     fly : flies the mission; called when armed, with the open journal.
     writes : sentence on what may be written.
@@ -119,8 +121,8 @@ class Mission:
 def run_mission(
     visit: AbstractContextManager[Visit[Log]], declare: Callable[[Visit[Log]], Mission], log: MissionLog
 ) -> RunLog:
-    """Carry out the mission that *declare* returns for the vehicle of *visit*. Return the vehicle's onboard log of
-    it.
+    """Carry out the mission that *declare* returns for the vehicle of *visit*. Return the vehicle's onboard log of the
+    mission.
 
     Raises
     ------

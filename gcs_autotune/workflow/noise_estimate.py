@@ -24,8 +24,8 @@ _TREND = 2
 def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> float:
     """Return the standard deviation of the measurement noise of a flown *step* (SI).
 
-    A velocity (*moving*) has the noise of the fit if the fit includes this signal, otherwise that of the step. A
-    position has the smaller of two values: the noise of the fit, and the noise while the craft was held.
+    For a velocity (*moving*) it is the noise of the fit if the fit includes this signal, otherwise that of the step.
+    For a position it is the smaller of two values: the noise of the fit, and the noise while the position was held.
     """
     signal = str(step.meta["signal"])
     if moving:
@@ -34,7 +34,8 @@ def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> 
 
 
 def noise_while_held(step: Trial, resolution: float = 0.0) -> float:
-    """Return the standard deviation [rad or m] of the stepped signal about its motion, as the median of windows.
+    """Return the noise of the stepped signal [rad or m]: its standard deviation about the motion, as the median over
+    windows.
 
     A polynomial is subtracted from each window. The few windows with the steps, or with a jump out of a dead band, do
     not change the median. The residual of a model is not used, because a poor model would make a poor step look good. A
@@ -62,7 +63,7 @@ def noise_while_held(step: Trial, resolution: float = 0.0) -> float:
 
 
 def jitter_in(step: Trial, resolution: float = 0.0) -> float:
-    """Return the standard deviation [rad or m] of the sample-to-sample changes, the part of the noise that moves an
+    """Return the standard deviation [rad or m] of the sample-to-sample changes, which is the noise that moves an
     actuator.
 
     Slow oscillation of the craft and drift of the estimate are excluded. The result is at least the noise of rounding

@@ -28,12 +28,12 @@ _UNTUNED = 0.2
 class AssumedCraft:
     """An assumed craft, described by its turning and its speed.
 
-    Attributes
-    ----------
-    radius : a boat's turning radius at full steering [m]. rate : an ROV's yaw rate at full output [rad/s].
-    lag : time constant of turning [s].
-    ahead : speed at full thrust [m/s], where there is no cruise speed. gains : time constant of surge [s].
-    sinks : whether an ROV without vertical thrust sinks; else it rises.
+    ``radius``: a boat's turning radius at full steering [m].
+    ``rate``: an ROV's yaw rate at full output [rad/s].
+    ``lag``: time constant of turning [s].
+    ``ahead``: speed at full thrust [m/s] of a craft without a cruise speed.
+    ``gains``: time constant of surge [s].
+    ``sinks``: whether an ROV without vertical thrust sinks; else it rises.
     """
 
     radius: float = 4.0
@@ -49,8 +49,8 @@ USUAL: Mapping[str, AssumedCraft] = {
     "thrusters": AssumedCraft(lag=0.7, gains=1.6),
     "rov": AssumedCraft(lag=0.25, gains=1.0),
 }
-"""Assumed values for craft without any figures: the middle of boats of 1 to 3 m and of published ROVs. Project
-choice.
+"""Assumed craft for a vehicle without figures of its own: the middle of boats of 1 to 3 m and of published ROVs.
+Project choice.
 
 Yaw rates of ROVs: AutoMarine 0.9, Falcon 1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9 to 7.11;
 Benzon2022, table A1). ArduSub's parameters limit the commands of its loops. They do not show the thrust of its
@@ -97,7 +97,8 @@ def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
     Raises
     ------
     UsageError
-        The model does not contain it, or its input is an angle or a force of unknown value at full output.
+        The model does not contain this degree of freedom, or its input is an angle or a force of unknown value at full
+        output.
     """
     reduction = reduce(file.model, dof, file.inputs, names=file.names, covariance=file.covariance)
     unit = reduction.model.input_unit
@@ -121,7 +122,7 @@ def nominal_plant(
     its turning: the rate loop uses far less rudder than a turn, and tunes keep the gain within ArduRover's range. So
     the turning is assumed.
 
-    *like*: the assumed craft; None: the usual one.
+    *like*: the assumed craft; None: :data:`USUAL`.
     """
     if settings.kind.tied:
         return NominalPlant(SingleDof("yaw", "1", TIED, TIED), 0.0, "a craft that is tied up")
@@ -168,7 +169,9 @@ def assumed_plant(
     speed: float,
     like: AssumedCraft | None = None,
 ) -> NominalPlant:
-    """Return an assumed plant that uses the vehicle's own figures where available; *like* None: the usual craft."""
+    """Return an assumed plant that uses the vehicle's own figures where available; *like*: the assumed craft; None:
+    :data:`USUAL`.
+    """
     under_way = firmware is not None and firmware.needs_way
     like = like or USUAL["rudder" if under_way else "rov"]
     gain = present.get("ATC_STR_RAT_FF", 0.0)

@@ -1,4 +1,4 @@
-"""Download a log from the vehicle's SD card: a requested one, or the one of the run just flown."""
+"""Download a log from the vehicle's SD card: a requested log, or the log of the run just flown."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ _BY_HAND = "Use `gcs-autotune logs fetch` to fetch it later"
 def fetch_onboard_log(
     connection: Connection, number: int | None, operator: Operator, observer: Observer
 ) -> tuple[tuple[OnboardLog, ...], OnboardLog | None, bytes]:
-    """Return the list of logs, the one downloaded and its bytes. *number*: which log; None: the newest; 0: none.
+    """Return (list of the onboard logs, the log downloaded, its bytes). *number*: log to download; None: the newest; 0:
+    none.
 
     Raises
     ------
@@ -78,7 +79,7 @@ class RunLog:
     path: Path | None = None
 
     def identify(self, fits: Sequence[AxisFit], when: str) -> None:
-        """Identify from the log what the telemetry was identified for, and report both models together.
+        """Fit the model of the run to the onboard log as well, and report both models together.
 
         Writes ``fit-onboard.json`` and ``onboard.html`` to the run directory. A log that is not informative is
         reported; the run still counts as complete.
@@ -104,7 +105,8 @@ class RunLog:
 def log_of_run(
     wanted: bool, craft: MavlinkCraft, record: RunDirectory, operator: Operator, observer: Observer
 ) -> Iterator[RunLog]:
-    """Download the onboard log of the run inside the context, once everything is restored, if it is *wanted*.
+    """Return a context around a run. After it, once the vehicle is restored, the run's onboard log is downloaded if it
+    is *wanted*.
 
     Nothing is downloaded before the vehicle is restored, after a STOP, or over a failing link. A message then shows how
     to download it later. A STOP during the download ends only the download.

@@ -27,7 +27,7 @@ SIMULATED = ("sitl:", "memory")
 
 @dataclass(frozen=True, slots=True)
 class OpenRun:
-    """A run directory whose journal is open; ``is_going_on``: another program is still running it."""
+    """A run directory whose journal is open. ``is_going_on``: whether another program is still executing the run."""
 
     path: Path
     state: JournalState
@@ -58,7 +58,7 @@ def note_run(journal: Path) -> None:
 
 
 def forget_run(journal: Path) -> None:
-    """Remove the entry of *journal*, because its run is closed."""
+    """Remove the entry of *journal*, because the run has ended and everything is restored."""
     with suppress(OSError):
         _note_of(journal).unlink(missing_ok=True)
 

@@ -1,4 +1,4 @@
-"""The operator, who can stop everything and is asked before writes."""
+"""The operator, who can stop everything and is asked before parameters are written."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ __all__ = ["Operator", "Unattended", "answers_questions"]
 
 
 class Operator(Protocol):
-    """A person who can stop the work and answer a question."""
+    """Interface of the person who can stop the work and answer a question."""
 
     def stop_requested(self) -> bool:
         """Return whether Ctrl-C or its equivalent was pressed."""
         ...
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Return the answer to a yes/no question.
-
-        Call *while_waiting* repeatedly until then, to keep the link active.
+        """Return the operator's answer to a yes/no question. Call *while_waiting* repeatedly until the answer, to keep
+        the link active.
         """
         ...
 

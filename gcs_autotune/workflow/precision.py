@@ -22,10 +22,11 @@ _ITEM = re.compile(r"\s*([A-Za-z][A-Za-z_0-9|]*)\s*[= ]\s*([0-9.]+)\s*%\s*")
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """The required precision of a ``form``, to be reached within ``seconds`` of runs.
+    """The required precision of a ``form``: a mapping of a parameter to its standard error divided by its value.
 
-    It maps a parameter to its standard error divided by its value. ``typed`` contains the user's name of a parameter if
-    the fit uses another one.
+    ``form``: the model whose parameters are identified.
+    ``seconds``: time of runs within which the precision is to be reached.
+    ``typed``: parameter -> name typed by the user, if the fit uses another name.
     """
 
     wanted: Mapping[str, float]
@@ -39,7 +40,7 @@ class Precision:
         return (self.form,) if self.form in DOFS else tuple(FORMS[self.form].dofs)
 
     def reached(self, relative: Mapping[str, float]) -> bool:
-        """Return whether the relative standard errors are as small as required."""
+        """Return whether all relative standard errors in *relative* are as small as required."""
         return all(relative[name] <= share for name, share in self.wanted.items())
 
     def told(self, relative: Mapping[str, float]) -> str:
@@ -49,18 +50,18 @@ class Precision:
         )
 
     def called(self, name: str) -> str:
-        """Return the text that names a parameter as the user and the fit do."""
+        """Return the name of a parameter as the user typed it, with the name that the fit uses."""
         return f"{self.typed[name]} = {name}" if name in self.typed else name
 
     @property
     def title(self) -> str:
-        """Text of the required precision."""
+        """The required precision as text."""
         return ", ".join(f"{self.called(n)} to {_shown(share)}" for n, share in self.wanted.items())
 
 
 def precision_of(text: str, form: str, seconds: float) -> Precision:
-    """Parse a precision such as ``N_r 5%, Y_v 10%``. Without a *form*, choose the smallest one with all these
-    parameters.
+    """Return the precision in a text such as ``N_r 5%, Y_v 10%``. Without a *form*, choose the smallest form with all
+    these parameters.
 
     A derivative of one degree of freedom may be called by its SNAME name or by the fit's (``N_r``, ``beta_r``).
 

@@ -52,7 +52,7 @@ __all__ = [
 ]
 
 CHECKED = {"N": "yaw", "X": "surge", "Z": "heave"}
-"""For each force, the degree of freedom whose actuator is checked before the force is applied."""
+"""Force -> degree of freedom whose actuator is checked before the force is applied."""
 STAGE = "sign check"
 LEAST_SPEED = 0.25
 """Speed [m/s] about equal to the error of a GPS speed.
@@ -83,7 +83,7 @@ def checked_dof(kind: ManoeuvreKind) -> str:
     """Return the degree of freedom whose actuator is checked before a manoeuvre of this *kind*; empty if there is
     none.
 
-    It is also empty for a craft that is tied up or in front of a wall, because that relay itself detects a reversed
+    It is also empty for a craft that is tied up or in front of a wall, because its relay itself detects a reversed
     actuator.
     """
     unchecked = kind.tied or kind.needs
@@ -102,12 +102,12 @@ def sign_check_for(
 ) -> SignCheck | ThrustCheck:
     """Return the check of the actuator of *dof* (``yaw``, ``heave``, ``surge``).
 
-    needs_speed : whether the actuator needs speed to act; None: as usual for such craft. output : the relay amplitude,
-        if supplied.
+    needs_speed : whether the actuator needs speed to act; None: derived from the type of craft.
+    output : the relay amplitude, if supplied.
+    most_speed : speed [m/s] above which the throttle is reduced, until the throttle for *wanted_speed* [m/s] is known.
 
-    If a boat exceeds *most_speed* [m/s], the throttle is reduced until the throttle for *wanted_speed* is known. A
-    craft that can steer at rest is checked at rest, whatever *throttle* is used later. The reason is that many ROVs are
-    unstable on course and turn under way without steering.
+    A craft that can steer at rest is checked at rest, whatever *throttle* is used later.
+    The reason is that many ROVs are unstable on course and turn under way without steering.
     """
     firmware, servos, d = craft.firmware, craft.servos, excitation_of(dof)
     needs_speed = firmware.needs_way if needs_speed is None else needs_speed
@@ -169,7 +169,7 @@ def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
 
 
 def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to check on a craft that turns under straight thrust alone."""
+    """Return a sentence on what to check on a craft that turns under straight thrust alone."""
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
@@ -180,7 +180,7 @@ def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
 
 
 def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to change on a craft that turns in the wrong direction."""
+    """Return a sentence on what to change on a craft that turns in the wrong direction."""
     channels = [f"SERVO{o.channel}" for o in outputs]
     if firmware.frame_parameter:
         return (
@@ -197,7 +197,7 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
 
 
 def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Trial]) -> None:
-    """Fly the sign check.
+    """Fly the sign check and return it.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], 
 
 
 def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
-    """Return whether steering acts or heading is held while *dof* is tried; its actuator is then checked as well."""
+    """Return whether the run of *dof* also steers or holds the heading. The steering is then checked as well."""
     excitation = excitation_of(dof)
     if excitation.turns or not servos.driving("N"):
         return False
@@ -220,8 +220,8 @@ def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
 
 
 def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
-    """Return the speed [m/s] above which the throttle of a boat sent to *speed* is reduced. Infinite if *throttle* is
-    set.
+    """Return the speed [m/s] above which the throttle of a boat sent to *speed* is reduced. It is infinite if the user
+    set *throttle*.
 
     limit : the safety limit for the speed.
     """

@@ -51,26 +51,28 @@ __all__ = [
 ]
 
 FILTERED = ("surge",)
-"""Degrees of freedom whose velocity comes from a satellite receiver, which filters it."""
+"""Degrees of freedom whose velocity is measured by a satellite receiver, which low-passes it."""
 SHARE_OF_TOP = 0.4
-"""Size of the speed step as a fraction of the working speed: it goes from 60 % of that speed up to it."""
+"""Size of the speed step as a fraction of the working speed: from 60 % of it to 100 %. Project choice."""
 LEAST_NOISES = 8.0
-"""Smallest useful step, in standard deviations of the measured noise."""
+"""Smallest useful speed or turn-rate step, in standard deviations of the measured noise. Project choice."""
 SPEED_BAND, RATE_BAND = 0.2, 0.25
 """Deviation from the held velocity that counts as steady before the step, as a fraction of that velocity.
 
 It is large because velocity signals are noisy.
 """
 NEAR = 0.9
-"""Fraction of the experiment's speed. A step that ends below it sets its cruise parameters to its final speed."""
+"""Fraction of the experiment's speed. For a step that ends below it, the cruise parameters are those of the
+final speed.
+"""
 SAME_SPEED = 0.02
-"""Relative difference from the measured cruise speed below which the present cruise speed is kept."""
+"""Relative difference from the measured cruise speed below which the present CRUISE_SPEED is kept."""
 LEAST_SETTLE = 6.0
 """Shortest time [s] for a boat to reach the turn rate at which its step begins."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
-"""Duration of a speed step in time constants of the craft, and its limits [s]."""
+"""Duration of a speed step in time constants of the craft, with its minimum and maximum [s]."""
 SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
-"""Duration [time constants] and its minimum [s] of a half step that may end early.
+"""Duration of a half step that may end early, in time constants of the craft, and its minimum [s].
 
 A boat with useful gains is at its target by then. The two steps are compared over the time that both recorded.
 """
@@ -82,15 +84,16 @@ ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
 A slow drift due to a dead band of the thrusters lasts longer than this.
 """
 LEAST = 3.0
-"""Shortest duration [s] of each of these waits, even if craft and output are at rest. Project choice."""
+"""Shortest wait [s] on target, and before a step, even if craft and output are at rest. Project choice."""
 OF_TIME_BESIDE = 3.0
 """Duration of the additional turn-rate step of a heading tune, in time constants of the craft."""
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """Known properties of the craft: its model with normalised outputs, its actuator, and the noise of its velocity
-    (SI)."""
+    """Properties of the craft known before its loop is flown: its model with normalised outputs, its actuator, and the
+    noise of its velocity (SI).
+    """
 
     model: SingleDof
     actuator: Actuator
@@ -98,11 +101,11 @@ class Known:
 
 
 def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
-    """Return what experiments or a model file show about *axis* before the loop itself is flown.
+    """Return the craft's properties on *axis* from experiments or a model file, before the loop itself is flown.
 
     The noise is the difference between neighbouring samples, because the residual of a model includes more than noise.
-    A receiver filters speeds over ground, so neighbouring samples have correlated noise. For these the residual is
-    used.
+    A receiver filters speeds over ground, so neighbouring samples have correlated noise. For speeds over ground the
+    residual is used.
     """
     if isinstance(source, Identified):
         fit, curved = source.fit, source.curved
@@ -121,9 +124,10 @@ def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """One proof step.
+    """One proof step: the step flown with old and new gains.
 
-    ``settings``: the step as flown. ``design_speed`` [m/s]: the speed for the control law; None: the measured one.
+    ``settings``: the step as flown.
+    ``design_speed`` [m/s]: the speed for the control law; None: the measured speed.
     ``measured``: parameter -> measured value.
     """
 
@@ -136,7 +140,7 @@ class Proof:
         return Step(self.settings, name)
 
     def after(self, before: Trial) -> Proof:
-        """Return the proof for the new gains, whose hold before the step lasts as long as *before* did.
+        """Return the proof for the new gains, whose hold before the step lasts as long as that of *before*.
 
         The controller's integral at the start of the step affects the measurement: a hold of 3 s instead of 12 s
         doubles the ITAE of a BlueROV2's heading step. So the hold lasts at least as long as before, and longer if the
@@ -172,7 +176,9 @@ def _enough(settings: TuneSettings, seconds: float) -> float:
 def proof_of_velocity(
     dof: str, settings: TuneSettings, throttle: float, speed: float, known: Known, present: Mapping[str, float]
 ) -> Proof:
-    """Return the step of a loop that controls the velocity of *dof* (``surge``, ``yaw``); errors as for each loop."""
+    """Return the step of a loop that controls the velocity of *dof* (``surge``, ``yaw``); it raises the errors of
+    :func:`proof_of_speed` and :func:`proof_of_turn_rate`.
+    """
     if excitation_of(dof).by_throttle:
         return proof_of_speed(settings, throttle, known, present)
     return proof_of_turn_rate(settings, speed, known)
@@ -285,7 +291,7 @@ def reduction_with_curve(found: Fit[Model], axis: Axis) -> Reduction:
 
 
 def design_input_of(found: Fit[Model]) -> tuple[ExtendedModel, dict[str, str], NDArray[np.float64]]:
-    """Return the model, the unit of its inputs and the covariance of its numbers (p, p)."""
+    """Return (model for the design, unit of its inputs, covariance (p, p) of its parameters)."""
     std = np.array([parameter.std for parameter in found.parameters.values()])
     model = found.model
     assert isinstance(model, ExtendedModel)

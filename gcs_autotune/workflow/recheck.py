@@ -1,7 +1,7 @@
 """``recheck``: test whether the gains of an earlier tune are still good.
 
-Two relays on the set-point are flown. If they do not show the loop, they are flown again at half their size. The result
-is compared with that of the last tune of the same vehicle.
+Two relays on the set-point are flown. If the loop cannot be identified from them, they are flown again at another size.
+The result is compared with that of the last tune of the same vehicle.
 """
 
 from __future__ import annotations
@@ -33,18 +33,22 @@ __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 AFTER = "parameters_after.json"
 """Name of the file with the vehicle's parameters at the end of a tune."""
 SMALLER, LARGER = 0.5, 2.0
-"""Sizes of the second flight relative to the first. It is larger if a dead band or noise masked the response."""
+"""Size of the second flight relative to the first: the smaller, and the larger if a dead band or noise masked the
+response.
+"""
 MORE = 0.1
-"""Increase of the overshoot since the tune that counts as worse. Project choice."""
+"""Increase of the overshoot since the tune, above which the loop counts as degraded. Project choice."""
 SLOWER = 1.5
-"""Factor on rise and settling time since the tune that counts as slower. Project choice."""
+"""Ratio of rise or settling time to that of the tune, above which the loop counts as slower. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class LastTune:
     """The last tune of the vehicle stored on disk.
 
-    ``directory`` and ``when`` identify it. ``numbers`` are those of the step flown with its ``gains``.
+    ``directory``, ``when``: its run directory and time.
+    ``gains``: the gains that it kept.
+    ``numbers``: metrics of the step flown with these gains.
     """
 
     directory: Path
@@ -53,15 +57,15 @@ class LastTune:
     gains: Mapping[str, float]
 
     def changed(self, present: Mapping[str, float]) -> tuple[str, ...]:
-        """Return the gains whose values in *present* differ."""
+        """Return the names of the gains whose values in *present* differ from those of the tune."""
         return tuple(n for n, v in self.gains.items() if n in present and not same_float32(v, present[n]))
 
 
 def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool]) -> LastTune | None:
     """Return the last tune of *axis* below *runs* that kept its gains; None if there is none.
 
-    *is_same* decides from the content of SETTING_OUT whether a tune is of this vehicle. Folders with other content are
-    skipped.
+    *is_same* returns, from the content of SETTING_OUT, whether a tune is of this vehicle. Folders with other content
+    are skipped.
     """
     found = []
     for summary in runs.glob(f"*/{SUMMARY}"):
@@ -87,9 +91,12 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
 class Recheck:
     """The rule for a second flight: evaluate the loop from the first, and fly again with other sizes if necessary.
 
-    ``tune``: the last tune of the vehicle. ``changed``: the gains changed since. ``factor``: size of the second flight
-    relative to the first; 0: none. ``sheet``: the figures computed from the flight ``shown``. ``why``: the reason if
-    there are none.
+    ``tune``: the last tune of the vehicle.
+    ``changed``: names of the gains changed since the tune.
+    ``factor``: size of the second flight relative to the first; 0: none.
+    ``shown``: the flight from which the loop is evaluated.
+    ``sheet``: figures computed from ``shown``.
+    ``why``: reason why there are no figures.
     """
 
     words = "if these relays do not determine the damping of the loop, fly again at half or twice their size"
@@ -121,7 +128,7 @@ class Recheck:
         self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
-        """Return the next run, or None if the last one was sufficient.
+        """Return the second run, or None if the first one was sufficient.
 
         *think* runs a computation while the link is served.
         """
@@ -147,7 +154,7 @@ class Recheck:
 
 
 def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
-    """Return the figures of a flight, or the reason why there are none."""
+    """Return (figures of the loop computed from a flight, reason why there are none)."""
     try:
         (sheet,) = ship_figures(trial)
     except NotInformative as error:
@@ -233,7 +240,8 @@ def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
 def recheck(
     plan: FlightPlan, axis: AxisKind, operator: Operator, observer: Observer, when: str, runs: Path
 ) -> LoopCheck:
-    """Fly the one run of *plan* and judge the loop of *axis*. Write ``report.html`` and ``recheck.json``.
+    """Fly the one run of *plan*, evaluate the loop of *axis*, and return the verdict. Write ``report.html`` and
+    ``recheck.json``.
 
     *runs*: the folder with earlier tunes. Errors are those of :func:`gcs_autotune.workflow.fly.fly_plan`.
     """

@@ -21,15 +21,16 @@ JOURNAL = "journal.jsonl"
 """The journal's name in a run directory."""
 
 SUMMARY = "summary.json"
-"""Name of the file with a short summary of how a run ended. That of a tune contains more."""
+"""Name of the file with a short summary of how a run ended. The summary of a tune contains more."""
 PROPOSED = "proposed.param"
 """Name of the file with gains that a run proposed but did not write."""
 
 
 class RunDirectory:
-    """``trials/NN-name.csv`` (+ ``.json``), ``telemetry.tlog``, ``journal.jsonl``, parameters, model, report.
+    """The directory of one run, and the names of its files.
 
-    :meth:`make` creates it once the link is open.
+    It contains ``trials/NN-name.csv`` (+ ``.json``), ``telemetry.tlog``, ``journal.jsonl``, parameters, model and
+    report. :meth:`make` creates it once the link is open.
 
     Raises
     ------
@@ -49,7 +50,7 @@ class RunDirectory:
         Raises
         ------
         UsageError
-            It cannot be created.
+            The directory cannot be created.
         """
         try:
             (self.path / "trials").mkdir(parents=True)
@@ -75,7 +76,7 @@ class RunDirectory:
 
     @property
     def journal(self) -> Path:
-        """Path of the journal with what was changed on the vehicle and is not restored yet."""
+        """Path of the journal of the changes on the vehicle, until they are restored."""
         return self.path / JOURNAL
 
     def keep(self, trial: Trial) -> None:
@@ -84,7 +85,7 @@ class RunDirectory:
         Raises
         ------
         BadFile
-            It cannot be written (a full disk).
+            The file cannot be written (a full disk).
         """
         self._count += 1
         stem = f"{self._count:02d}-{trial.name}"
@@ -102,7 +103,7 @@ class RunDirectory:
         Raises
         ------
         BadFile
-            They cannot be written (a full disk).
+            The files cannot be written (a full disk).
         """
         path = self.path / f"parameters_{name}.param"
         try:
@@ -120,7 +121,7 @@ class RunDirectory:
         Raises
         ------
         BadFile
-            They cannot be written (a full disk).
+            The files cannot be written (a full disk).
         """
         path = self.path / PROPOSED
         save_params(path, values, comment=comment)

@@ -100,7 +100,7 @@ def restore_run(
     Raises
     ------
     UsageError
-        No journal there.
+        There is no journal.
     PreconditionFailed
         The run is still going on in another program, or the disk is full.
     WrongVehicle
@@ -389,8 +389,8 @@ def save_parameters(
 ) -> tuple[int, int | None]:
     """Save the vehicle's complete parameter list to *path*.
 
-    Return the number of parameters, and how many differ from the firmware's defaults (None if the vehicle does not
-    report these).
+    Return the number of parameters, and the number that differ from the firmware's defaults (None if the vehicle does
+    not report these).
     """
     with connect(connection, operator, observer) as session:
         told = len(session.notes)
@@ -414,7 +414,7 @@ def restore_parameters(
     OperatorStopped
         The answer was no; nothing was written.
     NotAsFound
-        Some could not be restored. The message lists them; the others are restored.
+        Some parameters could not be restored. The message lists them; the others are restored.
     """
     wanted = load_params(path)
     with connect(connection, operator, observer) as session:

@@ -56,7 +56,9 @@ def note_setting_out(
 
 
 def same_options(error: BaseException) -> str:
-    """Return a sentence on the options to continue with after *error*. A limit that ended the run must be changed."""
+    """Return a sentence on the options with which to continue after *error*. A limit that ended the run must be
+    changed.
+    """
     tripped = error.guard if isinstance(error, GuardTripped) else ""
     option = next((guard.option for guard in GUARDS if guard.name == tripped), "")
     return f"change --{option} and keep the other options" if option else "use the same options"
@@ -85,18 +87,18 @@ class _SetOut(Struct, frozen=True):
 
 
 class Earlier:
-    """Completed trials called *names* of an earlier run (``settings.resume``); none without such a run.
+    """Completed trials called *names* of an earlier run (``settings.resume``), to be reused; none without such a run.
 
-    alike : whether the settings must be the same, since its trials replace those of this run.
+    alike : whether the settings must be the same, because the earlier trials replace those of this run.
 
     Raises
     ------
     UsageError
-        It is not a run that can be resumed, or was flown with other settings.
+        The earlier run cannot be resumed, or was flown with other settings.
     PreconditionFailed
-        It has not restored everything on its vehicle.
+        The earlier run has not restored everything on its vehicle.
     BadFile
-        It cannot be read.
+        The earlier run cannot be read.
     """
 
     def __init__(self, settings: CommonSettings, names: Sequence[str] = USED_AGAIN, *, alike: bool = True) -> None:
@@ -130,22 +132,24 @@ class Earlier:
         then = self._told.settings
         other = [name for name, value in wanted.items() if then.get(name) != value]
         if other:
-            shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} then, {wanted[name]} now" for name in other)
+            shown = ", ".join(
+                f"{n.replace('_', '-')} {_or_unset(then.get(n))} then, {_or_unset(wanted[n])} now" for n in other
+            )
             raise UsageError(
                 f"{self._run} was flown with other settings ({shown}). Use the same settings, or omit --resume"
             )
 
     @property
     def names(self) -> list[str]:
-        """The trials that may be used."""
+        """Names of the trials that may be reused."""
         return [name for name in self._names if name in self._trials]
 
     def take(self, name: str) -> Trial | None:
-        """Return the completed trial of that *name*, and do not return it a second time."""
+        """Return the completed trial called *name*, once; None if there is none or it was already returned."""
         return self._trials.pop(name, None)
 
     def has(self, name: str) -> bool:
-        """Return whether :meth:`take` would return a trial."""
+        """Return whether :meth:`take` would return a trial of that name."""
         return name in self._trials
 
     def verify_same_vehicle(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
@@ -169,11 +173,15 @@ class Earlier:
         held = self._told.parameters
         other = [n for n in held.keys() | own.keys() if not _same(held.get(n), own.get(n))]
         if other:
-            shown = ", ".join(f"{n} {held.get(n)} then, {own.get(n)} now" for n in sorted(other))
+            shown = ", ".join(f"{n} {held.get(n, 'absent')} then, {own.get(n, 'absent')} now" for n in sorted(other))
             raise PreconditionFailed(
                 f"the vehicle's parameters have changed since {self._run} was flown ({shown}), so its "
                 "experiments are not valid now. Restore the parameters, or start again without --resume"
             )
+
+
+def _or_unset(value: object) -> object:
+    return "unset" if value is None else value
 
 
 def _same(a: float | None, b: float | None) -> bool:

@@ -76,7 +76,7 @@ class ManoeuvreRunner:
         self.contradicted = False
         """Whether sensors contradicted each other in a manoeuvre that later stages depend on."""
         self.too_fast = ""
-        """Sentence on why the autopilot may drive too fast; empty if unknown."""
+        """Sentence that states why the autopilot may drive the boat too fast; empty if unknown."""
         self._sequencer = Sequencer(craft, envelope, observer, self._keeping(keep))
 
     def _keeping(self, keep: Callable[[Trial], None]) -> Callable[[Trial], None]:
@@ -88,7 +88,7 @@ class ManoeuvreRunner:
 
     @property
     def speed_limit(self) -> float:
-        """The safety limit of the speed over ground [m/s]."""
+        """Safety limit of the speed over ground [m/s]."""
         return self._envelope.speed_limit
 
     def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Trial:
@@ -198,7 +198,9 @@ class ManoeuvreRunner:
         self._observer.say(f"{manoeuvre.name}: {found}")
 
     def bear(self, error: AutotuneError) -> bool:
-        """Return whether *error* was a silence that is over, with the craft neutral and ready to continue."""
+        """Return whether *error* was a silence of the link that has ended, with the craft neutral and ready to
+        continue.
+        """
         if not self._patience.bear(error):
             return False
         self._sequencer.go_on()
@@ -214,7 +216,7 @@ class ManoeuvreRunner:
 
         It turns towards the start, because a turn to the other side takes more space.
 
-        ahead : how long [s] the next stage takes; infinite: turn in any case. last : whether the next stage is the last
+        ahead : duration [s] of the next stage; infinite: turn in any case. last : whether the next stage is the last
             one.
         """
         if not self._craft.firmware.needs_way:
@@ -230,7 +232,7 @@ class ManoeuvreRunner:
     def come_to_rest(self, stage: str, axis: AxisKind) -> None:
         """Bring a craft that can stay where it is to rest, as the beginning of *stage*, a step of *axis*.
 
-        A boat is left drifting.
+        A boat drifts with neutral outputs.
         """
         if not self._craft.firmware.floats:
             self.attempt(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
@@ -240,9 +242,9 @@ LEFT_ALONE = 0.5
 """Time [s] without commands after which ArduRover without a receiver assumes that its pilot is lost (mid-2025 builds).
 It is vehicle time."""
 MOST_SPOILT = 2
-"""Most manoeuvres of one run that are repeated because this computer paused. Project choice."""
+"""Largest number of manoeuvres of one run that are repeated because this computer paused. Project choice."""
 MOST = 5
-"""Most interruptions in one run; a link that breaks more often is not usable for a tune. Project choice."""
+"""Largest number of interruptions in one run. A link that fails more often is not usable for a tune. Project choice."""
 _PROMPT = 0.8
 """Response time [s] of a link up to which its commands count as timely. Project choice."""
 _INTERRUPTIONS = ("pause", "failsafe", "mode", "armed", "late")
@@ -253,7 +255,7 @@ _HERE = 1.0
 
 
 class Patience:
-    """Decides which interruptions of one run it survives.
+    """Decides after which interruptions a run continues.
 
     Parameters
     ----------
@@ -271,7 +273,8 @@ class Patience:
         self._borne = 0
 
     def bear(self, error: AutotuneError) -> bool:
-        """Return whether *error* was a silence that is over, with the craft neutral and in its previous state.
+        """Return whether *error* was a silence of the link that has ended, with the craft neutral and in its previous
+        state.
 
         Raises
         ------

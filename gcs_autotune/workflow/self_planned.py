@@ -48,7 +48,7 @@ GRID: Mapping[str, tuple[float, ...]] = {
     "heading": (math.radians(10.0), math.radians(20.0)),
     "duration": (20.0, 40.0, 80.0),
 }
-"""For each option of a manoeuvre, the sizes that are considered (SI). Other options have their defaults."""
+"""Option of a manoeuvre -> sizes considered for a run (SI). Other options have their defaults."""
 THROTTLES = (0.0, 0.5)
 """Forward thrust [fraction] considered for a craft that steers at rest. Project choice."""
 SHORT = 20.0
@@ -64,7 +64,7 @@ It is half as long as an S flown alone, because the runs chosen after it are mor
 LONGEST = 240.0
 """Longest manoeuvre [s] considered. Two shorter ones allow a choice in between. Project choice."""
 OVERHEAD = 5.0
-"""Additional time [s] of each run, without a boat's return. Project choice."""
+"""Additional time [s] assumed for each run, without a boat's return. Project choice."""
 LEAST_IMPROVEMENT = 0.05
 """Smallest reduction of the sum of the logarithmic errors that counts as an improvement. Project choice."""
 MAX_UNSUCCESSFUL = 2
@@ -103,7 +103,7 @@ class Offer:
         return self.settings.make(self.throttle, keep_still=self.keep_still)
 
     def as_preset(self, dofs: Sequence[str]) -> Preset:
-        """Return the offer as a candidate for a model of *dofs*."""
+        """Return the offer as a candidate manoeuvre for the experiment design of a model of *dofs*."""
         forces = sorted(self.settings.kind.drives | ({"X"} if self.throttle else set()))
         made, told = self.make(), {DOFS[dof].position for dof in dofs}
         by_the_clock = isinstance(made, OpenLoopProgramme) and not made.held & told
@@ -173,11 +173,13 @@ def _sizes(kind: ManoeuvreKind, typed: Mapping[str, float]) -> list[dict[str, fl
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A candidate for the next run: an offer by its number, the relative standard errors expected after it, and its
-    seconds.
+    """A candidate for the next run, with its predicted result.
 
-    ``room``, ``depth`` [m] and ``turned`` [rad] are those of the simulated run. ``gain``: reduction of the errors still
-    too large, as the sum of their natural logarithms.
+    ``offer``: its number in the list of offers.
+    ``relative``: relative standard errors expected after it.
+    ``seconds``: its duration.
+    ``room`` [m], ``depth`` [m], ``turned`` [rad]: distance, depth and turn of the simulated run.
+    ``gain``: reduction of the errors that are still too large, as the sum of their natural logarithms.
     """
 
     offer: int
@@ -195,9 +197,9 @@ class Outlook:
 
     Attributes
     ----------
-    relative : standard errors over values of the required parameters.
-    predicted : prediction [%] of the last run by the model before it; NaN if there was none.
-    choices : what to fly next; None if the model is unstable, so that nothing can be predicted.
+    relative : standard errors of the required parameters, divided by their values.
+    predicted : how well [%] the model identified before the last run predicted that run; NaN if there was none.
+    choices : candidates for the next run; None if the model is unstable, so that nothing can be predicted.
     """
 
     fit: Fit[Model]
@@ -209,7 +211,7 @@ class Outlook:
 def look_ahead(
     runs: Sequence[Trial], before: Fit[Model] | None, precision: Precision, offers: Sequence[Offer], overhead: float
 ) -> Outlook:
-    """Identify the form from all *runs* and rank the *offers*. It runs in a separate process.
+    """Identify the form from all *runs* and rank the *offers*. This function runs in a separate process.
 
     Raises
     ------
@@ -249,7 +251,7 @@ def look_ahead(
 
 
 def driven(precision: Precision, firmware: Firmware) -> tuple[str, ...]:
-    """Return the degrees of freedom of the form for which the craft has an actuator."""
+    """Return those degrees of freedom of the form for which the craft has an actuator."""
     return tuple(dof for dof in precision.dofs if DOFS[dof].force in firmware.channels)
 
 
@@ -259,7 +261,7 @@ def check_identifiable(precision: Precision, first: ManoeuvreKind, firmware: Fir
     Raises
     ------
     UsageError
-        It cannot, or another manoeuvre excites them.
+        The vehicle cannot excite them, or only another manoeuvre does.
     """
     asked, able = precision.title, driven(precision, firmware)
     if not able:
@@ -288,14 +290,16 @@ class TrialStep:
 
 
 Think = Callable[..., Outlook]
-"""Function that runs its first argument with the other arguments while the link is served."""
+"""Function that calls its first argument with the other arguments, in a worker while the link is served, and returns
+the result.
+"""
 
 
 class SelfPlanner:
     """Decides after each run what is flown next; ``steps`` records the decisions.
 
     *overhead*: additional seconds of each run (a boat's return). *options* apply to every run that has them. *known*:
-    number of earlier runs; if there are any, the *first* run is chosen too.
+    number of earlier runs; if there are any, the first run is also chosen from the data.
     """
 
     def __init__(
@@ -323,7 +327,8 @@ class SelfPlanner:
     def next_run(
         self, runs: Sequence[Trial], think: Think, run_of: Callable[[FlySettings], FlightRun]
     ) -> FlightRun | None:
-        """Return what to fly after *runs*. None if the precision is reached, or if no permitted run improves it.
+        """Return the settings of the run to fly after *runs*. None if the precision is reached, or if no permitted run
+        improves it.
 
         Raises
         ------

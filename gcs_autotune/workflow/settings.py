@@ -42,7 +42,7 @@ def _check_limits(settings: object, fields: Sequence[str], axis: str = "") -> No
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """How to reach the vehicle; ``opened`` is the link object if it is already open.
+    """How to connect to the vehicle; ``opened`` is the link object if it is already open.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class CommonSettings:
 
     Attributes
     ----------
-    connection, directory : how to reach the vehicle, and where the run is recorded.
+    connection, directory : how to connect to the vehicle, and the run directory.
     throttle, speed : a boat's throttle [fraction] and speed [m/s]; None: its own cruise.
     structure, delay : structure of the drag, and the delay [s], used for identification; None: estimated.
     control_rate : control ticks per second [Hz]; None: 25, or 10 in simulated time.
@@ -115,10 +115,11 @@ class CommonSettings:
 
 @dataclass(frozen=True, slots=True)
 class SuppliedGains:
-    """Gains by the vehicle's own parameter names, the ``file`` they come from, and the ``step`` flown in its run.
+    """Gains from a file, under the vehicle's own parameter names.
 
-    ``step`` is None if the file is not in the directory of a run that flew a step. ``noise``: residual standard
-    deviation per signal (SI) of the model identified in that run, if there is one.
+    ``file``: the file that contains them.
+    ``step``: the step flown in the run of the file. None if the file is not in the directory of a run that flew a step.
+    ``noise``: residual standard deviation per signal (SI) of the model identified in that run, if there is one.
     """
 
     file: Path
@@ -129,18 +130,19 @@ class SuppliedGains:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TuneSettings(CommonSettings):
-    """Settings of one tune, or of one experiment, which uses those of its first half.
+    """Settings of one tune. An experiment uses those of the tune's first half.
 
     Attributes
     ----------
     axis : the loop, or the degree of freedom of an experiment.
-    step, step_duration : size of the proof [rad, m, m/s or rad/s] and its seconds each way.
+    step, step_duration : size of the step that proves gains [rad, m, m/s or rad/s], and duration [s] of each half.
     relay_output, relay_hysteresis : amplitude of the relays [fraction of full output] and their hysteresis [rad or m].
-    model : family of the reference model. settling_time [s], omega_0 [rad/s] : its speed.
+    model : family of the reference model. settling_time [s], omega_0 [rad/s] : speed of the reference model.
     given : a model to design from instead of flying experiments. full_scale : the model's input at full output, in its
         unit.
     dry_run : whether to write nothing.
-    most_relays : most relays flown, 2 or 3; the third only if two do not separate a dead zone from a thrust curve.
+    most_relays : largest number of relays, 2 or 3. The third is flown only if two do not separate a dead zone from a
+    thrust curve.
     stop_rule : when relays end, one of :data:`STOP_RULES`.
     gains : gains to prove instead of designing any. proving : the command that proves gains of a file under these
         settings, without the file name.
@@ -189,10 +191,13 @@ class TuneSettings(CommonSettings):
 class StudySettings:
     """Settings of ``identify``; the names are those of :func:`gcs_autotune.identify.fit`.
 
-    ``effects``: effects to fit with the model. ``begin``: a model to start from. ``check``: validate on held-out data.
-    ``choose``: drop the terms of a coupled form that these runs do not justify. ``plan_next``: propose manoeuvres of
-    this many seconds. ``profile``: parameters whose intervals are computed by profile likelihood. ``compare``: a model,
-    or a method for the same runs, to compare the result with.
+    ``effects``: effects to fit with the model.
+    ``begin``: a model to start from.
+    ``check``: validate on held-out data.
+    ``choose``: drop the terms of a coupled form that these runs do not justify.
+    ``plan_next``: propose manoeuvres of this duration [s].
+    ``profile``: parameters whose intervals are computed by profile likelihood.
+    ``compare``: a model, or a method for the same runs, with which to compare the result.
     """
 
     dof: str | None = None

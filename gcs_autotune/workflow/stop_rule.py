@@ -37,28 +37,34 @@ from gcs_autotune.workflow.worker import Worker
 __all__ = ["BY_ITSELF", "SPREAD", "UNEXPLAINED", "Assessment", "DesignQuestion", "KnownDesign", "assess"]
 
 UNEXPLAINED = 4.0
-"""Largest unexplained part of the motion [percent] for a model to design from early. Project choice."""
+"""Largest unexplained fraction of the motion [%] of a model from which gains are designed before five periods agree.
+Project choice.
+"""
 BY_ITSELF = 6.0
-"""Unexplained part [percent] below which an oscillation of one amplitude counts as free of waves. Project choice."""
+"""Unexplained fraction of the motion [%] below which an oscillation of one amplitude counts as free of waves. Project
+choice.
+"""
 SPREAD = 0.10
 """Largest relative excess of the worst predicted ITAE over the nominal one at which gains count as known. Project
 choice."""
 MOVED = 2.0
-"""Change of a parameter over the last half period, in standard errors, above which it is not known yet. Project
-choice."""
+"""Change of a parameter over the last half period, in standard errors, above which the parameter does not count as
+known. Project choice.
+"""
 TWICE = 2
-"""Number of consecutive assessments in which the design must be known."""
+"""Number of consecutive assessments that must find the gains known. Project choice."""
 LEAST_SAMPLES = 2 * MIN_SAMPLES
-"""Fewest samples of a run; a fit leaves out shorter runs without a message."""
+"""Smallest number of samples of a run to assess; a fit leaves out shorter runs without a message."""
 LEFT_OUT = "run-left-out"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignQuestion:
-    """The gains to be designed: the ``axis`` with its ``present`` gains, and the specification.
+    """The gains to be designed, and the specification.
 
-    ``step``: an earlier step under the autopilot's own loop. ``structure``, ``delay`` [s]: settings of the
-    identification.
+    ``axis``: the axis with its ``present`` gains.
+    ``step``: an earlier step under the autopilot's own loop.
+    ``structure``, ``delay`` [s]: settings of the identification.
     """
 
     axis: Axis
@@ -71,11 +77,11 @@ class DesignQuestion:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """State of knowledge after a half period.
+    """Result of an assessment: whether the records so far determine the gains.
 
     Attributes
     ----------
-    lacks : sentence on what the design still lacks; empty if it is known.
+    lacks : sentence that states what is still uncertain; empty if it is known.
     another_size : whether a model explains the run alone but not together with the step.
     refused : whether no gains meet the specification with this model.
     values, stds : the model's parameters and their standard errors.
@@ -91,7 +97,7 @@ class Assessment:
 
     @property
     def answers(self) -> bool:
-        """Whether the gains are known, or known not to exist."""
+        """Whether the question is answered: the gains are known, or no gains meet the specification."""
         return self.refused or not self.lacks
 
     def moved_from(self, last: Assessment) -> bool:
@@ -148,7 +154,7 @@ def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
 class KnownDesign:
     """Ends relays once the gains of *question* are known; computed in *worker*, so that no tick waits for it.
 
-    Every half period from the third on is assessed, in turn. So a slow computer gives the same result for one record as
+    Every half period from the third on is assessed, in turn. So a slow computer reaches the same result for a record as
     a fast one, only later. Samples flown while the decisive result was awaited do not count (:attr:`counted_to`).
 
     Call :meth:`start` first. *observer* receives the predicted ITAE.
@@ -182,7 +188,7 @@ class KnownDesign:
         return self
 
     def start(self) -> None:
-        """Assess the step alone."""
+        """Start an assessment of the step alone."""
         self._ask(None)
 
     def begin(self) -> None:
@@ -214,7 +220,8 @@ class KnownDesign:
                 return why
 
     def conclude(self, run: Trial, awaited: Callable[[], Assessment]) -> Trial:
-        """Return the part of *run*, a relay that has ended, that counts. Pending assessments are completed first.
+        """Return the samples of *run*, a relay that has ended, that count for the result. Pending assessments are
+        completed first.
 
         awaited : function that waits for the worker while monitoring the craft, and returns its answer.
         """
@@ -275,7 +282,7 @@ class KnownDesign:
         return ""
 
     def weigh(self, whole: Assessment) -> None:
-        """Process the assessment of a complete run flown earlier."""
+        """Assess a complete *run* flown earlier."""
         self.known, self.another_size = whole.answers, whole.another_size
 
     def close(self) -> None:

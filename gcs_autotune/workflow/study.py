@@ -70,7 +70,7 @@ def _unheard(stage: str, done: int, total: int) -> None:
 def study(
     runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, when: str, stage: Stage = _unheard
 ) -> Study:
-    """Identify from *runs* and validate on the *unseen* runs; without these, on parts of *runs* held out in turn.
+    """Identify from *runs* and validate on the *unseen* runs; without these, on sections of *runs* held out in turn.
 
     stage : receives the progress before each piece of work.
 
@@ -138,7 +138,7 @@ def _naming_what_moved_too(answer: MethodOutcome, runs: Sequence[Trial]) -> Meth
 
 
 def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Study:
-    """Return a fit made elsewhere as a study of its *runs*, without validation."""
+    """Return an existing fit as a study of its *runs*, without validation."""
     return Study(
         title=title,
         when=when,
@@ -169,12 +169,12 @@ class _Pieces:
         self._begun = 0
 
     def begin(self, what: str) -> None:
-        """Begin the next piece."""
+        """Report that the next piece of work begins."""
         self._stage(what, self._begun, self._total)
         self._begun += 1
 
     def skip(self, count: int) -> None:
-        """Skip so many pieces."""
+        """Count *pieces* of work as done, because they are not needed."""
         self._begun += count
 
 
@@ -184,7 +184,7 @@ def _checks(runs: Sequence[Trial], unseen: Sequence[Trial]) -> int:
 
 
 def structure_of(settings: StudySettings) -> str | Path | Form | None:
-    """Return the requested structure with the known constants."""
+    """Return the structure with the requested name, with the constants known from the settings."""
     if not settings.known:
         return settings.structure
     if settings.begin is not None:

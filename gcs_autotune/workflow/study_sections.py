@@ -57,10 +57,12 @@ __all__ = [
 ]
 
 SHOWN = 6
-"""Number of ranked manoeuvres shown."""
+"""Number of ranked manoeuvres shown. Project choice."""
 
 WELL_KNOWN = 0.02
-"""Relative standard error below which a parameter needs no further run. A control design tolerates more."""
+"""Relative standard error below which a parameter needs no further run. A control design tolerates larger errors.
+Project choice.
+"""
 
 ENOUGH = "These runs determine every parameter of this model to 2 % or better. More runs are not necessary"
 
@@ -95,7 +97,7 @@ class Proposed:
 
 
 def not_distinguished(fit: Fit[Model], runs: Sequence[Trial]) -> tuple[str, ...]:
-    """Return a sentence for each parameter that these runs do not determine."""
+    """Return a sentence for each parameter that the runs of the fit do not determine."""
     try:
         doubts = identifiability(fit, runs).doubts
     except AutotuneError:
@@ -104,12 +106,12 @@ def not_distinguished(fit: Fit[Model], runs: Sequence[Trial]) -> tuple[str, ...]
 
 
 def compared(fit: Fit[Model], other: ModelFile, runs: Sequence[Trial]) -> tuple[DofComparison, ...]:
-    """Return how the model of *fit* and the *other* respond to the inputs of *runs*, axis by axis.
+    """Return, axis by axis, how the responses of the model of *fit* and of *other* to the inputs of *runs* compare.
 
     Raises
     ------
     UsageError
-        They have no common axis that these runs excite, or their forces have different units.
+        The models have no common axis that the runs excite, or their forces have different units.
     """
     own = model_file_of(fit)
     return compare_models(own.model, other.model, (own.inputs, other.inputs), runs)
@@ -121,7 +123,7 @@ def profiled(fit: Fit[Model], runs: Sequence[Trial], names: Sequence[str]) -> In
     Raises
     ------
     UnknownName
-        A name that was not fitted.
+        A name is not that of a fitted parameter.
     """
     found = [profile(fit, runs, name) for name in names]
     pictures = (
@@ -163,7 +165,7 @@ def _people(value: float, signal: str) -> str:
 
 
 def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySettings) -> FormChoice:
-    """Return the form without the terms that these runs do not justify.
+    """Return the form without the terms that *runs* do not justify.
 
     Raises
     ------
@@ -195,7 +197,7 @@ def forms_weighed(choice: FormChoice) -> Weighed:
 
 
 def next_manoeuvres(fit: Fit[Model], runs: Sequence[Trial], seconds: float) -> Proposed:
-    """Return the recommended manoeuvres, the verdict, and a plot of the improvement from the best one."""
+    """Return the recommended manoeuvres, the verdict, and a plot of the improvement by the best manoeuvre."""
     proposal = plan_next(fit, runs, seconds=seconds)
     rows = []
     for plan in proposal.plans[:SHOWN]:

@@ -23,12 +23,12 @@ __all__ = ["changes_of", "load_gains", "step_of"]
 
 
 def load_gains(path: Path, axis: str) -> SuppliedGains:
-    """Read the gains for the proof of *axis* from a parameter file, or from a run directory with a proposal.
+    """Return the gains to prove for *axis*, from a parameter file or from a run directory with a proposal.
 
     Raises
     ------
     BadFile
-        Unreadable, or a directory without a proposal.
+        The file is unreadable, or the directory contains no proposal.
     UsageError
         The run flew the step of another axis. Or the axis is a speed or a turn rate and no run with its step exists;
             such a step is flown about the measured steady value.
@@ -71,7 +71,7 @@ def _settings_of(flown: Trial) -> StepSettings:
 
 
 def step_of(given: SuppliedGains, asked: StepSettings) -> StepSettings:
-    """Return the step flown by the run of *given*, or the *asked* one if it flew none."""
+    """Return the size of the step flown in the run of *given*; the *asked* size if no step was flown."""
     return asked if given.step is None else replace(given.step, speed=asked.speed)
 
 

@@ -15,7 +15,9 @@ from gcs_autotune.trial import Trial
 __all__ = ["STRANGE", "SuppliedModel", "explained", "supplied_for"]
 
 STRANGE = 50.0
-"""Smallest part of a flown step [percent] that a model of this craft must explain."""
+"""Smallest fraction of a flown step [%] that a supplied model must explain. Below it a warning is shown.
+Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +63,7 @@ def _hint(file: ModelFile, channel: str) -> str:
 def explained(given: SuppliedModel, step: Trial) -> float:
     """Return how much [%] of a flown step the model explains if only its initial state is fitted.
 
-    NaN if it cannot be computed. *step*: with the output as a fraction of full output, as ``tune`` records it.
+    NaN if it cannot be computed. *step*: step recorded by ``tune``, with outputs as fractions of full output.
     """
     r = given.reduction
     flown = r.model.axis.force

@@ -19,10 +19,12 @@ __all__ = ["GainLoan", "Offer", "ProofResult", "TunableLoop", "TuneObserver", "t
 
 
 class GainLoan(Protocol):
-    """Temporary change of gains. They are restored when the context ends, unless they are kept."""
+    """Temporary change of gains. When the context ends, the initial gains are restored, unless the new ones are
+    kept.
+    """
 
     def set(self, values: Mapping[str, float]) -> None:
-        """Apply all of *values*; on an error apply none and raise it."""
+        """Apply all gains in *values* (name -> value). On an error restore all of them and raise it."""
 
     def keep(self) -> object:
         """Keep the applied values permanently."""
@@ -43,8 +45,8 @@ class Offer:
     Attributes
     ----------
     changes : new values by the operator's names; empty if nothing better was obtained.
-    refusal : reason why they must not be applied; empty if they may.
-    promise : their predicted effect in one sentence; empty if there is no prediction.
+    refusal : reason why the new gains must not be applied; empty if they may be.
+    promise : the predicted effect in one sentence; empty if there is no prediction.
     costs : cost of the proof predicted with the present gains, with the new ones, and with the new ones at the worst of
         the model's confidence region; NaN if there is no prediction.
     """
@@ -56,7 +58,7 @@ class Offer:
 
     @property
     def new(self) -> dict[str, float]:
-        """New values by name."""
+        """Gain -> new value."""
         return {change.parameter: change.new for change in self.changes}
 
 
@@ -74,7 +76,7 @@ class ProofResult:
 class TunableLoop(Protocol):
     """One control loop of one craft.
 
-    A method that flies passes on the errors of flying; :func:`tune_loop` then restores the gains.
+    Methods that fly raise the errors of flying; :func:`tune_loop` then restores the gains.
     """
 
     @property
@@ -97,10 +99,12 @@ class TunableLoop(Protocol):
         """Return new gains from the experiments. It may fly further experiments if these are not sufficient."""
 
     def fly_baseline(self) -> None:
-        """Fly any further comparison manoeuvre with the present gains, before anything is applied."""
+        """Fly a further manoeuvre for comparison with the present gains, if the loop has one, before new gains are
+        applied.
+        """
 
     def prove(self) -> ProofResult:
-        """Fly the proof with the new gains and compare it with the proof of the present ones."""
+        """Fly the proof with the new gains. Return the comparison with the proof of the present gains."""
 
 
 class TuneObserver(Protocol):
@@ -109,19 +113,19 @@ class TuneObserver(Protocol):
     verdict: tuple[bool | None, tuple[str, ...]]
 
     def say(self, text: str) -> None:
-        """Receive an event, in one sentence."""
+        """Report an event, in one sentence."""
 
     def note(self, fact: Fact) -> None:
-        """Receive a fact."""
+        """Record a note on the tune."""
 
     def end(self, ending: str, reason: str) -> None:
-        """Receive the ending."""
+        """Store how the tune ended."""
 
 
 def tune_loop(
     loop: TunableLoop, observer: TuneObserver, agrees: Callable[[str], bool], journal: Journal, *, dry_run: bool = False
 ) -> None:
-    """Tune *loop*: on every ending its gains are the present ones, or new ones that proved better.
+    """Tune *loop*. At every ending its gains are the initial ones, or new ones that proved better.
 
     agrees : function that asks the operator. dry_run : apply nothing.
 

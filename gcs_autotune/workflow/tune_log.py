@@ -45,12 +45,12 @@ class TuneLog(MissionLog):
         self.parameters_after: dict[str, float] = {}
 
     def update(self, progress: Progress) -> None:
-        """Store the vehicle's time and forward the tick."""
+        """Store the vehicle's time, and forward the progress at a control tick."""
         self._t = progress.t
         super().update(progress)
 
     def say(self, text: str) -> None:
-        """Store an event and forward it."""
+        """Store an event with the vehicle's time, and forward it."""
         self._events.append((self._t, text))
         super().say(text)
 
@@ -74,23 +74,23 @@ class TuneLog(MissionLog):
         super().announce(intentions)
 
     def parameter_types(self) -> tuple[dict[str, int], tuple[int, int]]:
-        """Return the MAV_PARAM_TYPE of each parameter, and the vehicle's system and component id."""
+        """Return (parameter -> MAV_PARAM_TYPE, (system id, component id) of the vehicle)."""
         if self._craft is None or self._craft.session.vehicle is None:
             return {}, (1, 1)
         vehicle = self._craft.session.vehicle
         return self._craft.parameters.types, (vehicle.system, vehicle.component)
 
     def flown(self, trial: Trial) -> None:
-        """Store a completed trial. A repeated one replaces the interrupted one."""
+        """Store a completed trial. A repeated trial replaces the interrupted one."""
         self._trials = [*(t for t in self._trials if t.name != trial.name), trial]
 
     @property
     def finished(self) -> list[str]:
-        """The completed trials."""
+        """Names of the completed trials of the tune, in their order."""
         return [trial.name for trial in self._trials if trial.ending == "completed"]
 
     def end(self, ending: str, reason: str) -> None:
-        """Store the ending."""
+        """Store how the tune ended."""
         self._ending, self._reason = ending, reason
         self.say(reason)
 

@@ -36,7 +36,7 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
     Raises
     ------
     PreconditionFailed
-        A limit that was set cannot be kept; the message states the nearest value that can.
+        The run would exceed a limit that the user set; the message states the nearest sufficient value.
     """
     settings, craft = context.settings, context.craft
     envelope = replace(settings.envelope, cruise=context.speed)
@@ -90,7 +90,7 @@ def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[I
 
 
 def tune_legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, ...]:
-    """Return the stages of a tune at *pace*."""
+    """Return the stages of a tune, with durations from *pace*."""
     dof, firmware = context.axis.dof, context.craft.firmware
     given = context.given is not None or context.settings.gains is not None
     dives = dive_for(dof, firmware, now) is not None
@@ -114,10 +114,11 @@ def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], thrott
 
 
 STEPS = ("step", "turn rate")
-"""Kinds of stages that are a proof."""
+"""Kinds of stages in which a step proves gains."""
 LEAST_STEP, TOLD = 20.0, 0.35
-"""Seconds of a step, and fraction of an oscillation, after which a stage may end at the limit of the space. Project
-choice."""
+"""Time [s] of a step, and fraction of an oscillation's duration, after which a stage may end at the limit of the space.
+Project choice.
+"""
 
 
 def movements_of(context: TuneContext, now: Observation) -> str:

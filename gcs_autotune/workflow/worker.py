@@ -35,7 +35,7 @@ class Worker:
         self._abandoned = False
 
     def begin(self, work: Callable[[], Any]) -> None:
-        """Start *work*. The function and its result must be picklable."""
+        """Start computing ``work()``. The function and its result must be picklable."""
         if self._process is not None and (self._abandoned or not self._process.is_alive):
             self._end()
         if self.apart and self._process is None:
@@ -44,11 +44,11 @@ class Worker:
 
     @property
     def done(self) -> bool:
-        """Whether the last work is done."""
+        """Whether the last work is complete."""
         return self._job is not None and self._job.done
 
     def result(self) -> Any:
-        """Return the result when :attr:`done`; raise its exception here.
+        """Return the result of the last work, once :attr:`done`. An exception of the work is raised here.
 
         Raises
         ------

@@ -1,7 +1,7 @@
 """Find reversed outputs and contradicting sensors in a record.
 
-A craft that turns against its steering, or that throttle alone turns, trips a limit sooner or later. A larger limit
-does not help then. The record shows which servo function or direction is wrong.
+A craft that turns against its steering, or that turns under throttle alone, trips a limit sooner or later. A larger
+limit does not help then. The record shows which servo function or direction is wrong.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ __all__ = ["SPUN", "contradiction_in", "tripped", "why_tripped"]
 Array = NDArray[np.float64]
 
 LOOKED_AT = 8.0
-"""Length [s] of the last part of a record that is searched for the cause of a tripped limit. Project choice."""
+"""Length [s] of the end of a record that is searched for the cause of a tripped limit. Project choice."""
 STEERED, IDLE, FELT = 0.04, 0.02, 0.15
 """Rms steering [fraction of full] that counts as steered; smallest throttle; and rms steering above which a turn counts
 as made against the steering. Project choice."""
 SAME = 0.6
-"""Correlation of turn rate and steering (about zero) above which one is considered to follow the other. Project
-choice."""
+"""Correlation of turn rate and steering (about zero) above which the turn counts as caused by the steering. Project
+choice.
+"""
 FEWEST = 30
-"""Fewest samples for a regression with three unknowns."""
+"""Smallest number of samples for a regression with three unknowns. Project choice."""
 SPUN = ("heading excursion", "turn rate")
-"""Limits that trip when a craft turns the wrong way."""
+"""Safety limits that trip when a craft turns in the wrong direction."""
 REACTION = (0.0, 0.4, 0.8, 1.5)
 """Delays [s] considered between steering and turning. Project choice."""
 LEAST_TURN, MOSTLY = math.radians(20.0), 0.5
@@ -102,7 +103,7 @@ def _accelerations(s: _Stretch) -> tuple[float, float]:
 
 
 def tripped(error: GuardTripped) -> str:
-    """Return the sentence that a safety limit tripped.
+    """Return a sentence that states which safety limit tripped.
 
     No larger limit is suggested, because the cause is already reported.
     """

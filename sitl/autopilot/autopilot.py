@@ -1,4 +1,6 @@
-"""Common part of both firmwares: boot, modes, arming, texts, estimate, battery, and the sequence of one loop."""
+"""Functions shared by both firmwares: boot, modes, arming, texts, state estimate, battery, and the steps of one
+loop.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Protocol
 
+from sitl.autopilot.mission import Crew, Mission
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.rc_input import RcInput
@@ -14,7 +17,17 @@ from sitl.autopilot.servo_rail import ServoRail
 from sitl.autopilot.shaping import TwoPoleLowPass
 from sitl.sensors import SensorReading
 
-__all__ = ["CRITICAL", "ERROR", "INFO", "SLOW_RATE", "WARNING", "Autopilot", "BatteryMonitor", "StateEstimate"]
+__all__ = [
+    "CRITICAL",
+    "ERROR",
+    "INFO",
+    "NOTICE",
+    "SLOW_RATE",
+    "WARNING",
+    "Autopilot",
+    "BatteryMonitor",
+    "StateEstimate",
+]
 
 
 class StateEstimate:
@@ -34,10 +47,10 @@ class StateEstimate:
         self.x = self.y = self.z = 0.0
         self._sway = self.vz = 0.0
         self.climb = self.climb_acceleration = 0.0
-        self.distance = math.nan
+        self.distance = self.distance_starboard = math.nan
 
     def update(self, reading: SensorReading, dt: float) -> None:
-        """Process one sample of the sensors."""
+        """Update the estimate with one sample of the sensors, *dt* [s] after the last."""
         values = self._values
         self.roll, self.pitch, self.yaw = reading.phi, reading.theta, reading.psi
         self.roll_rate, self.pitch_rate = reading.p, reading.q
@@ -45,9 +58,19 @@ class StateEstimate:
         self.speed = reading.u
         self.x, self.y, self.z = reading.x, reading.y, reading.z
         self._sway, self.vz = reading.v, reading.w
-        self.distance = reading.d
+        self.distance, self.distance_starboard = reading.d, reading.d_starboard
         self.climb = -reading.w
         self.climb_acceleration = self._accelerometer.apply(-reading.az, values["INS_ACCEL_FILTER"], dt)
+
+    @property
+    def place(self) -> complex:
+        """The position on the plane, north + i east [m] of the origin."""
+        return complex(self.x, self.y)
+
+    @property
+    def velocity(self) -> complex:
+        """The velocity on the plane, north + i east [m/s]."""
+        return complex(self.vx, self.vy)
 
     @property
     def vx(self) -> float:
@@ -72,7 +95,7 @@ class _Owner(Protocol):
 
 
 class BatteryMonitor:
-    """Acts once when the voltage has been below BATT_LOW_VOLT for BATT_LOW_TIMER seconds."""
+    """Triggers the battery failsafe once, when the voltage has been below BATT_LOW_VOLT for BATT_LOW_TIMER seconds."""
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
@@ -81,13 +104,13 @@ class BatteryMonitor:
         self.is_low = False
 
     def arming_fault(self) -> str | None:
-        """Return why this battery prevents arming, or None."""
+        """Return the reason why the battery prevents arming, or None."""
         if self.voltage < self._values["BATT_ARM_VOLT"]:
             return "Battery 1 below minimum arming voltage"
         return "Battery 1 low voltage failsafe" if self.is_low else None
 
     def update(self, owner: _Owner, voltage: float, consumed_mah: float) -> None:
-        """Process the present voltage [V] and charge used [mAh]."""
+        """Check the present voltage [V], and trigger the failsafe if due. The message shows the charge used [mAh]."""
         values = self._values
         self.voltage = voltage
         if self.is_low or not 0.0 < voltage < values["BATT_LOW_VOLT"]:
@@ -102,12 +125,14 @@ class BatteryMonitor:
 
 
 SLOW_RATE = 50
-"""Rate [Hz] at which sticks and failsafes are processed, whatever the loop rate (ArduPilot's scheduler tables)."""
+"""Rate [Hz] at which sticks and failsafes are processed at any loop rate (ArduPilot's scheduler tables)."""
 
-CRITICAL, ERROR, WARNING, INFO = 2, 3, 4, 6
-"""Values of MAV_SEVERITY."""
+CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
+"""MAV_SEVERITY."""
 _SLOW_PERIOD_MS = 1000 // SLOW_RATE
 _PREARM_PERIOD_MS = 1000
+_HOME_LEAST = 0.5
+"""Home follows a disarmed craft in steps of at least that [m]."""
 _PREARM_REPORT_MS = 30000
 _FIRST_REPORT_MS = 2000
 
@@ -115,8 +140,9 @@ _FIRST_REPORT_MS = 2000
 class Autopilot(ABC):
     """One firmware on its board. ``tick`` runs one loop; all other methods may be called between loops.
 
-    ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``last_gcs_ms`` the time
-    of the last message from the ground station, ``failsafe`` whether one is active.
+    ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``reached_items`` the
+    mission items not yet reported as reached, ``last_gcs_ms`` when the ground station was last heard, ``failsafe``
+    whether one is in force. ``home`` follows the craft until it arms (north + i east [m]).
     """
 
     firmware: str
@@ -135,6 +161,9 @@ class Autopilot(ABC):
         self.armed = False
         self.last_gcs_ms = 0
         self.texts: list[tuple[int, str]] = []
+        self.reached_items: list[int] = []
+        self.mission = Mission()
+        self.home: complex | None = None
         self.prearm_ok = False
         self._next_report_ms = _FIRST_REPORT_MS
         self.modes: Mapping[int, Mode] = self._make_modes()
@@ -164,7 +193,9 @@ class Autopilot(ABC):
 
     @abstractmethod
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the craft must not arm, or None. *arming*: include checks that are made only at arming."""
+        """Return the reason why the craft must not arm, or None. *arming*: include checks that are made only at
+        arming.
+        """
 
     @abstractmethod
     def write_outputs(self) -> None:
@@ -172,7 +203,7 @@ class Autopilot(ABC):
 
     @property
     def pwm(self) -> list[int]:
-        """Pulses of the servo outputs [us]."""
+        """Pulses of all servo outputs [us]; 0 without a signal."""
         return self.rail.pwm
 
     @property
@@ -185,11 +216,11 @@ class Autopilot(ABC):
         self.texts.append((severity, text))
 
     def note_gcs(self) -> None:
-        """Record a message from the ground station with the right id."""
+        """Record that the ground station with the configured id has just sent a message."""
         self.last_gcs_ms = self.ms
 
     def tick(self, ms: int, reading: SensorReading, voltage: float, consumed_mah: float) -> None:
-        """Run one loop at *ms* since boot."""
+        """Run one loop at *ms* [ms] since boot: estimate, failsafes, flight mode, outputs."""
         self.ms = ms
         self.estimate.update(reading, self.dt)
         if ms % _SLOW_PERIOD_MS == 0:
@@ -197,12 +228,13 @@ class Autopilot(ABC):
             self.battery.update(self, voltage, consumed_mah)
             if ms % _PREARM_PERIOD_MS == 0:
                 self._check_prearm()
+                self._follow_home()
         if self.armed:
             self.mode.run()
         self.write_outputs()
 
     def set_mode(self, number: int) -> bool:
-        """Change the flight mode; return whether it was accepted (a text states why not)."""
+        """Change the flight mode. Return whether it was accepted. If not, a STATUSTEXT states the reason."""
         mode = self.modes.get(number)
         if mode is None:
             self.say(WARNING, f"No such mode {number}")
@@ -212,12 +244,27 @@ class Autopilot(ABC):
         if mode.needs_position and self.armed and not self.position_ok:
             self.say(WARNING, f"Mode change to {mode.name} failed: requires position")
             return False
+        refusal = mode.refusal()
+        if refusal is not None:
+            self.say(WARNING, refusal)
+            return False
+        self.mode.leave()
         self.mode = mode
         mode.enter()
         return True
 
+    def set_mission_item(self, index: int) -> bool:
+        """Go on with item *index* of the mission; return whether there is one. Only AUTO starts it at once."""
+        crew = self.mission_crew
+        return crew is not None and self.mission.set_current(index, crew)
+
+    @property
+    def mission_crew(self) -> Crew | None:
+        """Who flies the mission; None where the firmware's AUTO is not simulated."""
+        return None
+
     def arm(self, *, force: bool) -> bool:
-        """Arm; return whether it was accepted (a text states why not)."""
+        """Arm. Return whether it was accepted. If not, a STATUSTEXT states the reason. *force* skips the checks."""
         if self.armed:
             return True
         fault = None if force else self.arming_fault(arming=True)
@@ -230,11 +277,16 @@ class Autopilot(ABC):
         return True
 
     def disarm(self) -> bool:
-        """Disarm at once."""
+        """Disarm at once. Always returns True."""
         if self.armed:
             self.armed = False
             self.say(INFO, "Throttle disarmed")
         return True
+
+    def _follow_home(self) -> None:
+        place = self.estimate.place
+        if not self.armed and self.position_ok and (self.home is None or abs(place - self.home) >= _HOME_LEAST):
+            self.home = place
 
     def _check_prearm(self) -> None:
         fault = self.arming_fault(arming=False)

@@ -9,20 +9,34 @@ from __future__ import annotations
 from sitl.autopilot.autopilot import CRITICAL, INFO, WARNING, Autopilot
 from sitl.autopilot.parameters import ParameterStore
 
-__all__ = ["RoverFailsafe", "SubFailsafe"]
+__all__ = ["RoverFailsafe", "SubFailsafe", "act_on_failsafe"]
 
 _RADIO, _GCS = 1, 2
 _GCS_PERIOD_MS = 100
 _ACTIVE_IN_HOLD = 1
 _HOLD_MODE = 4
 _ACTION_NONE, _ACTION_TERMINATE = 0, 5
+_ACTION_RTL, _ACTION_SMART_RTL = 1, 3
+_RTL_MODE = 11
+_CONTINUE_MISSION = 2
+"""FS_THR_ENABLE and FS_GCS_ENABLE: act, but not while the mission is flown."""
+
+
+def act_on_failsafe(owner: Autopilot, action: int) -> None:
+    """Carry out FS_ACTION or BATT_FS_LOW_ACT: 0 nothing, 1 and 3 RTL, 5 disarm, others HOLD; HOLD where RTL cannot be.
+
+    SmartRTL is not simulated: 3 falls back to RTL and 4 to HOLD, as in the firmware without a recorded path.
+    """
+    if action == _ACTION_TERMINATE:
+        owner.disarm()
+    elif action in (_ACTION_RTL, _ACTION_SMART_RTL) and owner.set_mode(_RTL_MODE):
+        return
+    elif action != _ACTION_NONE:
+        owner.set_mode(_HOLD_MODE)
 
 
 class RoverFailsafe:
-    """The failsafes of a Rover.
-
-    ``events``: present faults. ``triggered``: faults already acted on. FS_ACTION 5 disarms, others change to HOLD.
-    """
+    """``events``: present faults; ``triggered``: those acted on."""
 
     def __init__(self, parameters: ParameterStore, owner: Autopilot) -> None:
         self._values = parameters.values
@@ -34,11 +48,13 @@ class RoverFailsafe:
 
     @property
     def radio_lost(self) -> bool:
-        """Whether no valid stick input arrives."""
+        """Whether the radio failsafe has detected missing stick input or a throttle pulse below FS_THR_VALUE."""
         return bool(self.events & _RADIO)
 
     def update(self, throttle_pwm: int, fresh: bool) -> None:
-        """Check once per loop. *fresh*: valid sticks have arrived since the last check."""
+        """Check for both faults. Call it once per stick update. *fresh*: valid sticks have arrived since the last
+        check.
+        """
         owner, values = self._owner, self._values
         if fresh:
             self._last_valid_ms = owner.ms
@@ -61,17 +77,20 @@ class RoverFailsafe:
             self._act(name)
 
     def _may_act(self) -> bool:
-        return self._owner.mode.number != _HOLD_MODE or bool(int(self._values["FS_OPTIONS"]) & _ACTIVE_IN_HOLD)
+        mode = self._owner.mode.number
+        in_hold = bool(int(self._values["FS_OPTIONS"]) & _ACTIVE_IN_HOLD)
+        return mode != _RTL_MODE and (mode != _HOLD_MODE or in_hold)
 
     def _act(self, name: str) -> None:
-        owner, action = self._owner, int(self._values["FS_ACTION"])
+        owner = self._owner
         self.triggered = self.events
         owner.say(WARNING, f"{name} Failsafe")
         owner.rc.clear_overrides()
-        if action == _ACTION_TERMINATE:
-            owner.disarm()
-        elif action != _ACTION_NONE:
-            owner.set_mode(_HOLD_MODE)
+        enabled = self._values["FS_THR_ENABLE" if name == "Radio" else "FS_GCS_ENABLE"]
+        if owner.mode.in_mission and enabled == _CONTINUE_MISSION:
+            owner.say(WARNING, "Failsafe - Continuing Auto Mode")
+        else:
+            act_on_failsafe(owner, int(self._values["FS_ACTION"]))
 
 
 _SUB_PERIOD_MS = 300
@@ -82,7 +101,8 @@ _ALT_HOLD = 2
 
 
 class SubFailsafe:
-    """Acts once per loss. FS_PILOT_INPUT 2 disarms; FS_GCS_ENABLE 2 disarms, 3 and 4 hold the depth.
+    """The failsafes of a Sub. Each acts once per loss. FS_PILOT_INPUT 2 disarms; FS_GCS_ENABLE 2 disarms, 3 and 4 hold
+    the depth.
 
     (Action 4, surfacing, is not simulated; the depth is held instead.)
     """
@@ -95,7 +115,7 @@ class SubFailsafe:
         self.gcs_lost = False
 
     def update(self) -> None:
-        """Check for a loss, three times a second."""
+        """Check for a lost pilot or ground station, every 300 ms."""
         if self._owner.ms % _SUB_PERIOD_MS == 0:
             self._check_pilot()
             self._check_gcs()

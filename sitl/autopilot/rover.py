@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
-from sitl.autopilot.autopilot import WARNING, Autopilot
-from sitl.autopilot.failsafes import RoverFailsafe
+from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.failsafes import RoverFailsafe, act_on_failsafe
 from sitl.autopilot.mode import Mode
 from sitl.autopilot.parameters import ParameterStore
+from sitl.autopilot.rover_helm import Helm
 from sitl.autopilot.rover_loops import RoverSpeedController, RoverSteering
 from sitl.autopilot.rover_motors import RoverMotors
-from sitl.autopilot.shaping import wrap_pi
+from sitl.autopilot.rover_navigation import AutoMode, LoiterMode, RoverGuidedMode, RtlMode
 
-__all__ = ["GuidedTarget", "Rover", "RoverGuidedMode"]
+__all__ = ["Rover"]
 
 STEERING_CHANNEL, THROTTLE_CHANNEL = 1, 3
 _STEERING_FULL, _THROTTLE_FULL = 4500, 100
+_TURNING_MS = 1000
+_LEAST_CRUISE, _MOST_CRUISE = 5.0, 100.0
+"""CRUISE_THROTTLE [%] within which the throttle stick can hurry navigation."""
 
 
 class Rover(Autopilot):
@@ -36,8 +39,14 @@ class Rover(Autopilot):
         self.mode = self.modes.get(int(parameters["INITIAL_MODE"]), self.mode)
 
     def _make_modes(self) -> Mapping[int, Mode]:
-        kinds = (RoverManualMode, AcroMode, SteeringMode, HoldMode, RoverGuidedMode)
-        return {kind.number: kind(self) for kind in kinds}
+        self.helm = Helm(self, self.motors, self.steering, self.speed, self._pilot_speed_ahead)
+        rtl = RtlMode(self, self.helm)
+        self._auto = AutoMode(self, self.helm, rtl)
+        modes: tuple[Mode, ...] = (
+            *(kind(self) for kind in (RoverManualMode, AcroMode, SteeringMode, HoldMode)),
+            *(LoiterMode(self, self.helm), self._auto, rtl, RoverGuidedMode(self, self.helm)),
+        )
+        return {mode.number: mode for mode in modes}
 
     @property
     def guided(self) -> RoverGuidedMode:
@@ -45,6 +54,11 @@ class Rover(Autopilot):
         mode = self.modes[RoverGuidedMode.number]
         assert isinstance(mode, RoverGuidedMode)
         return mode
+
+    @property
+    def mission_crew(self) -> AutoMode:
+        """AUTO."""
+        return self._auto
 
     @property
     def failsafe(self) -> bool:
@@ -57,21 +71,28 @@ class Rover(Autopilot):
         return round(abs(self.motors.throttle))
 
     def check_failsafes(self) -> None:
-        """Read the sticks and check for a loss."""
+        """Read the sticks and check for a lost radio or ground station."""
         fresh = self.rc.update(self.ms)
         self._failsafe.update(self.rc.pwm[THROTTLE_CHANNEL], fresh)
+        if self.ms % _TURNING_MS == 0:
+            self.helm.read_turning()
 
     def act_on_battery(self, action: int) -> None:
-        """Execute BATT_FS_LOW_ACT: 0 nothing, 5 disarm, others HOLD."""
-        if action == 5:
-            self.disarm()
-        elif action != 0:
-            self.set_mode(4)
+        """Execute BATT_FS_LOW_ACT, as FS_ACTION."""
+        act_on_failsafe(self, action)
+
+    def disarm(self) -> bool:
+        """Disarm at once; outside AUTO the mission will start from its first command."""
+        if self.armed and not self.mode.in_mission:
+            self.mission.rewind()
+        return super().disarm()
 
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the boat must not arm, or None."""
+        """Return the reason why the boat must not arm, or None."""
         if self.parameters["ARMING_CHECK"] == 0.0:
             return None
+        if not self.mode.arms:
+            return "Mode not armable"
         if self.ms < self.ready_ms:
             return "Accels inconsistent"
         if self._failsafe.radio_lost:
@@ -101,25 +122,16 @@ class Rover(Autopilot):
             steering = -steering
         return steering, throttle
 
-    def steer_rate(self, rate: float) -> None:
-        """Use the rate loop to steer at *rate* [rad/s]."""
-        estimate = self.estimate
-        out = self.steering.run(self.ms, rate, estimate.yaw_rate, estimate.speed, self.motors.limit_steer)
-        self.motors.set_steering(out, scaled=True)
-
-    def steer_heading(self, heading: float) -> None:
-        """Use the heading loop to steer to *heading* [rad]."""
-        self.steer_rate(self.steering.rate_for_heading(wrap_pi(heading - self.estimate.yaw)))
-
-    def drive_speed(self, speed: float) -> None:
-        """Use the speed loop to drive at *speed* [m/s]."""
-        out = self.speed.run(self.ms, speed, self.estimate.speed, self.motors.limit_throttle)
-        self.motors.set_throttle(100.0 * out)
-
     def pilot_speed(self, throttle: float) -> float:
         """Return the speed [m/s] commanded by a throttle stick of -1..1: full stick is CRUISE_SPEED at 100 %."""
         percent = self.parameters["CRUISE_THROTTLE"]
         return 0.0 if percent <= 0.0 else throttle * self.parameters["CRUISE_SPEED"] * 100.0 / percent
+
+    def _pilot_speed_ahead(self) -> float:
+        """Return the speed ahead [m/s] that the throttle stick asks for while navigating."""
+        if not _LEAST_CRUISE <= self.parameters["CRUISE_THROTTLE"] <= _MOST_CRUISE:
+            return 0.0
+        return max(self.pilot_speed(self.pilot_sticks()[1]), 0.0)
 
     def turn_rate_for(self, lateral_acceleration: float) -> float:
         """Return the turn rate [rad/s] that results in *lateral_acceleration* [m/s^2] at the present speed."""
@@ -127,8 +139,7 @@ class Rover(Autopilot):
         return lateral_acceleration / math.copysign(max(abs(speed), 1.0), speed)
 
 
-_MANUAL_INPUT, _STABILIZE, _GUIDED = 64, 16, 8
-_TARGET_TIMEOUT_MS = 3000
+_MANUAL_INPUT, _STABILIZE = 64, 16
 _SCALE_MANUAL_STEERING = 1
 
 
@@ -143,7 +154,7 @@ class RoverManualMode(_RoverMode):
     number, name, flags = 0, "MANUAL", _MANUAL_INPUT
 
     def run(self) -> None:
-        """Pass the sticks on."""
+        """Write the stick positions to the steering and throttle demands."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
         expo = rover.parameters["MANUAL_STR_EXPO"]
@@ -160,11 +171,11 @@ class AcroMode(_RoverMode):
     number, name, flags = 1, "ACRO", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the rate and speed loops."""
+        """Run the turn-rate and speed loops with the targets of the two sticks."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
-        rover.steer_rate(steering * math.radians(rover.parameters["ACRO_TURN_RATE"]))
-        rover.drive_speed(rover.pilot_speed(throttle))
+        rover.helm.steer_rate(steering * math.radians(rover.parameters["ACRO_TURN_RATE"]))
+        rover.helm.drive_speed(rover.pilot_speed(throttle))
 
 
 class SteeringMode(_RoverMode):
@@ -173,14 +184,14 @@ class SteeringMode(_RoverMode):
     number, name, flags = 3, "STEERING", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the rate and speed loops."""
+        """Run the turn-rate and speed loops with the targets of the two sticks."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
         speed = rover.estimate.speed
         top = speed * speed / max(rover.parameters["TURN_RADIUS"], 0.1)
         top = min(max(top, 0.1), rover.steering.lateral_acceleration_limit())
-        rover.steer_rate(rover.turn_rate_for(steering * top))
-        rover.drive_speed(rover.pilot_speed(throttle))
+        rover.helm.steer_rate(rover.turn_rate_for(steering * top))
+        rover.helm.drive_speed(rover.pilot_speed(throttle))
 
 
 class HoldMode(_RoverMode):
@@ -189,63 +200,6 @@ class HoldMode(_RoverMode):
     number, name, flags = 4, "HOLD", _STABILIZE
 
     def run(self) -> None:
-        """Demand zero from all outputs."""
+        """Set the steering and throttle demands to zero."""
         self.rover.motors.set_steering(0.0, scaled=False)
         self.rover.motors.set_throttle(0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class GuidedTarget:
-    """A target speed [m/s] with a heading [rad] or, if that is None, a turn rate [rad/s]. ``ms``: arrival time."""
-
-    ms: int
-    speed: float
-    heading: float | None
-    rate: float = 0.0
-
-
-class RoverGuidedMode(_RoverMode):
-    """Follows targets from the ground station. After 3 s without one the boat loiters."""
-
-    number, name, flags = 15, "GUIDED", _STABILIZE | _GUIDED
-    needs_position = True
-
-    def __init__(self, rover: Rover) -> None:
-        super().__init__(rover)
-        self.target: GuidedTarget | None = None
-        self._place = (0.0, 0.0)
-
-    def enter(self) -> None:
-        """Loiter here until the first target arrives."""
-        self.target = None
-        self._loiter_here()
-
-    def run(self) -> None:
-        """Follow the target, or loiter."""
-        rover, target = self.rover, self.target
-        if target is not None and rover.ms - target.ms > _TARGET_TIMEOUT_MS:
-            rover.say(WARNING, "target not received last 3secs, stopping")
-            self.target = target = None
-            self._loiter_here()
-        if target is None:
-            self._loiter()
-            return
-        if target.heading is None:
-            rover.steer_rate(target.rate)
-        else:
-            rover.steer_heading(target.heading)
-        rover.drive_speed(target.speed)
-
-    def _loiter_here(self) -> None:
-        self._place = (self.rover.estimate.x, self.rover.estimate.y)
-
-    def _loiter(self) -> None:
-        rover, estimate = self.rover, self.rover.estimate
-        north, east = self._place[0] - estimate.x, self._place[1] - estimate.y
-        beyond = math.hypot(north, east) - rover.parameters["LOIT_RADIUS"]
-        if beyond <= 0.0:
-            rover.motors.set_steering(0.0, scaled=False)
-            rover.drive_speed(0.0)
-            return
-        rover.steer_heading(math.atan2(east, north))
-        rover.drive_speed(min(beyond * rover.parameters["LOIT_SPEED_GAIN"], rover.parameters["WP_SPEED"]))

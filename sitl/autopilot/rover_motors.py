@@ -11,17 +11,18 @@ from sitl.autopilot.shaping import clamp, step_towards
 __all__ = ["RoverMotors"]
 
 _STEERING, _THROTTLE, _LEFT, _RIGHT = 26, 70, 73, 74
-"""Values of SERVOn_FUNCTION."""
+"""Values of SERVOn_FUNCTION for steering, throttle, and the left and right throttle of a skid-steered boat."""
 _ROUNDING = 1e-6
 """Tolerance for pulses, which are truncated to whole microseconds towards trim. It keeps 0.57 of 500 at 285."""
 
 
 class RoverMotors:
-    """Demands: ``steering`` as a fraction of full (may exceed 1, the servo does not), ``throttle`` in percent.
+    """Demands: ``steering`` as a fraction of full (it may exceed 1; the servo output is limited), ``throttle`` in
+    percent.
 
-    ``limit_steer`` stops the integral of the rate controller, because the servo is at its end or the boat is slower
-    than MOT_SPD_SCA_BASE. A boat with outputs for left and right throttle steers by their difference. This is never
-    scaled with speed. MOT_STR_THR_MIX determines which demand is reduced if both do not fit.
+    ``limit_left``, ``limit_right`` and, for either, ``limit_steer`` stop the integrals of the loops above: the servo is
+    at its end, or the boat is slower than MOT_SPD_SCA_BASE. A boat with outputs for left and right throttle steers by
+    their difference: never scaled with speed, and what does not fit is shared out by MOT_STR_THR_MIX.
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
@@ -29,7 +30,7 @@ class RoverMotors:
         self._dt = dt
         self.steering = 0.0
         self.throttle = 0.0
-        self.limit_steer = False
+        self.limit_left = self.limit_right = False
         self.limit_throttle = False
         self._scaled = False
         self._servo = 0.0
@@ -38,28 +39,33 @@ class RoverMotors:
         self._last_throttle = 0.0
 
     @property
+    def limit_steer(self) -> bool:
+        """Whether the steering is at its end to either side."""
+        return self.limit_left or self.limit_right
+
+    @property
     def skid(self) -> bool:
-        """Whether it steers by two thrusters."""
+        """Whether the boat steers by two thrusters: a left and a right throttle output are assigned."""
         assigned = {int(self._values[f"SERVO{n}_FUNCTION"]) for n in range(1, 9)}
         return {_LEFT, _RIGHT} <= assigned
 
     def set_steering(self, fraction: float, *, scaled: bool) -> None:
-        """Set the steering demand. *scaled*: reduced with speed, as in the automatic modes."""
+        """Set the steering demand, a fraction of full. *scaled*: reduce it with speed, as in the automatic modes."""
         self.steering = fraction
         self._scaled = scaled
 
     def set_throttle(self, percent: float) -> None:
-        """Set the throttle demand, -100..100 percent."""
+        """Set the throttle demand [%], -100 to 100."""
         top = self._values["MOT_THR_MAX"]
         self.throttle = clamp(percent, -top, top)
 
     def stop(self) -> None:
         """Clear all demands, because the vehicle is disarmed."""
         self.steering = self.throttle = self._last_throttle = self._servo = self._left = self._right = 0.0
-        self.limit_steer = self.limit_throttle = False
+        self.limit_left = self.limit_right = self.limit_throttle = False
 
     def output(self, rail: ServoRail, speed: float, *, armed: bool) -> None:
-        """Write the pulses at *speed* [m/s]."""
+        """Write the demands to the servo pulses, with the steering scaled for *speed* [m/s]."""
         if not armed:
             self.stop()
             silent = self._values["MOT_SAFE_DISARM"] != 0.0
@@ -82,7 +88,7 @@ class RoverMotors:
 
     def _scale(self, speed: float, *, skid: bool) -> float:
         steering, base = self.steering, self._values["MOT_SPD_SCA_BASE"]
-        self.limit_steer = False
+        self.limit_left = self.limit_right = False
         self._turned = 1.0
         if self._scaled and self._values["MOT_VEC_ANGLEMAX"] > 0.0:
             steering = self._turn_thrust(steering)
@@ -90,11 +96,11 @@ class RoverMotors:
             if 0.0 < base < abs(speed):
                 steering *= base / abs(speed)
             elif not skid:
-                self.limit_steer = True
+                self.limit_left = self.limit_right = True
             if speed < 0.0:
                 steering = -steering
-        if abs(steering) >= 1.0:
-            self.limit_steer = True
+        self.limit_left = self.limit_left or steering <= -1.0
+        self.limit_right = self.limit_right or steering >= 1.0
         return clamp(steering, -1.0, 1.0)
 
     def _turn_thrust(self, steering: float) -> float:
@@ -104,7 +110,7 @@ class RoverMotors:
         limit = abs(throttle * math.tan(widest))
         if abs(steering) > limit:
             steering = math.copysign(limit, steering)
-            self.limit_steer = True
+            self.limit_left = self.limit_right = True
         if throttle == 0.0:
             return steering
         angle = math.atan(steering / throttle)
@@ -130,7 +136,8 @@ class RoverMotors:
                 throttle *= 1.0 + (fair - 1.0) * mix / 0.5
                 room = 1.0 - throttle if throttle >= best else throttle - floor
                 steering = math.copysign(room, steering)
-        self.limit_steer = abs(steering) < abs(self.steering) or abs(self.steering) >= 1.0
+        if abs(steering) < abs(self.steering) or abs(self.steering) >= 1.0:
+            self.limit_left, self.limit_right = self.steering < 0.0, self.steering > 0.0
         self.limit_throttle = self.limit_throttle or abs(throttle) < abs(self.throttle / 100.0)
         left, right = throttle + steering, throttle - steering
         self._left, self._right = (m * asymmetry if m < 0.0 else m for m in (left, right))

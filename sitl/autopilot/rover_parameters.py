@@ -59,6 +59,7 @@ INITIAL_MODE      i8  0
 LOIT_RADIUS       f32 2
 LOIT_SPEED_GAIN   f32 0.5
 LOIT_TYPE         i8  0
+MIS_DONE_BEHAVE   i8  0
 MANUAL_OPTIONS    i32 0
 MANUAL_STR_EXPO   f32 0
 MODE_CH           i8  8
@@ -93,6 +94,7 @@ RCMAP_PITCH       i8  2
 RCMAP_ROLL        i8  1
 RCMAP_THROTTLE    i8  3
 RCMAP_YAW         i8  4
+RTL_SPEED         f32 0
 SAIL_ENABLE       i8  0
 SPEED_MAX         f32 0
 STICK_MIXING      i8  0
@@ -100,6 +102,7 @@ TURN_RADIUS       f32 0.9
 WP_ACCEL          f32 0
 WP_JERK           f32 0
 WP_PIVOT_ANGLE    i16 60
+WP_PIVOT_DELAY    f32 0
 WP_PIVOT_RATE     i16 60
 WP_RADIUS         f32 2
 WP_SPEED          f32 2
@@ -115,4 +118,4 @@ def _definitions() -> tuple[Definition, ...]:
 
 
 ROVER_PARAMETERS = _definitions()
-"""Every parameter of the Rover firmware simulated here."""
+"""Definitions of all parameters of the simulated Rover firmware."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping
 
 from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.failsafes import SubFailsafe
-from sitl.autopilot.mode import Mode
+from sitl.autopilot.mode import Mode, WayReport
 from sitl.autopilot.parameters import ParameterStore
 from sitl.autopilot.shaping import clamp
 from sitl.autopilot.sub_loops import SubDepthController, SubYawController
 from sitl.autopilot.sub_motors import SubMotors
+from sitl.autopilot.sub_position import SubPositionController, SubWaypoint
 
 __all__ = ["Sub"]
 
@@ -20,6 +22,7 @@ _YAW_STICK_FULL = 4500
 _TARGET_LIFE_MS = 5000
 _STOPPING_MS = 250
 _CM = 100.0
+_GUIDED_MODE = 4
 _DEPTH_CUTOFF = 2.0
 """Cutoff frequency [Hz] of the low-pass on the depth loop's throttle. It is fixed in the firmware."""
 
@@ -35,6 +38,8 @@ class Sub(Autopilot):
         self.motors = SubMotors(parameters, dt)
         self.yaw = SubYawController(parameters, dt)
         self.depth = SubDepthController(parameters, dt)
+        self.position = SubPositionController(parameters, dt)
+        self.waypoint = SubWaypoint(parameters, self.position, dt)
         self.gain = clamp(parameters["JS_GAIN_DEFAULT"], 0.1, 1.0)
         super().__init__(parameters, dt, ready_ms)
         self._failsafe = SubFailsafe(parameters, self)
@@ -43,7 +48,7 @@ class Sub(Autopilot):
         self._target_ms = -_TARGET_LIFE_MS
 
     def _make_modes(self) -> Mapping[int, Mode]:
-        kinds = (SubManualMode, StabilizeMode, AltHoldMode, SubGuidedMode)
+        kinds = (SubManualMode, StabilizeMode, AltHoldMode, PosHoldMode, SubGuidedMode)
         return {kind.number: kind(self) for kind in kinds}
 
     @property
@@ -57,17 +62,17 @@ class Sub(Autopilot):
         return round(100.0 * self.motors.throttle)
 
     def check_failsafes(self) -> None:
-        """Read the sticks and check for a loss."""
+        """Read the sticks and check for a lost pilot or ground station."""
         self.rc.update(self.ms)
         self._failsafe.update()
 
     def act_on_battery(self, action: int) -> None:
-        """Execute BATT_FS_LOW_ACT: 0 nothing, others disarm (surfacing is not simulated)."""
+        """Execute BATT_FS_LOW_ACT: 0 does nothing, others disarm (surfacing is not simulated)."""
         if action:
             self.disarm()
 
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the craft must not arm, or None."""
+        """Return the reason why the craft must not arm, or None."""
         if self.parameters["ARMING_CHECK"] == 0.0:
             return None
         return "Gyros not calibrated" if self.ms < self.ready_ms else self.battery.arming_fault()
@@ -79,7 +84,7 @@ class Sub(Autopilot):
         self.motors.output(self.rail, armed=self.armed)
 
     def note_pilot(self) -> None:
-        """Record stick commands from the ground station."""
+        """Record that the ground station has just sent stick commands."""
         self._failsafe.last_pilot_ms = self.ms
 
     def reset_loops(self) -> None:
@@ -98,17 +103,41 @@ class Sub(Autopilot):
         """Hold *altitude* [m, up from the surface: negative under water]."""
         self.depth.target = _CM * altitude
 
+    def go(self, place: complex, altitude: float) -> None:
+        """Fly to *place* (north + i east) and *altitude* (up) [m] in GUIDED."""
+        if self.mode.number == _GUIDED_MODE:
+            self.waypoint.go(self.depth.target, _CM * place, _CM * altitude)
+
+    def hold_place(self, *, anew: bool = False) -> tuple[float, float]:
+        """Return the forward and lateral demand that hold the place, or where the craft comes to rest (*anew*)."""
+        place, velocity = _CM * self.estimate.place, _CM * self.estimate.velocity
+        if anew:
+            self.position.hold(place, velocity)
+        return self.position.run(place, velocity, self.estimate.yaw, self.motors.throttle_in)
+
+    def start_position(self) -> None:
+        """Hold from now on where the craft comes to rest."""
+        self.position.start(_CM * self.estimate.place, _CM * self.estimate.velocity)
+        self.waypoint.stop()
+
+    def advance_waypoint(self) -> None:
+        """Move the target on along its way, depth included."""
+        estimate, waypoint = self.estimate, self.waypoint
+        error = self.position.target - _CM * estimate.place
+        waypoint.advance(_CM * estimate.velocity, _CM * estimate.climb, error, self.depth.target + _CM * estimate.z)
+        self.depth.follow(waypoint.altitude, waypoint.climb)
+
     def pass_horizontal_sticks(self) -> None:
-        """Pass the forward and lateral sticks to the motors, without a dead zone."""
+        """Set the forward and lateral demands to the stick positions, without a dead zone."""
         self.motors.forward = self.rc.fraction(_FORWARD)
         self.motors.lateral = self.rc.fraction(_LATERAL)
 
     def pass_yaw_stick(self) -> None:
-        """Pass the yaw stick to the motors, without a dead zone."""
+        """Set the yaw demand to the stick position, without a dead zone."""
         self.motors.yaw = self.rc.fraction(_YAW)
 
     def pass_throttle_stick(self) -> None:
-        """Pass the throttle stick to the motors, bypassing the depth loop."""
+        """Set the throttle demand to the stick position, bypassing the depth loop."""
         self.motors.set_throttle(0.5 * (1.0 + self._throttle_stick()), 0.0)
 
     def _throttle_stick(self) -> float:
@@ -120,7 +149,9 @@ class Sub(Autopilot):
         return stick if self.parameters["RCMAP_THROTTLE"] else 2.0 * stick - 1.0
 
     def steer(self) -> None:
-        """Turn as commanded by the yaw stick. If it is centred, hold the heading after 250 ms to come to rest."""
+        """Turn as commanded by the yaw stick. With the stick centred, stop the turn for 250 ms, then hold the
+        heading.
+        """
         estimate, ms = self.estimate, self.ms
         stick = self.rc.angle(_YAW, _YAW_STICK_FULL, self.parameters["RC4_DZ"] * self.gain)
         if ms - self._target_ms < _TARGET_LIFE_MS:
@@ -136,13 +167,17 @@ class Sub(Autopilot):
         self.motors.yaw = self.yaw.run(estimate.yaw, estimate.yaw_rate, self.motors.limit_yaw)
 
     def hold_depth(self) -> None:
-        """Climb as commanded by the throttle stick. If it is centred, hold the depth."""
-        estimate, depth = self.estimate, self.depth
+        """Climb by the throttle stick, else hold the depth."""
         rate = self._climb_stick()
+        if rate == 0.0 and -_CM * self.estimate.z > self.parameters["SURFACE_DEPTH"]:
+            self.depth.target = min(self.depth.target, self.parameters["SURFACE_DEPTH"])
+        self.depth.climb(rate)
+        self.run_depth()
+
+    def run_depth(self) -> None:
+        """Let the depth loop hold its target."""
+        estimate, depth = self.estimate, self.depth
         altitude = -_CM * estimate.z
-        if rate == 0.0 and altitude > self.parameters["SURFACE_DEPTH"]:
-            depth.target = min(depth.target, self.parameters["SURFACE_DEPTH"])
-        depth.climb(rate)
         throttle = depth.run(
             altitude, _CM * estimate.climb, _CM * estimate.climb_acceleration, self.motors.limit_throttle
         )
@@ -162,6 +197,8 @@ class Sub(Autopilot):
 
 
 _MANUAL_INPUT, _STABILIZE, _GUIDED = 64, 16, 8
+_PUSH = 0.1
+"""Share of full stick beyond which the pilot moves the place that is held."""
 
 
 class _SubMode(Mode):
@@ -179,19 +216,19 @@ class SubManualMode(_SubMode):
     number, name, flags = 19, "MANUAL", _MANUAL_INPUT
 
     def run(self) -> None:
-        """Pass the sticks on."""
+        """Set all demands to the stick positions."""
         self.sub.pass_yaw_stick()
         self.sub.pass_throttle_stick()
         self.sub.pass_horizontal_sticks()
 
 
 class StabilizeMode(_SubMode):
-    """Holds the heading. The throttle follows the stick."""
+    """Holds the heading. The throttle stick acts directly on the vertical thrusters."""
 
     number, name, flags = 0, "STABILIZE", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the yaw loop."""
+        """Run the yaw loop, and set the other demands to the stick positions."""
         self.sub.steer()
         self.sub.pass_throttle_stick()
         self.sub.pass_horizontal_sticks()
@@ -203,23 +240,56 @@ class AltHoldMode(_SubMode):
     number, name, flags = 2, "ALT_HOLD", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the yaw and depth loops."""
+        """Run the yaw and depth loops, and pass the horizontal sticks to the motors."""
         self.sub.steer()
         self.sub.hold_depth()
         self.sub.pass_horizontal_sticks()
 
 
-class SubGuidedMode(_SubMode):
-    """Heading and depth follow targets from the ground station.
-
-    There is no horizontal thrust, because position is not simulated.
-    """
-
-    number, name, flags = 4, "GUIDED", _STABILIZE | _GUIDED
+class _PositionMode(_SubMode):
+    flags = _STABILIZE | _GUIDED
     needs_position = True
 
+    def enter(self) -> None:
+        """Hold heading, depth and the place where the craft comes to rest."""
+        super().enter()
+        self.sub.start_position()
+
+    def report(self) -> WayReport:
+        """Return the way to the place that is held or flown to."""
+        sub = self.sub
+        place = (sub.waypoint.destination if sub.waypoint.active else sub.position.target) / _CM
+        way = place - sub.estimate.place
+        return WayReport(place, abs(way), cmath.phase(way), 0.0, 0.0)
+
+
+class PosHoldMode(_PositionMode):
+    """Heading, depth and place are held; the sticks push, and while they do the place follows."""
+
+    number, name, flags = 16, "POSHOLD", _MANUAL_INPUT | _STABILIZE | _GUIDED
+
     def run(self) -> None:
-        """Run the yaw and depth loops. Yaw and throttle sticks act, the horizontal ones do not."""
-        self.sub.steer()
-        self.sub.hold_depth()
-        self.sub.motors.forward = self.sub.motors.lateral = 0.0
+        """Run the yaw, depth and position loops."""
+        sub = self.sub
+        ahead, aside = sub.rc.fraction(_FORWARD), sub.rc.fraction(_LATERAL)
+        forward, lateral = sub.hold_place(anew=max(abs(ahead), abs(aside)) > _PUSH)
+        sub.steer()
+        sub.hold_depth()
+        sub.motors.forward, sub.motors.lateral = forward + ahead, lateral + aside
+
+
+class SubGuidedMode(_PositionMode):
+    """Heading, depth and place follow targets from the ground; yaw and throttle sticks still count."""
+
+    number, name = 4, "GUIDED"
+
+    def run(self) -> None:
+        """Run the yaw, depth and position loops."""
+        sub = self.sub
+        sub.steer()
+        if sub.waypoint.active:
+            sub.advance_waypoint()
+            sub.run_depth()
+        else:
+            sub.hold_depth()
+        sub.motors.forward, sub.motors.lateral = sub.hold_place()

@@ -102,11 +102,15 @@ PSC_ACCZ_PDMX     f32 0
 PSC_ACCZ_SMAX     f32 0
 PSC_JERK_XY       f32 5
 PSC_JERK_Z        f32 8
-PSC_POSXY_P       f32 2.5
+PSC_POSXY_P       f32 1
 PSC_POSZ_P        f32 3
-PSC_VELXY_D       f32 0.8
+PSC_VELXY_D       f32 0
+PSC_VELXY_FF      f32 0
+PSC_VELXY_FLTD    f32 5
+PSC_VELXY_FLTE    f32 5
 PSC_VELXY_I       f32 0.5
-PSC_VELXY_P       f32 5
+PSC_VELXY_IMAX    f32 1000
+PSC_VELXY_P       f32 6
 PSC_VELZ_D        f32 0
 PSC_VELZ_FF       f32 0
 PSC_VELZ_FLTD     f32 5
@@ -124,6 +128,10 @@ RC_SPEED          i16 200
 SURFACE_DEPTH     f32 -10
 SURFACE_MAX_THR   f32 0.1
 THR_DZ            i16 100
+WPNAV_ACCEL       f32 250
+WPNAV_ACCEL_Z     f32 100
+WPNAV_JERK        f32 1
+WPNAV_RADIUS      f32 200
 WPNAV_SPEED       f32 100
 WPNAV_SPEED_DN    f32 150
 WPNAV_SPEED_UP    f32 250
@@ -141,4 +149,4 @@ def _definitions() -> tuple[Definition, ...]:
 
 
 SUB_PARAMETERS = _definitions()
-"""Every parameter of the Sub firmware simulated here."""
+"""Definitions of all parameters of the simulated Sub firmware."""

@@ -87,6 +87,34 @@ def _reboot(port: Port, p: Sequence[float]) -> int:
     return _ACCEPTED
 
 
+def _change_speed(port: Port, p: Sequence[float]) -> int:
+    done = math.isfinite(p[1]) and port.vehicle.autopilot.mode.set_speed(p[1])
+    return _ACCEPTED if done else _FAILED
+
+
+def _set_mission_item(port: Port, p: Sequence[float]) -> int:
+    done = _whole(p[0]) >= 0 and port.vehicle.autopilot.set_mission_item(_whole(p[0]))
+    return _ACCEPTED if done else _FAILED
+
+
+def _start_mission(port: Port, p: Sequence[float]) -> int:
+    if p[0] != 0.0 or p[1] != 0.0:
+        return _DENIED
+    return _enter(port, "AUTO")
+
+
+def _return_home(port: Port, p: Sequence[float]) -> int:
+    return _enter(port, "RTL")
+
+
+def _enter(port: Port, name: str) -> int:
+    autopilot = port.vehicle.autopilot
+    number = next((mode.number for mode in autopilot.modes.values() if mode.name == name), None)
+    if number is None:
+        return _UNSUPPORTED
+    return _ACCEPTED if autopilot.set_mode(number) else _FAILED
+
+
 def _refuse(port: Port, p: Sequence[float]) -> int:
     return _FAILED
 
@@ -99,10 +127,13 @@ COMMANDS: Mapping[int, Callable[[Port, Sequence[float]], int]] = {
     mavlink.MAV_CMD_REQUEST_MESSAGE: _request_message,
     mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request_capabilities,
     mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
-    mavlink.MAV_CMD_DO_CHANGE_SPEED: _refuse,
+    mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
+    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: _set_mission_item,
+    mavlink.MAV_CMD_MISSION_START: _start_mission,
+    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return_home,
     mavlink.MAV_CMD_DO_SET_SERVO: _refuse,
 }
-"""MAV_CMD -> function of its seven parameters that returns a MAV_RESULT."""
+"""MAV_CMD -> function that executes the command with its seven parameters and returns a MAV_RESULT."""
 
 
 def handle_command(port: Port, message: Message) -> None:
@@ -119,7 +150,7 @@ def handle_command(port: Port, message: Message) -> None:
 
 
 def handle_set_mode(port: Port, message: Message) -> None:
-    """Execute the old SET_MODE message; ArduPilot acknowledges it too."""
+    """Execute the old SET_MODE message and acknowledge it, as ArduPilot does."""
     result = _set_mode(port, (float(message.base_mode), float(message.custom_mode)))
     sender = (message.get_srcSystem(), message.get_srcComponent())
     port.send(mavlink.MAVLink_command_ack_message(mavlink.MAVLINK_MSG_ID_SET_MODE, result, 0, 0, *sender))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Sequence
 
 from sitl.autopilot import STEERING_CHANNEL, THROTTLE_CHANNEL, GuidedTarget, Rover, Sub
 from sitl.mavlink.dialect import Message, mavlink
 from sitl.mavlink.port import Port
+from sitl.place import to_plane
 
 __all__ = [
     "handle_attitude_target",
@@ -23,9 +25,19 @@ _UNUSED_AXIS = 32767
 _NEUTRAL_PWM = 1500
 _ALT_HOLD, _GUIDED_SUB = 2, 4
 _RATE_IGNORED, _THROTTLE_IGNORED, _ATTITUDE_IGNORED = 4, 64, 128
-_Z_IGNORED, _VX_IGNORED, _ACCELERATION_IGNORED = 4, 8, 448
+_Z_IGNORED, _POSITION_IGNORED, _VELOCITY_IGNORED, _ACCELERATION_IGNORED = 4, 7, 56, 448
+"""Of a group the firmware ignores all when one bit is set."""
 _YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048
 _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
+_GLOBAL_FRAMES = (
+    mavlink.MAV_FRAME_GLOBAL,
+    mavlink.MAV_FRAME_GLOBAL_INT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+    mavlink.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
+)
+_MOST_LATITUDE, _MOST_LONGITUDE = 900_000_000, 1_800_000_000
 
 
 def handle_override(port: Port, message: Message) -> None:
@@ -45,7 +57,7 @@ def handle_override(port: Port, message: Message) -> None:
 
 
 def handle_manual_control(port: Port, message: Message) -> None:
-    """Process joystick axes from the ground station, which become overrides."""
+    """Convert the joystick axes in MANUAL_CONTROL from the ground station to channel overrides."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
@@ -100,38 +112,73 @@ def handle_attitude_target(port: Port, message: Message) -> None:
         return
     speed = max(-1.0, min(1.0, message.thrust)) * autopilot.parameters["WP_SPEED"]
     if not mask & _RATE_IGNORED:
-        autopilot.guided.target = GuidedTarget(autopilot.ms, speed, None, message.body_yaw_rate)
+        autopilot.guided.follow(GuidedTarget(autopilot.ms, speed, None, message.body_yaw_rate))
     elif yaw is not None:
-        autopilot.guided.target = GuidedTarget(autopilot.ms, speed, yaw)
+        autopilot.guided.follow(GuidedTarget(autopilot.ms, speed, yaw))
 
 
 def handle_local_target(port: Port, message: Message) -> None:
-    """Process SET_POSITION_TARGET_LOCAL_NED on Rover in GUIDED: velocity, with yaw, yaw rate or neither."""
-    rover, mask = port.vehicle.autopilot, message.type_mask
-    if not isinstance(rover, Rover) or rover.mode is not rover.guided:
+    """Take SET_POSITION_TARGET_LOCAL_NED in GUIDED: a place, on Rover also a velocity, yaw or yaw rate."""
+    autopilot = port.vehicle.autopilot
+    if message.coordinate_frame not in (*_BODY_FRAMES, mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_OFFSET_NED):
         return
-    if mask & _VX_IGNORED or mask & _ACCELERATION_IGNORED != _ACCELERATION_IGNORED:
-        return
-    if not _all_finite(message.vx, message.vy, message.yaw, message.yaw_rate):
-        return
-    in_body = message.coordinate_frame in _BODY_FRAMES
-    origin = rover.estimate.yaw if in_body else 0.0
-    backwards = in_body and message.vx < 0.0
-    speed = math.copysign(math.hypot(message.vx, message.vy), -1.0 if backwards else 1.0)
-    if not mask & _YAW_RATE_IGNORED:
-        target = GuidedTarget(rover.ms, speed, None, message.yaw_rate)
-    elif not mask & _YAW_IGNORED:
-        target = GuidedTarget(rover.ms, speed, origin + message.yaw)
-    else:
-        course = 0.0 if backwards else math.atan2(message.vy, message.vx)
-        target = GuidedTarget(rover.ms, speed, origin + course)
-    rover.guided.target = target
+    estimate, in_body = autopilot.estimate, message.coordinate_frame in _BODY_FRAMES
+    place: complex | None = None
+    if not message.type_mask & _POSITION_IGNORED and _all_finite(message.x, message.y, message.z):
+        place = complex(message.x, message.y) * (cmath.rect(1.0, estimate.yaw) if in_body else 1.0)
+        if message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+            place += estimate.place
+    if isinstance(autopilot, Rover):
+        _guide_rover(autopilot, message, place, estimate.yaw if in_body else 0.0)
+    elif isinstance(autopilot, Sub) and place is not None and _is_place_alone(message):
+        is_offset = message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED
+        autopilot.go(place, -message.z - (estimate.z if is_offset else 0.0))
 
 
 def handle_global_target(port: Port, message: Message) -> None:
-    """Process SET_POSITION_TARGET_GLOBAL_INT on Sub in ALT_HOLD or GUIDED: ``alt`` [m], negative under water."""
-    sub = port.vehicle.autopilot
-    if not isinstance(sub, Sub) or sub.mode.number not in (_ALT_HOLD, _GUIDED_SUB):
+    """Take SET_POSITION_TARGET_GLOBAL_INT: on Rover as the local one; on Sub a depth (ALT_HOLD) or a place (GUIDED).
+
+    ``alt`` [m] is negative under water.
+    """
+    autopilot, mask = port.vehicle.autopilot, message.type_mask
+    place: complex | None = None
+    if not mask & _POSITION_IGNORED and message.coordinate_frame in _GLOBAL_FRAMES:
+        if abs(message.lat_int) > _MOST_LATITUDE or abs(message.lon_int) > _MOST_LONGITUDE:
+            return
+        place = to_plane(message.lat_int, message.lon_int)
+    if isinstance(autopilot, Rover):
+        if message.coordinate_frame in _GLOBAL_FRAMES:
+            _guide_rover(autopilot, message, place, 0.0)
+    elif isinstance(autopilot, Sub) and math.isfinite(message.alt):
+        number = autopilot.mode.number
+        if number == _GUIDED_SUB and place is not None and _is_place_alone(message):
+            autopilot.go(place, message.alt)
+        elif not mask & _Z_IGNORED and number in (_ALT_HOLD, _GUIDED_SUB):
+            autopilot.set_depth_target(message.alt)
+
+
+def _is_place_alone(message: Message) -> bool:
+    return bool(message.type_mask & _VELOCITY_IGNORED and message.type_mask & _ACCELERATION_IGNORED)
+
+
+def _guide_rover(rover: Rover, message: Message, place: complex | None, origin: float) -> None:
+    """Take a place, else a velocity with yaw, yaw rate or neither, else one of these; *origin* [rad] is yaw's zero."""
+    guided, mask = rover.guided, message.type_mask
+    if rover.mode is not guided or not _all_finite(message.vx, message.vy, message.yaw, message.yaw_rate):
         return
-    if not message.type_mask & _Z_IGNORED and math.isfinite(message.alt):
-        sub.set_depth_target(message.alt)
+    if not mask & _POSITION_IGNORED:
+        if place is not None:
+            guided.go(place)
+        return
+    moves, turns, heads = (not mask & bit for bit in (_VELOCITY_IGNORED, _YAW_RATE_IGNORED, _YAW_IGNORED))
+    if not mask & _ACCELERATION_IGNORED or (turns and heads) or not (moves or turns or heads):
+        return
+    speed = min(math.hypot(message.vx, message.vy), rover.parameters["WP_SPEED"]) if moves else 0.0
+    if (turns or heads) and message.vx < 0.0:
+        speed = -speed
+    if turns:
+        guided.follow(GuidedTarget(rover.ms, speed, None, message.yaw_rate))
+    elif heads:
+        guided.follow(GuidedTarget(rover.ms, speed, origin + message.yaw))
+    else:
+        guided.follow(GuidedTarget(rover.ms, speed, origin + math.atan2(message.vy, message.vx)))

@@ -17,6 +17,7 @@ from sitl.mavlink.control import (
 )
 from sitl.mavlink.dialect import Message, mavlink, parse
 from sitl.mavlink.file_transfer import FileTransfer
+from sitl.mavlink.mission_protocol import MissionProtocol
 from sitl.mavlink.parameter_protocol import ParameterProtocol
 from sitl.mavlink.port import COMPONENT, Port
 from sitl.mavlink.signing import handle_setup_signing
@@ -32,7 +33,7 @@ _ROUNDING = 1e-6
 
 class Server(Port):
     """Connects a vehicle to a link without input or output: :meth:`receive` accepts bytes, :meth:`advance_to` returns
-    them.
+    the bytes to send.
 
     Received bytes are processed at the next loop tick, after the link's delay. Messages sent at a tick leave at that
     tick, after the delay. Time stamps are those of the measurement.
@@ -48,6 +49,7 @@ class Server(Port):
         self._elsewhere: Any = mavlink.MAVLink(None)
         self._elsewhere.robust_parsing = True
         self.parameters = ParameterProtocol(self)
+        self.missions = MissionProtocol(self)
         self.files = FileTransfer(self)
         self._announce()
 
@@ -59,9 +61,8 @@ class Server(Port):
     def receive_elsewhere(self, data: bytes) -> None:
         """Receive bytes from another station, which arrive now on another port of the vehicle.
 
-        As in the firmware, answers and streams to that station are sent at that port, not here. These are
-        acknowledgements and requested messages. Its changes appear in telemetry, and a written parameter is sent at
-        every port.
+        As in the firmware, acknowledgements and requested messages for that station are sent only at its own port. The
+        changes that it makes appear in telemetry, and a written parameter is sent at every port.
         """
         if data:
             self._uplink.append((self.vehicle.tick + 1, bytes(data), True))
@@ -98,6 +99,8 @@ class Server(Port):
         for message_id in self.streams.due(self.now_us):
             self.send_now(message_id)
         self.parameters.tick()
+        self.missions.tick()
+        self.missions.send_reached()
         self._send_texts()
         if self._reboots:
             self._reboot()
@@ -113,6 +116,7 @@ class Server(Port):
         self._reboots = False
         self.vehicle.reboot()
         self.parameters = ParameterProtocol(self)
+        self.missions = MissionProtocol(self)
         self.streams = Streams(available_messages(self.vehicle), self.vehicle.rate)
         self._announce()
 
@@ -154,27 +158,6 @@ def _handle_data_stream(server: Server, message: Message) -> None:
                 server.streams.request(member, max(interval, 25_000.0) if rate else -1.0, server.now_us)
 
 
-def _handle_mission_request_list(server: Server, message: Message) -> None:
-    count = len(server.fence) if message.mission_type == mavlink.MAV_MISSION_TYPE_FENCE else 0
-    server.send(
-        mavlink.MAVLink_mission_count_message(
-            message.get_srcSystem(), message.get_srcComponent(), count, message.mission_type
-        )
-    )
-
-
-def _handle_mission_request(server: Server, message: Message) -> None:
-    if message.mission_type != mavlink.MAV_MISSION_TYPE_FENCE or not 0 <= message.seq < len(server.fence):
-        return
-    command, first, latitude, longitude = server.fence[message.seq]
-    server.send(
-        mavlink.MAVLink_mission_item_int_message(
-            message.get_srcSystem(), message.get_srcComponent(), message.seq, mavlink.MAV_FRAME_GLOBAL, command, 0, 1,
-            first, 0.0, 0.0, 0.0, round(latitude * 1e7), round(longitude * 1e7), 0.0, message.mission_type,
-        )
-    )  # fmt: skip
-
-
 HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "HEARTBEAT": _handle_heartbeat,
     "TIMESYNC": _handle_timesync,
@@ -189,21 +172,28 @@ HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "RC_CHANNELS_OVERRIDE": handle_override,
     "SETUP_SIGNING": handle_setup_signing,
     "MANUAL_CONTROL": handle_manual_control,
-    "MISSION_REQUEST_LIST": _handle_mission_request_list,
-    "MISSION_REQUEST_INT": _handle_mission_request,
+    "MISSION_COUNT": lambda server, message: server.missions.count(message),
+    "MISSION_ITEM": lambda server, message: server.missions.item(message),
+    "MISSION_ITEM_INT": lambda server, message: server.missions.item(message),
+    "MISSION_REQUEST_LIST": lambda server, message: server.missions.list(message),
+    "MISSION_REQUEST": lambda server, message: server.missions.request(message),
+    "MISSION_REQUEST_INT": lambda server, message: server.missions.request(message),
+    "MISSION_CLEAR_ALL": lambda server, message: server.missions.clear(message),
+    "MISSION_SET_CURRENT": lambda server, message: server.missions.set_current(message),
     "SET_ATTITUDE_TARGET": handle_attitude_target,
     "SET_POSITION_TARGET_LOCAL_NED": handle_local_target,
     "SET_POSITION_TARGET_GLOBAL_INT": handle_global_target,
 }
-"""Message type -> its handler; all others are ignored."""
+"""Type of a received message -> its handler. All other messages are ignored."""
 
 ORDERS = frozenset(
     {
         *("HEARTBEAT", "COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET", "RC_CHANNELS_OVERRIDE"),
         *("MANUAL_CONTROL", "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"),
+        *("MISSION_CLEAR_ALL", "MISSION_SET_CURRENT"),
     }
 )
-"""Messages from a station at another port whose effect appears here."""
+"""Types of the messages that are executed if a station at another port sends them."""
 _QUESTIONS = frozenset(
     {
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,

@@ -1,6 +1,6 @@
 """The messages that the vehicle can send, each built from its present state. This module uses MAVLink's units.
 
-PID_TUNING contains the parts of the control loops, with one message per set bit of GCS_PID_MASK.
+PID_TUNING contains the terms of the control loops, with one message per set bit of GCS_PID_MASK.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from sitl.autopilot import Pid, Rover, Sub
 from sitl.mavlink.dialect import Message, fit_float, mavlink
+from sitl.place import to_globe
 from sitl.vehicle import Vehicle
 
-__all__ = ["HOME", "MESSAGES", "METRES_PER_DEGREE", "available_messages", "make_heartbeat", "make_pid_tuning"]
+__all__ = ["MESSAGES", "available_messages", "make_heartbeat", "make_mission_current", "make_pid_tuning"]
 
 _YAW_AXIS, _ACCZ_AXIS, _STEER_AXIS = 3, 4, 5
 _ROVER_STEER, _ROVER_SPEED = 1, 2
@@ -23,7 +24,7 @@ _HUNDREDTH = 0.01
 
 
 def make_pid_tuning(vehicle: Vehicle) -> Iterable[Message]:
-    """Return the messages requested by GCS_PID_MASK. Values are outdated while a loop does not run."""
+    """Return the PID_TUNING messages requested by GCS_PID_MASK. Values are outdated while a loop does not run."""
     autopilot, mask = vehicle.autopilot, int(vehicle.parameters["GCS_PID_MASK"])
     if isinstance(autopilot, Rover):
         return _rover(autopilot, mask)
@@ -55,10 +56,6 @@ def _sub(sub: Sub, mask: int) -> Iterator[Message]:
         yield _message(_ACCZ_AXIS, _HUNDREDTH * pid.target, achieved, pid.feed_forward, pid, _HUNDREDTH)
 
 
-HOME = 44.4250, 8.7640
-"""Position of Genoa Pra harbour, latitude and longitude [deg], where the boat of Miskovic2010 was tested. Project
-choice."""
-METRES_PER_DEGREE = 111319.5
 _SURFACE_HPA = 1013.25
 _HPA_PER_METRE = 98.0665
 """Pressure per depth in fresh water [hPa/m], to be multiplied by BARO_SPEC_GRAV."""
@@ -80,7 +77,7 @@ _RC_RECEIVER, _PREARM = 0x10000, 0x10000000
 
 
 def make_heartbeat(vehicle: Vehicle) -> Message:
-    """Return HEARTBEAT."""
+    """Return the HEARTBEAT message of the present state."""
     autopilot = vehicle.autopilot
     base = _CUSTOM_MODE | autopilot.mode.flags | (_ARMED if autopilot.armed else 0)
     status = _CRITICAL if autopilot.failsafe else _ACTIVE if autopilot.armed else _STANDBY
@@ -101,13 +98,10 @@ def _vfr_hud(vehicle: Vehicle) -> Message:
 
 def _global_position(vehicle: Vehicle) -> Message:
     e = vehicle.autopilot.estimate
-    latitude = HOME[0] + e.x / METRES_PER_DEGREE
-    longitude = HOME[1] + e.y / (METRES_PER_DEGREE * math.cos(math.radians(HOME[0])))
     altitude = round(-1000.0 * e.z)
     return mavlink.MAVLink_global_position_int_message(
         vehicle.ms,
-        round(latitude * 1e7),
-        round(longitude * 1e7),
+        *to_globe(e.place),
         altitude,
         altitude,
         round(100.0 * e.vx),
@@ -152,17 +146,24 @@ def _water_pressure(vehicle: Vehicle) -> Message:
 
 
 _NEAREST_CM, _FURTHEST_CM = 10, 1000
-"""Range of the rangefinder [cm]. Beyond it the reported distance is one centimetre more. Project choice."""
+"""Range of the rangefinder [cm]. Beyond the range, the reported distance is one centimetre more than the limit. Project
+choice.
+"""
 _LASER, _AHEAD = 0, 0
 
 
 def _distance(vehicle: Vehicle) -> Iterable[Message]:
-    distance = vehicle.autopilot.estimate.distance
+    """Return a message per rangefinder, that of port first."""
     if vehicle.rangefinder is None:
         return ()
+    estimate = vehicle.autopilot.estimate
+    both = (estimate.distance, estimate.distance_starboard) if vehicle.rangefinder.apart > 0.0 else (estimate.distance,)
+    return [_told_distance(vehicle.ms, number, distance) for number, distance in enumerate(both)]
+
+
+def _told_distance(ms: int, number: int, distance: float) -> Message:
     cm = max(0, min(_FURTHEST_CM + 1, round(100.0 * distance))) if math.isfinite(distance) else _FURTHEST_CM + 1
-    told = mavlink.MAVLink_distance_sensor_message(vehicle.ms, _NEAREST_CM, _FURTHEST_CM, cm, _LASER, 0, _AHEAD, 0)
-    return (told,)
+    return mavlink.MAVLink_distance_sensor_message(ms, _NEAREST_CM, _FURTHEST_CM, cm, _LASER, number, _AHEAD, 0)
 
 
 def _estimator(vehicle: Vehicle) -> Message:
@@ -180,6 +181,44 @@ def _autopilot_version(vehicle: Vehicle) -> Message:
     return mavlink.MAVLink_autopilot_version_message(
         _CAPABILITIES, _FIRMWARE_VERSION, 0, 0, 0, nothing, nothing, nothing, 0, 0, uid
     )
+
+
+_NO_MISSION = 1
+_ONLY_POSITION = 0xFDF8
+"""POSITION_TARGET_TYPEMASK: velocity, acceleration and yaw mean nothing, nor do the four highest bits."""
+_MOST_DISTANCE = 65535
+
+
+def make_mission_current(vehicle: Vehicle, seq: int | None = None) -> Message:
+    """Return MISSION_CURRENT; *seq* instead of the present item answers a station that has set that one."""
+    autopilot, mission = vehicle.autopilot, vehicle.autopilot.mission
+    total = max(len(mission.items) - 1, 0)
+    state = int(mission.progress) if total else _NO_MISSION
+    return mavlink.MAVLink_mission_current_message(
+        mission.current if seq is None else seq, total, state, int(autopilot.mode.in_mission)
+    )
+
+
+def _nav_controller_output(vehicle: Vehicle) -> Iterable[Message]:
+    way = vehicle.autopilot.mode.report()
+    if way is None:
+        return ()
+    heading, bearing = (round(math.degrees(angle)) for angle in (way.heading, way.bearing))
+    distance = min(round(way.distance), _MOST_DISTANCE)
+    return (
+        mavlink.MAVLink_nav_controller_output_message(
+            0.0, 0.0, heading, bearing % 360, distance, 0.0, 0.0, fit_float(way.cross_track)
+        ),
+    )
+
+
+def _position_target(vehicle: Vehicle) -> Iterable[Message]:
+    way = vehicle.autopilot.mode.report()
+    if way is None:
+        return ()
+    frame, nothing = mavlink.MAV_FRAME_GLOBAL, [0.0] * 8
+    where = (*to_globe(way.destination), 0.0)
+    return (mavlink.MAVLink_position_target_global_int_message(vehicle.ms, frame, _ONLY_POSITION, *where, *nothing),)
 
 
 def _one(make: Callable[[Vehicle], Message]) -> Callable[[Vehicle], Iterable[Message]]:
@@ -201,6 +240,9 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: (_one(_water_pressure), 1.0),
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: (_distance, 0.0),
     mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: (_one(_estimator), 1.0),
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: (_one(make_mission_current), 1.0),
+    mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: (_nav_controller_output, 1.0),
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: (_position_target, 1.0),
     mavlink.MAVLINK_MSG_ID_PID_TUNING: (make_pid_tuning, 2.0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: (_one(_autopilot_version), 0.0),
 }

@@ -10,7 +10,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from gcs_autotune.design import Margins, Prediction, ReferenceModel, Spec, StepMetrics, selection, settling_time
+from gcs_autotune.control import ReferenceModel, settling_time
+from gcs_autotune.design import Margins, Prediction, Spec, StepMetrics, selection
 from gcs_autotune.design.matching import DesignProblem
 from gcs_autotune.design.selection import GainCandidate, choose
 from gcs_autotune.errors import NoGainsMeetSpec

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gcs_autotune.control import reference_model
 from gcs_autotune.design import (
     LAWS,
     Actuator,
@@ -22,7 +23,6 @@ from gcs_autotune.design import (
     combine,
     design,
     is_better,
-    reference_model,
     step_metrics,
 )
 from gcs_autotune.design import proposal as door

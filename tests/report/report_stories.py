@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs_autotune.design import Change, Margins, Prediction, Proposal, ReferenceModel, StepMetrics
+from gcs_autotune.control import ReferenceModel
+from gcs_autotune.design import Change, Margins, Prediction, Proposal, StepMetrics
 from gcs_autotune.identify import (
     AxisFit,
     Decision,

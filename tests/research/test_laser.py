@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.research import LaserCurve, angle_to_surface, calibrate, distance_to_surface
+from gcs_autotune.research import LaserCurve, calibrate
 
 TAPE = np.arange(10.0, 100.1, 5.0)
 """Distances of the calibration [cm], Miskovic2010, 3.4."""
@@ -26,12 +25,6 @@ def test_table_3_1_comes_back_from_its_own_calibration_points(side: str, publish
     rounded = calibrate(np.round(pixels), TAPE)
     assert rounded.length(pixels) == pytest.approx(TAPE, abs=1.5)
     assert (rounded.c, rounded.d) == pytest.approx((printed.c, printed.d), rel=0.1)
-
-
-def test_distance_and_angle_follow_from_the_two_beams() -> None:
-    assert distance_to_surface(40.0, 50.0) == 45.0
-    assert angle_to_surface(50.0, 50.0, 20.0) == 0.0
-    assert angle_to_surface(40.0, 60.0, 20.0) == pytest.approx(math.pi / 4.0)
 
 
 def test_distances_outside_the_curve_and_too_few_points_are_refused() -> None:

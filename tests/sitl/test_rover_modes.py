@@ -223,7 +223,7 @@ def test_guided_stops_three_seconds_after_the_last_target():
 def test_a_boat_that_loiters_comes_back():
     ground = boat(mode=GUIDED)
     ground.run(1.0)
-    ground.vehicle.state.x += 30.0
+    ground.vehicle.state.x -= 30.0
     ground.run(3.0)
     assert ground.servos[2] > 1500
 

@@ -121,7 +121,7 @@ def test_a_plan_that_was_stopped_goes_on_where_it_was_and_its_model_is_proved_on
     assert harness.mode == harness.found
     (way_on,) = [text for text in harness.said if "--resume" in text]
     assert way_on.startswith("2 of 3 runs of the plan are flown. To fly the rest")
-    assert any(text.startswith("coming back: back, ") for text in harness.said)
+    assert any(text.startswith("coming back: returned to ") for text in harness.said)
 
     said: list[str] = []
     again = harness.directory.parent / "again"
@@ -173,7 +173,7 @@ def test_a_plan_of_which_nothing_is_left_to_fly_asks_and_moves_nothing_and_is_re
         load_flight_plan(harness.directory / PLAN_FILE, common, None, None), common, nobody, Ear(said), WHEN
     )
     assert nobody.questions == []
-    assert "every run is complete: nothing is armed or moved; figures and models are computed again" in said
+    assert "every run is complete. Nothing is armed or moved; figures and models are computed again" in said
     assert not any(text.startswith("State before the run: mode") for text in said)
     assert {model.fit.dof for model in result.models} == {"heave", "yaw"}
 

@@ -64,11 +64,11 @@ def test_what_was_flown_is_used_and_told_and_only_the_rest_is_flown(ended_early:
     again = Again(ended_early, tmp_path)
     with pytest.raises(OperatorStopped):
         again.tune()
-    assert f"using from {ended_early.directory}: step-before, relay-1; vehicle and parameters are unchanged" in (
+    assert f"using from {ended_early.directory}: step-before, relay-1. Vehicle and parameters are unchanged" in (
         again.said
     )
-    assert "step with present gains: not flown; using step-before of the earlier run" in again.said
-    assert "first self-oscillation: not flown; using relay-1 of the earlier run" in again.said
+    assert "step with present gains: not flown. Using step-before from the earlier run" in again.said
+    assert "first self-oscillation: not flown. Using relay-1 from the earlier run" in again.said
     assert any(text.startswith("sign-check: completed") for text in again.said)  # for safety, always
     names = {path.stem.partition("-")[2] for path in (again.directory / "trials").glob("*.csv")}
     assert {"sign-check", "step-before", "relay-1"} <= names
@@ -92,7 +92,7 @@ def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlH
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"step": 0.25}, "step None then, 0.25 now"), ({"axis": "yaw"}, "axis heading then, yaw now")],
+    [({"step": 0.25}, "step unset then, 0.25 now"), ({"axis": "yaw"}, "axis heading then, yaw now")],
 )
 def test_other_settings_are_refused_before_the_link_is_opened(
     ended_early: SitlHarness, tmp_path: Path, changes: dict[str, Any], words: str

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from gcs_autotune.clock import ManualClock
-from gcs_autotune.design import ProvisionalGains, Spec, reference_model
+from gcs_autotune.control import reference_model
+from gcs_autotune.design import ProvisionalGains, Spec
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.manoeuvres import Relay, RelaySettings

@@ -24,14 +24,14 @@ LAWS: Mapping[str, Law] = {
 CEILINGS: Mapping[str, Callable[[SingleDof, Settings, float | None], Mapping[str, float]]] = {
     RoverHeading.name: most_feed_forward
 }
-"""Law -> function that returns the largest useful gains for a model at a speed [m/s].
+"""Name of a law -> function that returns the largest useful gains for a model at a speed [m/s].
 
-It is present only if these are below the documented range.
+A law is present only if these gains are below the top of the documented range.
 """
 
 _SHARED = ((RoverHeading.name, RoverYaw.name), (SubHeading.name, SubYaw.name))
 OTHER_MODE: Mapping[str, str] = {one: other for pair in _SHARED for one, other in (pair, pair[::-1])}
-"""Law -> the law of another mode of the same autopilot, which has the same gains."""
+"""Name of a law -> name of the law of another mode that uses the same gains."""
 
 ALIKE: Mapping[str, Callable[[Settings, float], Mapping[str, float]]] = {RoverHeading.name: alike}
-"""Law -> function that returns gains with another feed-forward whose position step is nearly the same."""
+"""Name of a law -> function that returns gains with another feed-forward and nearly the same position step."""

@@ -34,24 +34,29 @@ __all__ = [
 MAX_STANDING_ERROR = 0.5
 """Largest initial error [rad or m] of a loop without integral action.
 
-Such a loop starts at the error that the craft's constant force causes.
+Project choice. Such a loop starts at the error that the craft's constant force causes.
 """
 FINEST = 0.1
-"""Longest substep of the craft's motion, relative to its shortest time constant."""
+"""Longest substep of the craft's motion, relative to its shortest time constant. Project choice."""
 MAX_SUBSTEPS = 50
 SATURATED = 0.999
-"""Output [fraction] from which a low-pass filtered output counts as saturated, because it never quite reaches 1."""
+"""Output [fraction of full] from which a low-pass filtered output counts as saturated, because it never quite
+reaches 1. Project choice.
+"""
 HELD = 0.5
 """Mean delay, in loops, of an output that is held for one loop."""
 
 
 class LoopPlant(NamedTuple):
-    """Data on craft and scenario for the kernels, all floats.
+    """Data on craft and scenario for the compiled simulation, all floats.
 
-    ``alpha``, ``beta``, ``beta_quadratic``, ``delta``: model of the craft. ``substeps``: integration steps per loop of
-    ``dt`` [s]. ``late``: delay in loops. ``step``: size of the step, which starts at loop ``step_at`` and is reversed
-    at ``back_at``. ``push``: constant force (fraction) from loop ``push_at`` on. ``settled``: constant force that the
-    integral already compensates.
+    - ``alpha``, ``beta``, ``beta_quadratic``, ``delta``: model of the craft.
+    - ``substeps``: integration steps per loop of ``dt`` [s].
+    - ``late``: delay [loops].
+    - ``step``: size of the step.
+    - ``step_at``, ``back_at``: loops at which the step starts and is reversed.
+    - ``push``: constant force [fraction of full] from the loop ``push_at``.
+    - ``settled``: constant force that the integral already compensates.
     """
 
     alpha: float
@@ -80,7 +85,9 @@ class GyroFilter(NamedTuple):
 
 
 class StartingVelocity(NamedTuple):
-    """Initial state of a velocity loop: the ``velocity`` and the ``output`` that keeps it, for ``before`` loops."""
+    """Initial state of a velocity loop: the ``velocity``, and the ``output`` that keeps this velocity for
+    ``before`` loops.
+    """
 
     velocity: float
     output: float
@@ -91,9 +98,10 @@ AT_REST = StartingVelocity(0.0, 0.0, 0.0)
 
 
 class Cascade(NamedTuple):
-    """The stages of a loop, outermost first, all floats in SI.
+    """The stages of a loop, outermost first.
 
-    A switch is on if it is above 0. Defaults omit a stage.
+    All fields are floats in SI units. A switch is on if it is above 0. A stage whose fields have their defaults is
+    omitted.
 
     **Position.** With ``on_position``, the position error times ``position_p`` is the velocity demand. An ``angle`` is
     wrapped. For large errors the demand follows a square root with ``sqrt_acceleration``. It is at most
@@ -110,9 +118,10 @@ class Cascade(NamedTuple):
     0: none] act on target, error and the error's slope. ``cruise`` acts on the unfiltered velocity demand. The sum is
     multiplied by ``scale`` and reduced by ``hover``. The integral is frozen unless ``grows`` is set.
 
-    **Output.** The output is at most ``most`` and changes by at most ``slew_output`` per loop. Two thrusters share it
-    with ``throttle``. It does not act against the velocity demand unless ``brakes`` is set. It is low-pass filtered at
-    ``output_cutoff`` [Hz]. ``least`` and ``expo`` convert it to a pulse (:func:`shaped_throttle`).
+    **Output.** The output is at most ``most`` and changes by at most ``slew_output`` per loop. With two thrusters, the
+    output is reduced if output and ``throttle`` together exceed full output. The output does not act against the
+    velocity demand unless ``brakes`` is set. The output is low-pass filtered at ``output_cutoff`` [Hz]. ``least`` and
+    ``expo`` convert the output to a pulse (:func:`shaped_throttle`).
     """
 
     on_position: float = 0.0
@@ -209,9 +218,9 @@ def _mixed(steering: float, throttle: float) -> float:
 
 
 def shaped_throttle(throttle: float, least: float, expo: float) -> float:
-    """Return the pulse [-1, 1] for a throttle [-1, 1].
+    """Return the pulse [-1, 1] that the firmware sends for *throttle* [-1, 1].
 
-    least : as a fraction. expo : as MOT_THST_EXPO.
+    least : smallest pulse as a fraction (MOT_THR_MIN). expo : curvature, as MOT_THST_EXPO.
     """
     if throttle == 0.0:
         return 0.0
@@ -419,10 +428,10 @@ fly: Callable[..., None] = entry(_fly)
 
 
 def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actuator: Actuator = PERFECT) -> LoopPlant:
-    """Return the data on craft and scenario for the kernels.
+    """Return the data on craft and scenario for the compiled simulation.
 
-    *delay* includes the half loop for which an output is held. The kernel causes that delay itself, so it is subtracted
-    here.
+    *delay* [s] includes the half loop for which an output is held. The compiled simulation causes that delay itself, so
+    it is subtracted here.
     """
     fastest = abs(model.beta) + 2.0 * model.beta_quadratic * abs(model.steady_velocity(1.0 - model.delta))
     rate = fastest / model.alpha if math.isfinite(fastest) else 0.0
@@ -446,10 +455,10 @@ def plant_of(model: SingleDof, scenario: Scenario, dt: float, delay: float, actu
 
 
 def gyro_coefficients(cutoff: float, rate: float) -> GyroFilter:
-    """Return a Butterworth low-pass of *cutoff* [Hz] sampled at *rate* [Hz].
+    """Return the coefficients of a second-order Butterworth low-pass of *cutoff* [Hz], sampled at *rate* [Hz].
 
-    It is discretised by the bilinear transform with pre-warping. It has no effect if the cut-off is zero or too close
-    to half the rate.
+    The filter is discretised by the bilinear transform with pre-warping. It has no effect if *cutoff* is zero or too
+    close to half of *rate*.
     """
     if cutoff <= 0.0 or cutoff >= 0.45 * rate:
         return GyroFilter(1.0, 0.0, 0.0, 0.0, 0.0)

@@ -10,9 +10,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.actuator import PERFECT, Actuator
 from gcs_autotune.design.open_loop import Rational
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SKID", "THROTTLE", "Law", "LoopMotion", "Scenario", "Settings", "setting"]
@@ -29,11 +29,11 @@ THROTTLE = "throttle"
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A step of *step* [rad or m], and a constant force *push* [fraction] from ``push_at`` [s] on.
+    """A step of size *step* [rad or m], and a constant force *push* [fraction of full] from the time ``push_at`` [s].
 
     Without ``lead``, the step is at t = 0, and the loop already compensates the craft's own constant force. With
-    ``lead``, the loop starts on a craft at rest, with an empty integral, and the step comes ``lead`` [s] later. At
-    ``back_at`` [s] the step is reversed, with the integral as it is then.
+    ``lead``, the loop starts on a craft at rest, with an integral of zero, and the step starts ``lead`` [s] later. At
+    ``back_at`` [s] the step is reversed. The integral is not reset.
     """
 
     step: float
@@ -46,7 +46,7 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoopMotion:
-    """Motion of a simulated loop: arrays (n,) at the autopilot's loop rate, SI units, output in fractions."""
+    """Motion of a simulated loop: arrays (n,) at the autopilot's loop rate, in SI units. The output is normalised."""
 
     t: NDArray[np.float64]
     position: NDArray[np.float64]
@@ -54,34 +54,34 @@ class LoopMotion:
 
 
 class Law(Protocol):
-    """One control structure of one firmware, with the firmware's own parameter names."""
+    """Interface of a control law: one control structure of one firmware, with the firmware's own parameter names."""
 
     name: str
     tuned: Sequence[str]
-    """Gains that matching may change; the law's other gains keep their ``fixed`` values."""
+    """Names of the gains that matching may change. The other gains of the law keep their ``fixed`` values."""
     integral: str
-    """The gain among ``tuned`` that sets the integral action."""
+    """Name of the gain among ``tuned`` that sets the integral action."""
     fixed: Settings
     late: Sequence[str]
-    """Gains among ``fixed`` that the last stage of an automatic design may also change, if that helps."""
+    """Names of gains among ``fixed`` that the last stage of an automatic design may also change."""
     defaults: Settings
-    """Firmware defaults of the law's parameters, for parameters that the vehicle did not report."""
+    """Name -> firmware default of the law's parameters, for parameters that the vehicle did not report."""
     usual_step: float
     controls_velocity: bool
-    """Whether the step is in velocity (of surge, or the turn rate) and not in position."""
+    """Whether the step is in velocity (surge velocity or turn rate) and not in position."""
     free_overshoot: float
-    """Overshoot that the structure itself causes, relative to the step; it is not attributed to the gains."""
+    """Overshoot that the control structure itself causes, relative to the step. It is not attributed to the gains."""
     measured: Sequence[str]
-    """Gains that are set to measured values (``Spec.measured``)."""
+    """Names of the gains that are set to measured values (``Spec.measured``)."""
 
     def loop_period(self, settings: Settings) -> float:
         """Return the autopilot's loop period [s]."""
         ...
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return the speed [m/s] at which gains are matched, so that all terms act.
+        """Return the speed [m/s] at which gains are matched, so that all terms of the law act.
 
-        It is the craft's speed, unless the law freezes a term at that speed.
+        It is *speed*, unless the law freezes a term at that speed.
         """
         ...
 
@@ -92,11 +92,13 @@ class Law(Protocol):
     def demand(
         self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, float]:
-        """Return (actuator use, largest velocity or acceleration) for following *wanted* exactly."""
+        """Return the actuator use [fraction] and the largest velocity or acceleration, for following *wanted*
+        exactly.
+        """
         ...
 
     def drags(self, model: SingleDof, wanted: ReferenceModel, step: float, speed: float | None) -> tuple[float, ...]:
-        """Return the constant drags for which stability is checked."""
+        """Return the values of linear drag for which stability is checked."""
         ...
 
     def slopes(
@@ -108,7 +110,10 @@ class Law(Protocol):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Return unbounded algebraic gains for *wanted*; the first set is the most accurate."""
+        """Return sets of gains that follow from *wanted* by algebra, without limits.
+
+        The first set is the most accurate.
+        """
         ...
 
     def simulate(
@@ -120,28 +125,30 @@ class Law(Protocol):
         delay: float,
         actuator: Actuator = PERFECT,
     ) -> LoopMotion:
-        """Simulate *scenario* on *model* with all nonlinearities.
+        """Return the motion of the loop in *scenario*, simulated on *model* with all nonlinearities.
 
-        delay : delay [s] in addition to the model's.
+        delay : delay [s] in addition to that of *model*.
         """
         ...
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
         """Return the transfer function from measured velocity to actuator output, without the sign.
 
-        It includes the position, as the integral of the velocity.
+        The feedback of position is included as the integral of the velocity.
         """
         ...
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
-        """Return the transfer function from measured position to actuator output, without the sign; noise takes this
-        path."""
+        """Return the transfer function from measured position to actuator output, without the sign.
+
+        It determines the effect of noise.
+        """
         ...
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
         """Return the rate [1/s] at which the integral compensates a constant force.
 
-        It is the ratio of integral to proportional gain of the position. It is infinite if the autopilot permits no
+        It is the ratio of integral to proportional gain of the position, or infinite if the autopilot permits no
         integral action.
         """
         ...
@@ -152,6 +159,6 @@ class Law(Protocol):
 
 
 def setting(settings: Settings, defaults: Settings, name: str) -> float:
-    """Return a parameter's value; if the vehicle reported none (or NaN), return the firmware's default."""
+    """Return the value of the parameter *name*, or the firmware's default if the vehicle reported no value (or NaN)."""
     value = settings.get(name, math.nan)
     return float(value) if math.isfinite(value) else float(defaults[name])

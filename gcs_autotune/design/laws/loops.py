@@ -1,8 +1,8 @@
 """Common parts of the loops: firmware defaults, simulation with a craft, demands of position and velocity loops.
 
-A new law is a table of its parameters, their mapping to stages of the compiled :class:`.kernel.Cascade`, and its
-algebra. The algebra is start values of matching, transfer functions and notes. :class:`PositionLoop` or
-:class:`VelocityLoop` adds the rest.
+A new law defines a table of its parameters, their mapping to stages of the compiled :class:`.kernel.Cascade`, start
+values of matching, transfer functions and notes. Its base class, :class:`PositionLoop` or :class:`VelocityLoop`,
+defines the rest.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel, wanted_step
 from gcs_autotune.design.actuator import PERFECT, Actuator, ActuatorStep
 from gcs_autotune.design.laws.kernel import (
     AT_REST,
@@ -27,8 +28,6 @@ from gcs_autotune.design.laws.kernel import (
 )
 from gcs_autotune.design.laws.law import LoopMotion, Scenario, Settings, setting
 from gcs_autotune.design.open_loop import Rational
-from gcs_autotune.design.reference_model import wanted_step
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["PositionLoop", "VelocityLoop", "holding", "linearisations", "local_drag", "peak_demand", "start_of"]
@@ -54,7 +53,7 @@ class Loop(ABC):
         return setting(settings, self.defaults, name)
 
     def loop_period(self, settings: Settings) -> float:
-        """Return the loop period [s]."""
+        """Return the autopilot's loop period [s]."""
         return 1.0 / self._get(settings, "SCHED_LOOP_RATE")
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
@@ -83,7 +82,7 @@ class Loop(ABC):
         actuator: ActuatorStep,
         start: StartingVelocity = AT_REST,
     ) -> LoopMotion:
-        """Simulate the loop for *duration* [s]."""
+        """Return the motion of the loop, simulated for *duration* [s] from *start*."""
         dt = self.loop_period(settings)
         count = round(duration / dt) + 1
         position, output = np.empty(count), np.empty(count)
@@ -108,9 +107,9 @@ def _record(values: Any) -> Any:
 
 
 def peak_demand(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[float, float]:
-    """Return (largest output [fraction], largest velocity) for following *wanted* exactly over *step*.
+    """Return the largest output [fraction] and the largest velocity, for following *wanted* exactly over *step*.
 
-    They follow from the inverse of the plant along the reference model's step, independent of the controller.
+    Both follow from the inverse of the plant along the reference model's step, independent of the controller.
     """
     ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
     velocity, acceleration = step * ideal.velocity, step * ideal.acceleration
@@ -121,13 +120,15 @@ def peak_demand(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[
 
 @lru_cache(maxsize=1024)
 def linearisations(model: SingleDof, wanted: ReferenceModel, step: float) -> tuple[float, ...]:
-    """Return the constant drags for stability: at rest, and at half the peak velocity of the required step."""
+    """Return the values of linear drag for which stability is checked: at rest, and at half the peak velocity of
+    the step.
+    """
     moving = model.equivalent_drag(0.5 * peak_demand(model, wanted, step)[1])
     return (model.beta,) if model.beta_quadratic == 0.0 else (model.beta, moving)
 
 
 class PositionLoop(Loop):
-    """Base class of loops that control a position; the craft is at rest at the end of every step."""
+    """Base class of loops that control a position. The craft is at rest at the end of every step."""
 
     controls_velocity = False
 
@@ -157,21 +158,24 @@ class PositionLoop(Loop):
 
 
 MIN_ROOM = 0.05
-"""Smallest output reserve assumed at the end of the step, normalised."""
+"""Smallest reserve of output that is assumed at the end of the step [normalised]. Project choice."""
 
 
 def holding(model: SingleDof, velocity: float) -> float:
-    """Return the force [fraction of full thrust] that keeps *velocity* [m/s or rad/s]."""
+    """Return the force [fraction of full thrust] that keeps *model* at *velocity* [m/s or rad/s]."""
     return (model.beta + model.beta_quadratic * abs(velocity)) * velocity - model.delta
 
 
 def local_drag(model: SingleDof, velocity: float) -> float:
-    """Return the slope of the drag at *velocity*, which damps small motions there."""
+    """Return the slope of the drag at *velocity*, which damps small motions about that velocity."""
     return model.beta + 2.0 * model.beta_quadratic * abs(velocity)
 
 
 def start_of(step: float, base: float) -> float:
-    """Return the velocity at which a step starts."""
+    """Return the velocity at which a step of size *step* starts:
+
+    *base* for a positive step, ``base - step`` for a negative one.
+    """
     return base if step >= 0.0 else base - step
 
 
@@ -180,8 +184,8 @@ class VelocityLoop(Loop):
 
     Attributes
     ----------
-    both_ways : whether steps go from half their size in one direction to half in the other, instead of up from the
-        craft's speed.
+    both_ways : whether steps go from half their size in one direction to half their size in the other. Otherwise they
+        start at the craft's speed.
     hold : time [s] for which a settled loop holds its velocity before the step.
     """
 
@@ -196,7 +200,9 @@ class VelocityLoop(Loop):
     def demand(
         self, model: SingleDof, wanted: ReferenceModel, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, float]:
-        """Return (accelerating output relative to the reserve at the end; largest acceleration)."""
+        """Return the accelerating output, relative to the reserve of output at the end of the step, and the largest
+        acceleration.
+        """
         base = self.base(step, speed)
         ideal = wanted_step(wanted, np.linspace(0.0, 12.0 / wanted.omega_0, 400))
         acceleration = step * ideal.velocity
@@ -208,14 +214,14 @@ class VelocityLoop(Loop):
         return float(np.max(beyond)) / room, most
 
     def drags(self, model: SingleDof, wanted: ReferenceModel, step: float, speed: float | None) -> tuple[float, ...]:
-        """Return the slopes of the drag at both ends of the step."""
+        """Return the slopes of the drag at the velocities before and after the step."""
         if model.beta_quadratic == 0.0:
             return (model.beta,)
         base = self.base(step, speed)
         return tuple(sorted({local_drag(model, base), local_drag(model, base + step)}))
 
     def holding_output(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
-        """Return the controller's output [fraction] that keeps *velocity*, limited to full output."""
+        """Return the controller's output [fraction] that keeps *model* at *velocity*, limited to full output."""
         return min(max(holding(model, velocity), -1.0), 1.0)
 
     def simulate(
@@ -237,7 +243,7 @@ class VelocityLoop(Loop):
         return self.fly(settings, speed, scenario.duration, craft, actuator.step(dt), start)
 
     def position_path(self, settings: Settings, speed: float | None) -> Rational:
-        """Return the transfer function from measured velocity to output, the same as :meth:`controller`."""
+        """Return the transfer function from measured velocity to output, which is the result of :meth:`controller`."""
         return self.controller(settings, speed)
 
     @abstractmethod

@@ -1,7 +1,8 @@
 """ArduRover's heading loop: angle P over a turn-rate FF/P/I/D, with limits, filters and speed scaling.
 
 ``servo = scale * (FF rT + P e + I int(e) + D de/dt)``, with ``rT`` from ``ATC_STR_ANG_P * (psi_d - psi)``. ``scale`` is
-``MOT_SPD_SCA_BASE/V`` above that speed and 1 below. Below it the integral cannot grow (:mod:`.rover_steering`).
+``MOT_SPD_SCA_BASE/V`` at speeds above MOT_SPD_SCA_BASE and 1 below. At or below that speed the integral cannot grow
+(:mod:`.rover_steering`).
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws import rover_steering as steering
 from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
@@ -22,20 +24,19 @@ from gcs_autotune.design.open_loop import (
     integrator,
     second_order,
 )
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["RoverHeading", "alike"]
 
 ANG = "ATC_STR_ANG_P"
 LOW_FEED = 0.7
-"""Feed-forward, relative to that of the model, below which a note is given. It is set by hand."""
+"""Feed-forward, relative to that of the model, below which a note is given. Project choice."""
 BARELY = 1.1
-"""ATC_STR_ANG_P up to which the documented minimum, 1, counts as limiting it."""
+"""Largest ATC_STR_ANG_P for which the note names its documented minimum of 1 as the reason. Project choice."""
 
 
 class RoverHeading(PositionLoop):
-    """Control law ``Axis.law == "rover-heading"``."""
+    """Control law ``rover-heading`` (``Axis.law``): ArduRover's heading loop."""
 
     name = "rover-heading"
     tuned: Sequence[str] = (FF, P, I, ANG)
@@ -47,7 +48,9 @@ class RoverHeading(PositionLoop):
     gyro = steering.GYRO
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return *speed*, or just above MOT_SPD_SCA_BASE, where the scale is the same but the integral acts."""
+        """Return *speed*, or a speed just above MOT_SPD_SCA_BASE. There the scale is the same as below, but the
+        integral acts.
+        """
         return steering.matching_speed(settings, speed)
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
@@ -55,7 +58,7 @@ class RoverHeading(PositionLoop):
         return steering.turn_limit(settings, speed)
 
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return angle P with limits of acceleration and turn rate, over the steering controller."""
+        """Return the stages: angle P with limits of acceleration and turn rate, followed by the steering controller."""
         acceleration = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
         stop = math.radians(self._get(settings, "ATC_STR_DEC_MAX"))
         return steering.cascade(settings, speed)._replace(
@@ -68,11 +71,12 @@ class RoverHeading(PositionLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Match the coefficients of the closed loop, with ``G = K/(T s + 1)``, ``FF = 1/K``.
+        """Return gains that match the coefficients of the closed loop to *wanted*, for ``G = K/(T s + 1)`` and ``FF =
+        1/K``.
 
-        They are ``a3 = T/(K I A)``, ``a2 = (1 + K P)/(K I A)``, ``a1 = 1/A + (FF + P)/I``. The quadratic equation in A
-        does not have a real root for every specification; its real part is then used. The second start omits the
-        integral: ``a1 = 1/A``, ``a2 = T/(A (1 + K P))``.
+        The coefficients are ``a3 = T/(K I A)``, ``a2 = (1 + K P)/(K I A)``, ``a1 = 1/A + (FF + P)/I``. The quadratic
+        equation in A does not have a real root for every specification; its real part is then used. The second set of
+        gains omits the integral: ``a1 = 1/A``, ``a2 = T/(A (1 + K P))``.
         """
         scale = steering.scale(settings, speed)
         drag = model.equivalent_drag(self.usual_step / wanted.a1) / scale
@@ -102,7 +106,7 @@ class RoverHeading(PositionLoop):
         return (feed + steering.steering_pid(settings, speed)) * self._angle(settings)
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return ``A I / (A (FF + P) + I)``; infinite if the integral is frozen."""
+        """Return the rate [1/s] ``A I / (A (FF + P) + I)``, or infinity if the integral is frozen."""
         if not steering.integral_grows(settings, speed):
             return math.inf
         return integral_over_proportional(settings[ANG], settings[FF] + settings[P], settings[I])
@@ -132,7 +136,7 @@ class RoverHeading(PositionLoop):
 
 
 def alike(settings: Settings, feed: float) -> dict[str, float]:
-    """Return gains with feed-forward *feed* that hold headings nearly as well as *settings*.
+    """Return *settings* with the feed-forward *feed* and with gains that follow headings nearly as well as before.
 
     ``(FF + P) ANG`` and the rate at which a constant force is compensated stay the same.
     """

@@ -1,7 +1,7 @@
 """ArduRover's speed loop: cruise feed-forward, FF and PID on an acceleration-limited speed, with a shaped throttle.
 
 ``throttle = v_d CRUISE_THROTTLE/CRUISE_SPEED + FF v_d + P e + I int(e) + D de/dt``. The speed comes from the position
-estimate, unfiltered. The speed relative to the start of the step takes the place of the position.
+estimate, unfiltered. The speed relative to the start of the step replaces the position.
 
 All values from throttle to servo pulse are fractions of full. The firmware first raises the throttle above MOT_THR_MIN
 and then applies the thrust curve. For ``e = MOT_THST_EXPO``, the thrust ``(1 - e) u + e u^2`` of the pulse is then
@@ -16,12 +16,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.actuator import Actuator
 from gcs_autotune.design.laws.kernel import Cascade, shaped_throttle
 from gcs_autotune.design.laws.law import Settings, setting
 from gcs_autotune.design.laws.loops import VelocityLoop, holding, local_drag
 from gcs_autotune.design.open_loop import Rational, pid_path
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof
 
@@ -30,7 +30,7 @@ __all__ = ["CRUISE", "RoverSpeed", "pulse_of", "throttle_of", "throttle_shape"]
 P, I, D, FF = "ATC_SPEED_P", "ATC_SPEED_I", "ATC_SPEED_D", "ATC_SPEED_FF"  # noqa: E741 - the integral gain
 CRUISE = ("CRUISE_SPEED", "CRUISE_THROTTLE")
 NEARLY_FULL = 0.98
-"""Output [fraction] above which a speed is treated as needing full output."""
+"""Output [fraction of full] above which a speed is treated as needing full output. Project choice."""
 NUDGE = 0.01
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ DEFAULTS: Settings = {
 
 
 def throttle_shape(settings: Settings) -> tuple[float, float]:
-    """Return (minimum pulse [fraction], expo) of the present settings."""
+    """Return the minimum pulse [fraction] and the exponent of the thrust curve (MOT_THST_EXPO) in *settings*."""
     return setting(settings, DEFAULTS, "MOT_THR_MIN") / 100.0, setting(settings, DEFAULTS, "MOT_THST_EXPO")
 
 
@@ -63,7 +63,10 @@ def pulse_of(throttle: float, settings: Settings) -> float:
 
 
 def throttle_of(pulse: float, settings: Settings) -> float:
-    """Return the throttle [fraction] that gives *pulse* [fraction]: the inverse of :func:`pulse_of`."""
+    """Return the throttle [fraction] for which the firmware sends *pulse* [fraction].
+
+    This is the inverse of :func:`pulse_of`.
+    """
     least, expo = throttle_shape(settings)
     size = abs(pulse)
     if expo != 0.0 and -1.0 <= expo <= 1.0:
@@ -73,7 +76,7 @@ def throttle_of(pulse: float, settings: Settings) -> float:
 
 
 class RoverSpeed(VelocityLoop):
-    """Control law ``Axis.law == "rover-speed"``."""
+    """Control law ``rover-speed`` (``Axis.law``): ArduRover's speed loop."""
 
     name = "rover-speed"
     tuned: Sequence[str] = (P, I)
@@ -90,12 +93,12 @@ class RoverSpeed(VelocityLoop):
         return most if most > 0.0 else math.inf
 
     def cruise(self, settings: Settings) -> float:
-        """Return the throttle [fraction] per m/s of the cruise feed-forward; 0 if it is off."""
+        """Return the throttle [fraction] per m/s of the cruise feed-forward, or 0 if it is off."""
         speed, percent = (settings.get(name, 0.0) for name in CRUISE)
         return percent / 100.0 / speed if speed > 0.0 and percent > 0.0 else 0.0
 
     def throttle_for(self, model: SingleDof, actuator: Actuator, settings: Settings, velocity: float) -> float:
-        """Return the throttle [fraction] that keeps *velocity* [m/s], limited to full."""
+        """Return the throttle [fraction] that keeps *model* at *velocity* [m/s], limited to full throttle."""
         force = holding(model, velocity)
         try:
             pulse = actuator.output_for(min(force, NEARLY_FULL))
@@ -106,7 +109,9 @@ class RoverSpeed(VelocityLoop):
     def slopes(
         self, actuator: Actuator, model: SingleDof, step: float, settings: Settings, speed: float | None
     ) -> tuple[float, ...]:
-        """Return force per throttle at both ends of the step, with the battery fresh and weak."""
+        """Return the slopes of force over throttle at the speeds before and after the step, with a fresh and with a
+        weak battery.
+        """
         found = set()
         for velocity in (self.base(step, speed), self.base(step, speed) + step):
             throttle = self.throttle_for(model, actuator, settings, velocity)
@@ -119,8 +124,10 @@ class RoverSpeed(VelocityLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Match ``alpha s + drag`` under PI: damping ``2/a1``, stiffness ``1/a1^2``; the second start is half as
-        fast."""
+        """Return PI gains for the plant ``alpha s + drag``, with damping ``2/a1`` and stiffness ``1/a1^2``.
+
+        A second set is half as fast.
+        """
         velocity = self.base(self.usual_step, speed)
         drag = local_drag(model, velocity)
         found = []
@@ -167,11 +174,14 @@ class RoverSpeed(VelocityLoop):
         )
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return ``I / (P + c)``; ``c``, the cruise pair's throttle per m/s, represents the craft's own drag."""
+        """Return the rate [1/s] ``I / (P + c)``.
+
+        ``c`` is the throttle per m/s of CRUISE_THROTTLE and CRUISE_SPEED, and represents the craft's own drag.
+        """
         return settings[I] / max(settings[P] + self.cruise(settings), 1e-12)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Return notes on other uses of the cruise pair, and on the validity of the gains."""
+        """Return notes on other uses of CRUISE_SPEED and CRUISE_THROTTLE, and on the validity of the gains."""
         speed_now, percent = (settings.get(name, math.nan) for name in CRUISE)
         return [
             f"CRUISE_SPEED {speed_now:.3g} m/s and CRUISE_THROTTLE {percent:.0f} % together are the loop's "

@@ -1,8 +1,8 @@
 """ArduRover's steering controller, common to its heading and turn-rate laws: speed scaling, limits, PID.
 
-``servo = scale * (FF rT + P e + I int(e) + D de/dt)``. ``scale`` is ``MOT_SPD_SCA_BASE/V`` above that speed and 1
-below. Below it the integral cannot grow. A boat with two thrusters is not scaled. Vectored thrust is scaled by the
-throttle.
+``servo = scale * (FF rT + P e + I int(e) + D de/dt)``. ``scale`` is ``MOT_SPD_SCA_BASE/V`` at speeds above
+MOT_SPD_SCA_BASE and 1 below. At or below that speed the integral cannot grow. The steering of a boat with two thrusters
+is not scaled. Vectored thrust is scaled by the throttle.
 """
 
 from __future__ import annotations
@@ -51,13 +51,16 @@ DEFAULTS: Settings = {
     "INS_GYRO_FILTER": 4.0,
     "SCHED_LOOP_RATE": 50.0,
 }
-"""Parameters of the controller other than its gains."""
+"""Name -> firmware default of the controller's parameters other than its gains."""
 GRAVITY = 9.80665
 JUST_ABOVE = 1.0 + 1e-9
 MIN_THROTTLE = 0.05
-"""Least throttle assumed with vectored thrust; at less throttle there would be almost no steering to tune."""
+"""Least throttle that is assumed with vectored thrust [fraction].
+
+Project choice: at less throttle there would be almost no steering to tune.
+"""
 MAX_FEED = 1.3
-"""Largest feed-forward relative to that of the model.
+"""Largest feed-forward, relative to that of the model. Project choice.
 
 On a craft with a fast response, a larger feed-forward with a smaller ATC_STR_ANG_P gives an equal heading step. Turn
 rates in other modes would then exceed their command.
@@ -71,7 +74,7 @@ def _get(settings: Settings, name: str) -> float:
 def is_skid(settings: Settings) -> bool:
     """Return whether the boat steers by the difference of two thrusters.
 
-    It is then not scaled with speed, and its integral is never frozen.
+    The steering is then not scaled with speed, and its integral is never frozen.
     """
     return settings.get(SKID, 0.0) > 0.0
 
@@ -82,11 +85,11 @@ def _beside(settings: Settings) -> float:
 
 
 def scale(settings: Settings, speed: float | None) -> float:
-    """Return servo per controller output at *speed* [m/s].
+    """Return the factor from controller output to servo at *speed* [m/s].
 
-    With vectored thrust the servo is at ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX. Here its slope at the throttle
-    of the experiment is used. If that is unknown, the throttle for that speed follows from CRUISE_THROTTLE and
-    CRUISE_SPEED.
+    With vectored thrust the servo is at ``atan(output / throttle)`` of MOT_VEC_ANGLEMAX. The factor is then the slope
+    of this function at the throttle of the experiment. If that throttle is unknown, CRUISE_THROTTLE and CRUISE_SPEED
+    yield the throttle for *speed*.
     """
     if is_skid(settings):
         return 1.0
@@ -98,7 +101,7 @@ def scale(settings: Settings, speed: float | None) -> float:
 
 
 def vectored_angle(settings: Settings) -> float:
-    """Return the angle [rad] to which full steering turns the thrust; 0 with a rudder."""
+    """Return the angle [rad] to which full steering turns the thrust, or 0 for a boat with a rudder."""
     return math.radians(min(max(_get(settings, "MOT_VEC_ANGLEMAX"), 0.0), 90.0))
 
 
@@ -112,14 +115,16 @@ def _throttle(settings: Settings, speed: float | None) -> float:
 
 
 def integral_grows(settings: Settings, speed: float | None) -> bool:
-    """Return whether the integral term can grow at *speed* [m/s]; at or below MOT_SPD_SCA_BASE it cannot."""
+    """Return whether the integral term can grow at *speed* [m/s]. It cannot grow at or below MOT_SPD_SCA_BASE."""
     if is_skid(settings) or vectored_angle(settings) > 0.0:
         return True
     return speed is None or speed > _get(settings, "MOT_SPD_SCA_BASE") > 0.0
 
 
 def matching_speed(settings: Settings, speed: float | None) -> float | None:
-    """Return *speed*, or just above MOT_SPD_SCA_BASE, where the scale is the same but the integral acts."""
+    """Return *speed*, or a speed just above MOT_SPD_SCA_BASE. There the scale is the same as below, but the
+    integral acts.
+    """
     if speed is None or is_skid(settings):
         return speed
     return max(speed, JUST_ABOVE * _get(settings, "MOT_SPD_SCA_BASE"))
@@ -133,7 +138,7 @@ def turn_limit(settings: Settings, speed: float | None) -> float:
 
 
 def cascade(settings: Settings, speed: float | None) -> Cascade:
-    """Return the controller of turn rates, with limits of acceleration and turn rate."""
+    """Return the stages of the turn-rate controller, with limits of acceleration and turn rate."""
     kff, kp, ki, kd = (settings.get(name, 0.0) for name in (FF, P, I, D))
     return Cascade(
         acceleration=math.radians(_get(settings, "ATC_STR_ACC_MAX")),

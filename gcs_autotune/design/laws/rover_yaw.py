@@ -1,7 +1,7 @@
 """ArduRover's turn-rate loop alone, which is used by ACRO, GUIDED turn rates and the heading loop.
 
 ``servo = scale (FF rT + P e + I int(e) + D de/dt)``; limits, filters and scaling as in :mod:`.rover_steering`. The step
-goes from half its size to port to half to starboard. The turn rate takes the place of the position.
+goes from half its size to port to half to starboard. The turn rate replaces the position.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws import rover_steering as steering
 from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import VelocityLoop
 from gcs_autotune.design.laws.rover_steering import FF, I, P
 from gcs_autotune.design.open_loop import Rational, second_order
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["RoverYaw"]
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class RoverYaw(VelocityLoop):
-    """Control law ``Axis.law == "rover-yaw"``."""
+    """Control law ``rover-yaw`` (``Axis.law``): ArduRover's turn-rate loop."""
 
     name = "rover-yaw"
     tuned: Sequence[str] = (FF, P, I)
@@ -41,7 +41,7 @@ class RoverYaw(VelocityLoop):
     gyro = steering.GYRO
 
     def matching_speed(self, settings: Settings, speed: float | None) -> float | None:
-        """Return the same speed as the heading law, at which the integral acts."""
+        """Return the same speed [m/s] as the heading law, at which the integral acts."""
         return steering.matching_speed(settings, speed)
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
@@ -50,15 +50,15 @@ class RoverYaw(VelocityLoop):
         return most if most > 0.0 else math.inf
 
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return the steering controller alone."""
+        """Return the stages of the loop, which are those of the steering controller alone."""
         return steering.cascade(settings, speed)
 
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Return a feed-forward that cancels the drag, and a PI with damping ``2/a1``, stiffness ``1/a1^2``.
+        """Return a feed-forward that cancels the drag, and PI gains with damping ``2/a1`` and stiffness ``1/a1^2``.
 
-        The second start is half as fast.
+        A second set is half as fast.
         """
         scale = steering.scale(settings, speed)
         drag = model.equivalent_drag(0.5 * self.usual_step) / scale
@@ -69,12 +69,14 @@ class RoverYaw(VelocityLoop):
         ]
 
     def controller(self, settings: Settings, speed: float | None) -> Rational:
-        """Return the transfer function from measured turn rate to servo; the feed-forward is outside the loop."""
+        """Return the transfer function from measured turn rate to servo. The feed-forward is outside the loop."""
         return steering.steering_pid(settings, speed) * second_order(self._get(settings, self.gyro))
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return ``I / (P + FF)``, where the feed-forward represents the craft's own drag; infinite if the integral is
-        frozen."""
+        """Return the rate [1/s] ``I / (P + FF)``, or infinity if the integral is frozen.
+
+        The feed-forward represents the craft's own drag.
+        """
         if not steering.integral_grows(settings, speed):
             return math.inf
         return settings[I] / max(settings[P] + settings[FF], 1e-12)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import PositionLoop
@@ -21,7 +22,6 @@ from gcs_autotune.design.open_loop import (
     integrator,
     pid_path,
 )
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SubDepth"]
@@ -35,7 +35,10 @@ POS, VEL, VEL_I, ACC, ACC_I, ACC_FF = (
     "PSC_ACCZ_FF",
 )
 SURFACE = "SURFACE_MAX_THR"
-"""Parameter that limits the thrust at the surface. It is new in 4.7; earlier versions have no such limit."""
+"""Name of the parameter that limits the thrust at the surface.
+
+It is new in ArduSub 4.7; earlier versions have no such limit.
+"""
 OUTPUT = 0.2
 """Output [fraction] per m/s^2 of the acceleration controller."""
 THROTTLE_CUTOFF = 2.0
@@ -59,7 +62,7 @@ DEFAULTS: Settings = {
 
 
 class SubDepth(PositionLoop):
-    """Control law ``Axis.law == "sub-depth"``."""
+    """Control law ``sub-depth`` (``Axis.law``): ArduSub's depth loop."""
 
     name = "sub-depth"
     tuned: Sequence[str] = (POS, VEL, ACC, ACC_I, ACC_FF)
@@ -77,7 +80,8 @@ class SubDepth(PositionLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Match the coefficients of the cascade without filters, for a given ACCZ_P.
+        """Return gains that match the coefficients of the cascade without filters to *wanted*, for the ACCZ_P in
+        *settings*.
 
         Let ``M = alpha + 0.2 Pa`` and ``X = 0.2 Ia Pv Pz``. The coefficients are ``a3 = M/X``,
         ``a2 = (beta + 0.2 Pa Pv + 0.2 Ia)/X``, ``a1 = Pa/Ia + 1/Pz``. Elimination of all unknowns except ``y = Pa/Ia``
@@ -136,7 +140,7 @@ class SubDepth(PositionLoop):
         return (pid + feed) * velocity * constant(settings[POS])
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return the rate ``Pz Ia / (Pz (Pa + FF) + Ia)``."""
+        """Return the rate [1/s] ``Pz Ia / (Pz (Pa + FF) + Ia)``."""
         return integral_over_proportional(settings[POS], settings[ACC] + settings[ACC_FF], settings[ACC_I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from gcs_autotune.control import ReferenceModel
 from gcs_autotune.design.laws.kernel import Cascade
 from gcs_autotune.design.laws.law import Settings
 from gcs_autotune.design.laws.loops import PositionLoop
@@ -20,19 +21,18 @@ from gcs_autotune.design.open_loop import (
     pid_path,
     second_order,
 )
-from gcs_autotune.design.result import ReferenceModel
 from gcs_autotune.models import SingleDof
 
 __all__ = ["SubHeading"]
 
 P, I, D, ANG = "ATC_RAT_YAW_P", "ATC_RAT_YAW_I", "ATC_RAT_YAW_D", "ATC_ANG_YAW_P"  # noqa: E741
 ACCELERATION = (math.radians(10.0), math.radians(120.0))
-"""Bounds of the angle controller's deceleration [rad/s^2].
+"""Bounds of the angle controller's deceleration [rad/s^2], as in ArduPilot.
 
-The deceleration is half of ATC_ACCEL_Y_MAX, limited to these bounds; it is unlimited if that parameter is 0.
+The deceleration is half of ATC_ACCEL_Y_MAX, limited to these bounds. It is unlimited if ATC_ACCEL_Y_MAX is 0.
 """
 ERROR_MAX = math.radians(45.0)
-"""Largest lead of the target over the craft [rad]; beyond it the target is pulled back."""
+"""Largest lead of the target over the craft [rad], as in ArduPilot. The target is limited to it."""
 
 
 FIXED: Settings = {D: 0.0}
@@ -52,7 +52,7 @@ DEFAULTS: Settings = {
 
 
 class SubHeading(PositionLoop):
-    """Control law ``Axis.law == "sub-heading"``."""
+    """Control law ``sub-heading`` (``Axis.law``): ArduSub's heading loop."""
 
     name = "sub-heading"
     tuned: Sequence[str] = (P, I, ANG)
@@ -73,10 +73,12 @@ class SubHeading(PositionLoop):
     def starts(
         self, model: SingleDof, wanted: ReferenceModel, settings: Settings, speed: float | None
     ) -> list[dict[str, float]]:
-        """Match the coefficients ``a3 = alpha/(I A)``, ``a2 = (beta + P)/(I A)``, ``a1 = 1/A + P/I``.
+        """Return gains that match the coefficients of the closed loop to *wanted*.
 
-        If the quadratic equation in A has no real root, its real part is used. The second start omits the integral:
-        ``a2 = alpha/(A P)``, ``a1 = (beta + P)/(A P)``.
+        The coefficients are ``a3 = alpha/(I A)``, ``a2 = (beta + P)/(I A)``, ``a1 = 1/A + P/I``.
+
+        If the quadratic equation in A has no real root, its real part is used. The second set of gains omits the
+        integral: ``a2 = alpha/(A P)``, ``a1 = (beta + P)/(A P)``.
         """
         drag = model.equivalent_drag(self.usual_step / wanted.a1)
         p = max(wanted.a2 / wanted.a3 * model.alpha - drag, 1e-3)
@@ -90,7 +92,7 @@ class SubHeading(PositionLoop):
         ]
 
     def cascade(self, settings: Settings, speed: float | None, dt: float) -> Cascade:
-        """Return the result of :meth:`angle_loop`, with a target that moves within slew rate and time constant."""
+        """Return the stages of :meth:`angle_loop`, with a target that moves within slew rate and time constant."""
         return self.angle_loop(settings)._replace(
             on_position=1.0,
             angle=1.0,
@@ -99,7 +101,9 @@ class SubHeading(PositionLoop):
         )
 
     def angle_loop(self, settings: Settings) -> Cascade:
-        """Return the moving target, the angle controller and the rate PID; the yaw stick uses the same stages."""
+        """Return the stages: the moving target, the angle controller and the rate PID. The yaw stick uses the same
+        stages.
+        """
         kp, ki, kd, angle = (settings.get(name, 0.0) for name in (P, I, D, ANG))
         shape = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
         return Cascade(
@@ -120,7 +124,7 @@ class SubHeading(PositionLoop):
         )
 
     def shaping(self, settings: Settings) -> float:
-        """Return the largest acceleration of the target, ATC_ACCEL_Y_MAX [rad/s^2]."""
+        """Return the largest acceleration of the target [rad/s^2], from ATC_ACCEL_Y_MAX."""
         most = math.radians(self._get(settings, "ATC_ACCEL_Y_MAX") / 100.0)
         return most if most > 0.0 else 1e6
 
@@ -147,7 +151,7 @@ class SubHeading(PositionLoop):
         return pid * angle
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return the rate ``A I / (A P + I)``."""
+        """Return the rate [1/s] ``A I / (A P + I)``."""
         return integral_over_proportional(settings[ANG], settings[P], settings[I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:

@@ -38,29 +38,36 @@ __all__ = ["THOROUGH", "Solution", "fit_percents", "solution_of", "solve", "solv
 Array = NDArray[np.float64]
 
 ROUNDS = 6
-"""Maximum number of rounds of fitting parameters, then noise. From a usable start three or four suffice."""
+"""Maximum number of rounds of fitting parameters, then noise.
+
+From a usable start three or four suffice. Project choice.
+"""
 
 ROUNDING_ROUNDS = 20
 """Maximum number of rounds of fitting parameters, then noise, for a rounding sensor. The noise has to decrease from the
 level of the Gaussian fit."""
 
 THOROUGH = Effort(15)
-"""Effort for a bad start, for which correct weights are more important than full convergence."""
+"""Effort for a bad start, for which correct weights are more important than full convergence. Project choice."""
 
 AT_BOUND = 1e-6
-"""Relative distance from a bound below which a parameter counts as on the bound."""
+"""Relative distance from a bound below which a parameter counts as on the bound. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Solution(Fitted):
     """A fitted model with its uncertainty.
 
-    ``noise_models``: noise model per signal. ``whole`` (q, q): covariance of the packed vector, from the expected
-    information. The parameters ``names`` come first, the shift of stamps last. ``raised`` (q,): factors by which
-    coloured residuals raise standard errors. ``at_bound``: those of ``names`` on a limit. ``blind``: those of ``names``
-    on which the runs contain no information. ``rests``: residuals of all signals with samples that are used. ``rows``:
-    their Jacobians (n, q), divided by the noise. ``scores``: derivative of the log-likelihood by the prediction, times
-    the noise. For Gaussian noise this is the error divided by the noise.
+    - ``noise_models``: name of the signal -> noise model.
+    - ``whole`` (q, q): covariance of the packed vector, from the expected information. The parameters ``names`` come
+      first, the shift of stamps last.
+    - ``raised`` (q,): factors by which coloured residuals raise standard errors.
+    - ``at_bound``: those of ``names`` that are on a limit.
+    - ``blind``: those of ``names`` on which the runs contain no information.
+    - ``rests``: residuals of all signals with samples that are used.
+    - ``rows``: Jacobians (n, q) of ``rests``, divided by the noise.
+    - ``scores``: derivative of the log-likelihood by the prediction, times the noise. For Gaussian noise this is the
+      error divided by the noise.
     """
 
     noise_models: Mapping[str, NoiseModel]
@@ -79,12 +86,12 @@ class Solution(Fitted):
 
     @property
     def noise(self) -> dict[str, float]:
-        """Standard deviation of measured minus true value per signal, including rounding."""
+        """Name of the signal -> standard deviation of measured minus true value, including rounding."""
         return {name: model.std for name, model in self.noise_models.items()}
 
     @property
     def quanta(self) -> dict[str, float]:
-        """Resolution of each signal whose rounding entered the likelihood."""
+        """Name of the signal -> resolution of the sensor, for signals whose rounding the likelihood includes."""
         return {name: model.quantum for name, model in self.noise_models.items() if model.quantum > 0.0}
 
     @property
@@ -106,7 +113,7 @@ class Solution(Fitted):
         return -2.0 * self.log_likelihood / correlation + self.unknowns * math.log(n)
 
     def rms(self, name: str) -> float:
-        """Return the root mean square residual of all signals called *name*."""
+        """Return the root mean square residual of the signal *name* over all segments."""
         return float(np.sqrt(np.mean(errors_of(self.rests, name) ** 2)))
 
     @property
@@ -123,7 +130,7 @@ class Solution(Fitted):
 
     @property
     def bounds(self) -> dict[str, float]:
-        """Cramer-Rao bound of each of ``names``, by name."""
+        """Name of the parameter -> Cramer-Rao bound, for all of ``names``."""
         return dict(zip(self.names, np.sqrt(np.diag(self.whole)).tolist(), strict=False))
 
 
@@ -140,14 +147,14 @@ def solve(
     rounds: int = ROUNDS,
     effort: Effort | None = THOROUGH,
 ) -> Solution | None:
-    """Fit the free parameters of *problem*, starting at *theta*; return None if the simulation diverges.
+    """Return the fit of the free parameters of *problem* that starts at *theta*, or None if the simulation diverges.
 
     Parameters
     ----------
     theta : (p,) start values in the form's order.
-    initial : (n,) start states per segment.
-    levels : noise levels to start from, one per signal name.
-    quanta : resolution of the signals to be treated as rounded, by name.
+    initial : initial states (n,) per segment to start from.
+    levels : name of the signal -> noise level to start from.
+    quanta : name -> resolution, for the signals to be treated as rounded.
     robust : whether to use soft-L1 weights, for records with outliers. Signals treated as rounded tolerate outliers
         anyway.
     """
@@ -199,7 +206,9 @@ def solve_form(
     robust: bool = False,
     effort: Effort = THOROUGH,
 ) -> Solution | None:
-    """Fit the free parameters of a form without effects; see :func:`solve`."""
+    """Return the fit of the free parameters of a form without effects, or None if the simulation diverges; see
+    :func:`solve`.
+    """
     problem = Problem(form, segments, None, limits, free)
     return solve(problem, theta, initial, levels=levels, shift=shift, robust=robust, effort=effort)
 
@@ -292,7 +301,7 @@ def _rounded(name: str, gaussian: NoiseModel, quantum: float, segments: Sequence
 
 
 def traces_of(segments: Sequence[Segment], solution: Solution) -> tuple[Trace, ...]:
-    """Return measured and fitted values of each signal with their 95 % band.
+    """Return one trace per signal and segment: measured and fitted values with their 95 % band.
 
     The band includes the errors of prediction and noise, raised for coloured residuals.
     """
@@ -308,5 +317,5 @@ def traces_of(segments: Sequence[Segment], solution: Solution) -> tuple[Trace, .
 
 
 def fit_percents(solution: Solution) -> dict[str, float]:
-    """Return 100 (1 - rms/std) for each signal that moves."""
+    """Return name -> 100 (1 - rms/std) for each signal that moves."""
     return explained((r.signal, r.measured[r.known], r.judged[r.known]) for r in solution.rests)

@@ -1,12 +1,12 @@
 """Decide at which autopilot loop an input changed, if the stamps allow several.
 
-For example, messages 40 ms apart on a 20 ms loop allow two. Such a change is dated between them and is wrong by 10 ms,
-while other stamps of the run are correct. This colours the residuals and doubles the standard errors. With a precise
-gyro it looks like a sensor fault.
+For example, messages 40 ms apart on a 20 ms loop allow two loops. The change is then time-stamped between the two
+loops. Its stamp is wrong by 10 ms, while other stamps of the run are correct. The wrong stamp colours the residuals and
+doubles the standard errors. With a precise gyro it looks like a sensor fault.
 
-The record itself can decide. Every uncertain change gets its own time shift in addition to the fitted parameters, in
-one Gauss-Newton step of the joint fit. The change is moved to the nearest loop if that one is clearly more likely than
-the next, by three standard errors.
+The record itself can show the right loop. Every uncertain change gets its own time shift in addition to the fitted
+parameters, in one Gauss-Newton step of the joint fit. The change is moved to the nearest loop if that loop is more
+likely than the next one by three standard errors.
 """
 
 from __future__ import annotations
@@ -31,29 +31,38 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST = 120
-"""Maximum number of uncertain changes. A run with more is not a relay experiment, and each change costs a simulation.
+"""Maximum number of uncertain changes.
+
+Project choice. A run with more changes is not a relay experiment, and each change costs a simulation.
 """
 
 WIDE = 2.0
-"""Prior standard deviation of a shift, in units of the range that the stamps allow. It is wide, as for the common
-shift."""
+"""Prior standard deviation of a shift, in units of the range that the stamps allow.
+
+Project choice: it is wide, as for the common shift.
+"""
 
 SURELY = 9.0
-"""Smallest difference, in squared standard errors, between the nearest loop and the next. It corresponds to three
-standard errors."""
+"""Smallest difference, in squared standard errors, between the nearest loop and the next.
+
+It corresponds to three standard errors. Project choice.
+"""
 
 ROUNDS = 5
 
 NUDGE = 1e-4
-"""Time shift [s] for the derivative by a change's stamp. It is short compared with a loop, and long compared with
-rounding."""
+"""Time shift [s] for the numerical derivative by the stamp of an input change.
+
+Project choice. It is short compared with a loop, and long compared with rounding.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Switches:
-    """Response of the signals of a segment to a later stamp of each uncertain change.
+    """Response of the signals of a segment to a later stamp of each uncertain input change.
 
-    ``by``: derivatives (n, k) per signal. ``which`` (k,): indices of the changes.
+    - ``by``: name of the signal -> derivatives (n, k) by the stamps.
+    - ``which`` (k,): indices of the changes in ``t_in``.
     """
 
     by: dict[str, Array]
@@ -73,9 +82,9 @@ def switches_of(
     shift: float = 0.0,
     effects: Sequence[EffectInstance] = (),
 ) -> Switches:
-    """Return the derivatives of the signals by the stamp of each uncertain change.
+    """Return the derivatives of the signals of *segment* by the stamp of each uncertain input change.
 
-    initial : state at ``segment.start``.
+    initial : state (n,) at ``segment.start``.
     """
     delay = float(theta[form.parameters.index("delay")]) if "delay" in form.parameters else 0.0
     at = segment.t_in + delay + shift
@@ -101,10 +110,10 @@ def switches_of(
 
 
 def corrected(segments: Sequence[Segment], fitted: Sequence[Segment], solution: Solution) -> tuple[Segment, ...] | None:
-    """Return *segments* with those input changes moved whose loop is clear from *solution*.
+    """Return *segments* with the uncertain input changes moved to their loops, or None if there is no such change.
 
-    Return None if there are none. *fitted* are the segments of *solution*. They may begin later and contain fewer
-    signals, but are otherwise the same.
+    A change is moved only if its loop is clear from *solution*. *fitted* are the segments of *solution*. They may begin
+    later and contain fewer signals, but are otherwise the same as *segments*.
     """
     if not any(s.slack.any() for s in fitted):
         return None

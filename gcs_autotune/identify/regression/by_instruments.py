@@ -1,9 +1,9 @@
 """The method ``instrumental-variables``: least squares without its noise bias.
 
-Least squares is biased because its regressors contain the noise of the equations' errors. Instruments are regressors
-without this noise. They come from the motion simulated with the last estimate (refined instrumental variables,
-Young2011). They are updated until the estimate settles. Smoothing and sampling cause the same errors in the simulated
-equations, and these are subtracted.
+Least squares is biased because its regressors contain the same noise as the errors of the equations. Instruments are
+regressors without this noise. They are calculated from the motion that is simulated with the last estimate (refined
+instrumental variables, Young2011). They are updated until the estimate settles. Smoothing and sampling cause the same
+errors in the simulated equations, and these are subtracted.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ OPTIONS = RECIPE_OPTIONS
 """Options of ``fit`` that this method reads, with a line of help each."""
 
 ROUNDS = 25
-"""Maximum number of rounds, each of which simulates all runs. Five to eight suffice."""
+"""Maximum number of rounds, each of which simulates all runs. Five to eight suffice. Project choice."""
 
 SETTLED = 0.01
-"""Largest step, in standard errors, at which the estimate counts as settled."""
+"""Largest change of the estimate in a round, in standard errors, at which it counts as settled. Project choice."""
 
 HALVINGS = 8
-"""Maximum number of attempts with half the step, if a model cannot be simulated."""
+"""Maximum number of attempts with half the step, if the model of a step cannot be simulated. Project choice."""
 
 
 @on_settled_stamps
 def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by refined instrumental variables, starting from least squares.
+    """Return the fit of *case* by refined instrumental variables, starting from least squares.
 
-    Errors are those of :func:`.fit_by_least_squares`.
+    Exceptions are those of :func:`.fit_by_least_squares`.
     """
     recipe, motions, first, draws = recipe_of(case, robust=case.robust)
     doubts: list[Doubt] = []
@@ -101,7 +101,7 @@ def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Instruments:
-    """Errors (n, k) and Jacobian (n, k, f) of the equations for the simulated motion."""
+    """Errors (n, k) of the equations for the simulated motion, and their Jacobian (n, k, f)."""
 
     errors: Array
     jacobian: Array
@@ -174,7 +174,10 @@ def _inverse(A: Array) -> Array:
 
 
 fit_axis_by_instruments = for_axis(lambda case: refusing_runaways(fit_by_instruments(case)))
-"""Fit one degree of freedom by instrumental variables."""
+"""Function that fits one degree of freedom by instrumental variables.
+
+It rejects models that diverge on their own runs.
+"""
 
 
 METHOD = Method(

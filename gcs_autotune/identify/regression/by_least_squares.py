@@ -5,9 +5,9 @@ parameters, so the sets where they are positive definite are convex. ``-log det`
 (Nesterov1994). As its weight decreases step by step, the minimum approaches that of the constrained problem; see
 docs/decisions/0005.
 
-By itself ``-log det`` rewards unlimited growth of parameters on which the runs contain no information. Adding the trace
-relative to the step before turns it into the divergence ``tr(A_0^-1 A) - log det A`` (James1961). It is convex too and
-smallest at ``A = A_0``.
+``-log det`` alone decreases without limit as parameters grow on which the runs contain no information. Adding the trace
+relative to the previous step turns the barrier into the divergence ``tr(A_0^-1 A) - log det A`` (James1961). The
+divergence is convex too, and smallest at ``A = A_0``.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ OPTIONS = (
 
 @on_settled_stamps
 def fit_by_least_squares(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by least squares.
+    """Return the fit of *case* by least squares of the equations of motion.
 
     Sources: Miskovic2010, eq. (4.10)-(4.22), Miskovic2007 (5)-(11), ZhaoUSV (19)-(26).
 
@@ -96,9 +96,9 @@ def fit_by_least_squares(case: Case) -> Fit[CoupledModel]:
 
 
 def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
-    """Return *fit*, or raise NotInformative if its model cannot be simulated.
+    """Return *fit* unchanged, or raise NotInformative if its model cannot be simulated.
 
-    A comparison of structures then excludes this model.
+    A comparison of structures then excludes the model.
 
     Raises
     ------
@@ -112,19 +112,26 @@ def refusing_runaways(fit: Fit[CoupledModel]) -> Fit[CoupledModel]:
 
 
 fit_axis_by_least_squares = for_axis(lambda case: refusing_runaways(fit_by_least_squares(case)))
-"""Fit one degree of freedom by least squares, with ``linear`` (4.20), ``nonlinear`` (4.22) or ``affine`` drag."""
+"""Function that fits one degree of freedom by least squares. It rejects models that diverge on their own runs.
+
+Drag is ``linear`` (Miskovic2010 (4.20)), ``nonlinear`` (4.22) or ``affine``.
+"""
 
 
 Array = NDArray[np.float64]
 
 WEIGHTS = (1.0, 1e-2, 1e-4, 1e-6)
-"""Successive weights of the barrier, relative to twice the log-likelihood. At the last one the barrier adds only about
-a millionth to the cost, in units of a squared standard error."""
+"""Successive weights of the barrier, relative to twice the log-likelihood.
+
+Project choice. At the last one the barrier adds only about a millionth to the cost, in units of a squared standard
+error.
+"""
 
 
 def solve_physical(equations: Equations, theta: Array, visited: Array, *, robust: bool = False) -> Estimate:
     """Return the least-squares estimate for which M and D(nu) are positive definite.
 
+    theta : (p,) start values of all parameters.
     visited : (m, 6) velocities at which D must be positive definite.
 
     Raises
@@ -141,11 +148,13 @@ def solve_physical(equations: Equations, theta: Array, visited: Array, *, robust
 
 
 def barrier_of(form: Form, visited: Array, weight: float, near: Array) -> Barrier:
-    """Return the divergences of M and D(nu) from their values at *near*, as a cost of all parameters (p,).
+    """Return the sum of the divergences of M and D(nu) from their values at *near*, as a function of all parameters
+    (p,).
 
     The divergence of D is the mean over the velocities.
 
-    near : (p,) parameters for which both are positive definite.
+    weight : factor of the sum.
+    near : (p,) parameters for which M and D(nu) are positive definite.
     """
     stacks = [s for s in _stacks(form, visited) if s.shape[-1]]
     pulls = [np.linalg.inv(np.tensordot(np.append(near, 1.0), s, axes=1)) for s in stacks]
@@ -195,7 +204,7 @@ def _inertia_slopes(form: Form) -> Array:
 
 
 def feasible_start(form: Form, theta: Array, visited: Array) -> Array:
-    """Return *theta*, or a point near it that satisfies the constraints.
+    """Return *theta* (p,), or else a point near it for which M and D(nu) are positive definite.
 
     At that point couplings are zero and wrong signs are corrected.
 

@@ -1,9 +1,9 @@
 """The method ``recursive-least-squares``: the estimate as it develops along the run, with optional forgetting.
 
-Each row of the equations changes the estimate by ``P J' (R + J P J')^-1`` times its acceleration error. This is
-Ljung1999, ch. 11, with Jacobians calculated at the current estimate. With ``equation=integral`` a row is complete half
-a window after its time. With ``derivative`` the smoothed acceleration uses the whole run, so only the estimate is
-recursive.
+Each row of the equations changes the estimate by ``P J' (R + J P J')^-1`` times the acceleration error of the row. The
+source is Ljung1999, ch. 11, here with Jacobians calculated at the current estimate. With ``equation=integral`` a row is
+complete half a window after its time. With ``derivative`` the smoothed acceleration uses the whole run, so only the
+estimate is recursive.
 """
 
 from __future__ import annotations
@@ -45,21 +45,26 @@ OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of the forgetting fact
 """Options of ``fit`` that this method reads, with a line of help each."""
 
 LEARNT = 4
-"""Number of rows per parameter from which the first estimate is made. Rows of all degrees of freedom count."""
+"""Number of rows per parameter from which the first estimate is made.
+
+Rows of all degrees of freedom count. Project choice.
+"""
 
 KEPT = 500
-"""Maximum number of points of the history stored in ``extra``."""
+"""Maximum number of points of the history stored in ``extra``. Project choice."""
 
 DRIFT = 3.0
-"""Standard errors by which the last third of the history must differ from the second for a parameter to count as
-drifting."""
+"""Standard errors by which the last third of the history must differ from the second third for a parameter to count
+as drifting. Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """Values and standard errors (s, f) of the parameters after each row, at the times ``t`` (s,).
+    """Values of the parameters along the runs.
 
-    ``t`` [s] is the running time, summed over the runs.
+    - ``t`` (s,) [s]: running time, summed over the runs.
+    - ``values``, ``stds`` (s, f): values and standard errors of the parameters after each row.
     """
 
     t: Array
@@ -69,10 +74,10 @@ class History:
 
 @on_settled_stamps
 def fit_by_recursion(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by recursive least squares.
+    """Return the fit of *case* by recursive least squares.
 
-    Errors are those of :func:`fit_by_least_squares`. ``extra["history"]`` contains ``t`` [s], and the ``values`` and
-    ``stds`` of each parameter along the runs.
+    Exceptions are those of :func:`.fit_by_least_squares`. ``extra["history"]`` contains ``t`` [s], and the ``values``
+    and ``stds`` of each parameter along the runs.
     """
     forgetting = case.options.get("forgetting")
     if forgetting is not None and not float(forgetting) > 0.0:
@@ -188,7 +193,10 @@ def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
 
 
 fit_axis_by_recursion = for_axis(lambda case: refusing_runaways(fit_by_recursion(case)))
-"""Fit one degree of freedom by recursive least squares."""
+"""Function that fits one degree of freedom by recursive least squares.
+
+It rejects models that diverge on their own runs.
+"""
 
 
 METHOD = Method(

@@ -14,16 +14,23 @@ __all__ = ["collinearity_doubts", "inflation_factors"]
 Array = NDArray[np.float64]
 
 TOO_MUCH = 100.0
-"""Variance inflation above which two terms are reported as correlated. 99 % of one term is then a combination of the
-others."""
+"""Variance inflation above which two terms are reported as correlated.
+
+Project choice. 99 % of one term is then a combination of the others.
+"""
 
 SHARE = 0.3
 """Smallest component of a parameter in the least observable direction for which the parameter is listed in the doubt.
+
+Project choice.
 """
 
 
 def inflation_factors(information: Array) -> Array:
-    """Return the variance inflation factor (f,) of each parameter, 1 for an uncorrelated term."""
+    """Return the variance inflation factor (f,) of each parameter from the *information* (f, f).
+
+    It is 1 for an uncorrelated term.
+    """
     factors: Array = np.diag(information) * np.diag(inverse_of(information))
     return factors
 

@@ -1,7 +1,8 @@
 """Calculate the inputs of a form as the regression needs them: products of inputs, averaged over every grid interval.
 
-An input jumps between two grid points. Its value at the points would shift the jump by up to half a step. The average
-over the interval about each point, which is exact for a held input, keeps its impulse.
+An input jumps between two grid points. Values taken at the grid points would shift the jump by up to half a step. The
+average over the interval about each point preserves the impulse. For an input that is held between its stamps, the
+average is exact.
 """
 
 from __future__ import annotations
@@ -21,9 +22,8 @@ Array = NDArray[np.float64]
 
 
 def drives_of(record: Segment, form: Form, t: Array, step: float) -> Array:
-    """Return the product of the input factors of every term of *form* (n, T), averaged about each of *t*.
-
-    It is 1 for a term without inputs.
+    """Return the product of the input factors (n, T) of every term of *form*, averaged about each of the times *t*
+    (n,). The product is 1 for a term without inputs.
     """
     program = program_of(form)
     stamps = record.t_in + form.known.get("delay", 0.0)

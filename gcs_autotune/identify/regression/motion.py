@@ -24,19 +24,23 @@ NU = ("u", "v", "w", "p", "q", "r")
 ETA = ("x", "y", "z", "phi", "theta", "psi")
 
 LEAST_POINTS = 12
-"""Smallest number of grid points that a stretch of a record needs for a regression."""
+"""Smallest number of grid points that a stretch of a record needs for a regression. Project choice."""
 
 MOST_POINTS = 20_000
-"""Maximum number of grid points of a stretch. A longer stretch gets a coarser grid."""
+"""Maximum number of grid points of a stretch. A longer stretch gets a coarser grid. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GriddedMotion:
     """A stretch of motion on an even grid.
 
-    ``t`` (n,): times, with interval ``step`` [s]. ``nu``, ``nu_dot`` (n, 6): velocity through the water and its rate.
-    ``eta`` (n, 6): position and angles. All three are 0 for an absent degree of freedom. ``noise``, ``settings``: noise
-    and setting of the smoother, per signal. ``reach`` [s]: largest half-width of a smoother.
+    - ``t`` (n,) [s]: times, ``step`` apart.
+    - ``nu`` (n, 6): velocity through the water, 0 for an absent degree of freedom.
+    - ``nu_dot`` (n, 6): derivative of ``nu``, 0 for an absent degree of freedom.
+    - ``eta`` (n, 6): position and angles, 0 for an absent degree of freedom.
+    - ``noise``: name of the signal -> standard deviation of its noise.
+    - ``settings``: name of the signal -> setting of its smoother.
+    - ``reach`` [s]: largest half-width of a smoother.
     """
 
     run: str
@@ -56,12 +60,13 @@ def motion_of(
     derivative: str = "smoothing",
     settings: Mapping[str, float] | None = None,
 ) -> GriddedMotion:
-    """Return the smoothed motion of *record*.
+    """Return the smoothed motion of *record* on an even grid.
 
     Parameters
     ----------
     derivative : name in ``SMOOTHERS``.
-    settings : per signal, to smooth it as another record; None chooses them.
+    settings : name of the signal -> setting of its smoother, to smooth it like another record. None chooses the
+        settings.
 
     Raises
     ------

@@ -28,13 +28,16 @@ __all__ = ["as_simulated", "noise_bias", "noise_bias_doubt", "with_bias"]
 Array = NDArray[np.float64]
 
 DRAWS = 4
-"""Number of simulated records with noise. The bias is a mean over them, so a few are enough."""
+"""Number of simulated sets of records with noise.
+
+Project choice: the bias is a mean over the sets, so a few are enough.
+"""
 
 WORTH_SAYING = 0.1
-"""Bias, in standard errors, below which no doubt is raised."""
+"""Bias, in standard errors, below which no doubt is raised. Project choice."""
 
 NAMED = 3
-"""Maximum number of parameters listed in the doubt about noise bias."""
+"""Maximum number of parameters listed in the doubt about noise bias. Project choice."""
 
 
 def as_simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> list[Segment]:
@@ -62,7 +65,7 @@ def noise_bias(
     *,
     robust: bool = False,
 ) -> Array:
-    """Return the estimated bias (f,) of the free parameters, NaN if the model cannot be simulated."""
+    """Return the estimated bias (f,) of the free parameters of *estimate*, NaN if its model cannot be simulated."""
     rng = np.random.default_rng(0)
     unknown = np.full(len(estimate.free), np.nan)
     try:

@@ -20,7 +20,7 @@ from gcs_autotune.models import CoupledModel
 __all__ = ["regression_fit"]
 
 BEYOND_NOISE = 2.0
-"""Rms residual of the free run, in noise levels, above which noise alone does not explain it."""
+"""Rms residual of the free run, in noise levels, above which noise alone does not explain it. Project choice."""
 
 
 def regression_fit(
@@ -31,10 +31,7 @@ def regression_fit(
     doubts: Sequence[Doubt],
     extra: Mapping[str, Any],
 ) -> Fit[CoupledModel]:
-    """Return the :class:`Fit` of a regression.
-
-    Its traces are free runs, not the residuals of the regression.
-    """
+    """Return the :class:`Fit` of a regression. The fit's traces are free runs, not the residuals of the regression."""
     form = estimate.equations.form
     model = model_of(form, estimate.theta)
     table = form_table(form, estimate.theta, case.input_units, form.free, estimate.covariance)

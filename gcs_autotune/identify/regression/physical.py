@@ -21,23 +21,29 @@ __all__ = ["Check", "check_physics", "damping_slopes", "physics_doubts", "veloci
 Array = NDArray[np.float64]
 
 DIRECTIONS = 64
-"""Number of directions in which the largest velocity is searched. D is linear in the magnitudes, so the other
-velocities lie between."""
+"""Number of directions in which the largest velocity is searched.
+
+Project choice. D is linear in the magnitudes of the velocities, so that the extremes are sufficient.
+"""
 
 ROUNDING = 1e-9
-"""Relative size of an asymmetry or a negative eigenvalue below which it is a rounding error."""
+"""Relative size of an asymmetry or a negative eigenvalue below which it is a rounding error. Project choice."""
 
 POWERLESS = 0.1
-"""Largest fraction of the coupling forces' power that may remain in the sum. Above it, C counts as not skew-symmetric.
+"""Largest fraction of the coupling forces' power that may remain in their sum.
+
+Above it, C counts as not skew-symmetric. Project choice.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Result of one check.
+    """Result of one check of the model.
 
-    ``what``: its subject. ``holds``: whether it is passed. ``margin``: distance from the limit, which is 0. ``told``:
-    description.
+    - ``what``: the condition that is checked.
+    - ``holds``: whether the model satisfies the condition.
+    - ``margin``: distance from the limit of the condition, which is 0.
+    - ``told``: description for the user.
     """
 
     what: str
@@ -47,7 +53,7 @@ class Check:
 
 
 def velocities_visited(motions: Sequence[GriddedMotion]) -> Array:
-    """Return velocities (m, 6) that bound the magnitudes of those in the runs."""
+    """Return velocities (m, 6) from the runs. Their magnitudes bound those of all velocities in the runs."""
     nu = np.concatenate([m.nu for m in motions])
     scale = np.maximum(np.abs(nu).max(axis=0), 1e-12)
     directions = np.random.default_rng(0).standard_normal((DIRECTIONS, 6))
@@ -131,10 +137,12 @@ def _damping(model: CoupledModel, visited: Array) -> Check:
 
 
 def damping_slopes(form: Form, visited: Array) -> tuple[tuple[int, ...], Array]:
-    """Return the damped degrees of freedom, and the derivative (p + 1, m, d, d) of D by every parameter.
+    """Return the indices (d,) of the damped degrees of freedom, and the derivative (p + 1, m, d, d) of D by every
+    parameter.
 
-    The last entry is the constant part. D contains the linear derivatives and those with one modulus. Products of two
-    velocities belong to C.
+    The derivative is calculated at each of the velocities *visited* (m, 6). Its last entry along the first axis is the
+    constant part of D. D contains the linear derivatives and those with one modulus. Products of two velocities belong
+    to C.
     """
     active = [int(a) for a in program_of(form).active]
     entries = []

@@ -1,7 +1,8 @@
 """Convert records to equations in the same way for measured and simulated records.
 
-Settings are chosen once and apply to every similar record. Instruments come from simulated records, and the noise bias
-from records with added noise. Both are processed exactly like the measured ones.
+Settings are chosen once for the measured records, and then apply to all records derived from them. Instruments come
+from simulated records, and the noise bias from records with added noise. These records are processed exactly like the
+measured ones.
 """
 
 from __future__ import annotations
@@ -38,18 +39,20 @@ OPTIONS = (
 """Options of ``fit`` that set the equations, with a line of help each."""
 
 WINDOWS = (8, 16, 32, 64)
-"""Window lengths tried, in samples. The one with the smallest standard errors is kept."""
+"""Window lengths that are tried [samples]. The one with the smallest standard errors is kept. Project choice."""
 
 LONGEST = 0.125
-"""Longest window, as a fraction of the shortest stretch."""
+"""Longest window, as a fraction of the shortest stretch. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
     """Settings that convert records to equations.
 
-    ``equation``, ``derivative``: as in the options. ``window``: [s]. ``settings``: of the smoothers, one mapping per
-    record, empty until chosen.
+    - ``form``: the form of the equations.
+    - ``equation``, ``derivative``: values of the options of these names.
+    - ``window`` [s]: length of the integration window.
+    - ``settings``: settings of the smoothers, one mapping per record. It is empty until they are chosen.
     """
 
     form: Form
@@ -77,13 +80,13 @@ class Recipe:
         return [f[0] for f in found if f is not None]
 
     def with_spread(self, estimate: Estimate, draws: Sequence[NoiseDraw]) -> Estimate:
-        """Return *estimate* with standard errors raised to include the noise of the signals."""
+        """Return *estimate* with standard errors that include the effect of the signals' noise on the draws."""
         J = estimate.jacobian * estimate.weights[:, :, None]
         bread = inverse_of(estimate.information)
         return raised(estimate, J, bread, self.errors(draws, estimate.theta), estimate.errors)
 
     def equations(self, records: Sequence[Segment], motions: Sequence[GriddedMotion] | None = None) -> Equations:
-        """Return the equations of all records together."""
+        """Return the equations of all *records* as one set."""
         return Equations.of(self.form, self.rows(records, motions))
 
 
@@ -104,7 +107,7 @@ def form_of(case: Case) -> Form:
 def recipe_of(
     case: Case, *, robust: bool = False
 ) -> tuple[Recipe, tuple[GriddedMotion, ...], Estimate, tuple[NoiseDraw, ...]]:
-    """Return the recipe for *case*, its motions, the first least-squares estimate, and the noise draws.
+    """Return the recipe for *case*, the smoothed motions, the first least-squares estimate, and the noise draws.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Write the equations of motion as rows linear in the parameters (:mod:`gcs_autotune.models.coupled.regressors`).
 
-There are two kinds:
+There are two kinds of rows:
 
 * ``derivative``: the equations as they are, with smoothed accelerations;
 * ``integral``: the equations multiplied by a bump function and integrated over short windows. Integration by parts
@@ -28,18 +28,18 @@ EQUATIONS = ("integral", "derivative")
 """Values that the option ``equation`` accepts; the first is the default."""
 
 OVERLAP = 6
-"""Number of integration windows that cover each instant. More windows add no information."""
+"""Number of integration windows that cover each instant. More windows add no information. Project choice."""
 
 EDGE = 2
-"""Number of grid points left out at each end, where a smoothed derivative is least accurate."""
+"""Number of grid points left out at each end, where a smoothed derivative is least accurate. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Equations of one stretch.
+    """Equations of one stretch of motion.
 
-    ``E`` (n, k, p + 1): coefficients of the parameters; the last column is the constant part. ``t`` (n,): times of the
-    rows.
+    - ``E`` (n, k, p + 1): coefficients of the parameters; the last column is the constant part.
+    - ``t`` (n,): times of the rows.
     """
 
     run: str
@@ -48,9 +48,10 @@ class Rows:
 
 
 def rows_of(record: Segment, form: Form, motion: GriddedMotion, equation: str, window: float) -> Rows:
-    """Return the equations of one stretch.
+    """Return the equations of *form* for one stretch of motion.
 
-    window : length [s] of the bump of ``integral``.
+    equation : name in :data:`EQUATIONS`.
+    window : length [s] of the bump function, used by ``integral``.
     """
     drives = drives_of(record, form, motion.t, motion.step)
     force = force_columns(form, motion.nu, motion.eta, drives)

@@ -1,6 +1,6 @@
 """Smooth a noisy, unevenly sampled signal, and return its value, rate and acceleration at any times.
 
-There are two methods. The data set the degree of smoothing of both:
+There are two methods. In both, the degree of smoothing is chosen from the data:
 
 * ``savitzky-golay``: a polynomial through the nearest samples, which is the filter of Miskovic2007, II-C, for uneven
   stamps;
@@ -30,30 +30,35 @@ __all__ = ["SMOOTHERS", "Smooth", "Smoother", "local_polynomial", "penalised_spl
 Array = NDArray[np.float64]
 
 WIDTHS = (5, 7, 9, 13, 19, 27, 39)
-"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal."""
+"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal. Project choice."""
 
 CUBIC = 3
 """Degree of the local polynomials. It is the lowest for which the second derivative can have a slope."""
 
 MOST_SPLINES = 1500
-"""Maximum number of B-splines per signal. The effort grows linearly with it, and no craft needs a finer curve."""
+"""Maximum number of B-splines per signal.
+
+Project choice: the computing time grows linearly with it, and no craft needs a finer curve.
+"""
 
 EXACT = 120
-"""Number of splines up to which the degrees of freedom of the smoother are calculated exactly."""
+"""Number of splines up to which the degrees of freedom of the smoother are calculated exactly. Project choice."""
 
 PROBES = 32
-"""Number of random probes that estimate the degrees of freedom for more splines (Hutchinson1990). The relative error is
-about ``1/sqrt(PROBES * splines)``."""
+"""Number of random probes that estimate the degrees of freedom of the smoother for more splines (Hutchinson1990).
+
+The relative error is about ``1/sqrt(PROBES * splines)``.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smooth:
     """A smoothed signal.
 
-    ``at(t, order)``: its derivative of that order at the times *t*. ``noise``: standard deviation of what was removed,
-    per sample. ``setting``: number of samples or penalty chosen, to smooth another signal in the same way. ``reach``
-    [s]: half-width of the neighbourhood that affects a value. ``noise`` and ``reach`` may be NaN if the setting was
-    supplied.
+    - ``at(t, order)``: derivative of that order at the times *t* (n,).
+    - ``noise``: standard deviation of what was removed, per sample. It may be NaN if the setting was supplied.
+    - ``setting``: number of samples or penalty, to smooth another signal in the same way.
+    - ``reach`` [s]: half-width of the neighbourhood that affects a value. It may be NaN if the setting was supplied.
     """
 
     at: Callable[[Array, int], Array]
@@ -63,13 +68,13 @@ class Smooth:
 
 
 Smoother = Callable[[Signal, int, "float | None"], Smooth]
-"""Function of (signal, highest derivative needed, setting or None) that returns a :class:`Smooth`."""
+"""Type of a function of (signal, highest derivative needed, setting or None) that returns a :class:`Smooth`."""
 
 
 def local_polynomial(signal: Signal, order: int, setting: float | None = None) -> Smooth:
-    """Smooth by cubic polynomials through the nearest *setting* samples.
+    """Return *signal* smoothed by cubic polynomials through the nearest *setting* samples.
 
-    None chooses their number.
+    None chooses the number of samples.
     """
     n = len(signal.t)
     widths = [int(setting)] if setting is not None else [w for w in WIDTHS if w < n] or [min(n, WIDTHS[0])]
@@ -83,7 +88,8 @@ def local_polynomial(signal: Signal, order: int, setting: float | None = None) -
 
 
 def penalised_spline(signal: Signal, order: int, setting: float | None = None) -> Smooth:
-    """Smooth by a spline with a penalty on the (order + 1)-th derivative, so that the *order*-th is smooth.
+    """Return *signal* smoothed by a spline with a penalty on the (order + 1)-th derivative, so that the *order*-th is
+    smooth.
 
     order : 1 for velocities (a cubic spline), 2 for positions (quintic).
     setting : penalty relative to the weight of the data; None chooses it.
@@ -217,4 +223,4 @@ def _banded_times(band: Array, X: Array) -> Array:
 
 
 SMOOTHERS: Mapping[str, Smoother] = {"smoothing": penalised_spline, "savitzky-golay": local_polynomial}
-"""Smoothers by name, as used in the option ``derivative``."""
+"""Value of the option ``derivative`` -> smoother."""

@@ -1,9 +1,10 @@
 """Least squares of the accelerations, the estimator of every method in this package.
 
-The papers solve for the acceleration, ``nu_dot = Phi theta`` (Miskovic2007 (5)-(8), Miskovic2010 (4.17)-(4.22)). Its
-noise, by far the largest, is then the error of the equation and causes no bias. For a form, the cost to minimise is
-``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows this equals (4.15) after a change of variables. For a full M it
-is the generalisation. Gauss-Newton minimises it. Each degree of freedom is weighted by its residual variance.
+The papers solve for the acceleration, ``nu_dot = Phi theta`` (Miskovic2007 (5)-(8), Miskovic2010 (4.17)-(4.22)). The
+noise of the acceleration is by far the largest. In this form it is the error of the equation and causes no bias. For a
+form, the cost to minimise is ``|M^-1 (M nu_dot + C nu - F)|^2``. For uncoupled rows this cost equals that of (4.15)
+after a change of variables. For a full M it is the generalisation. Gauss-Newton minimises it. Each degree of freedom is
+weighted by its residual variance.
 """
 
 from __future__ import annotations
@@ -25,25 +26,34 @@ __all__ = ["Barrier", "Equations", "Estimate", "solve"]
 Array = NDArray[np.float64]
 
 ROUNDS = 8
-"""Maximum number of rounds in which the equations are weighted by their residuals. Two to four suffice."""
+"""Maximum number of rounds in which the equations are weighted by their residuals.
+
+Two to four suffice. Project choice.
+"""
 
 SETTLED = 1e-3
-"""Relative change of the weights below which the rounds end."""
+"""Relative change of the weights below which the rounds of weighting end. Project choice."""
 
 LEVERAGE = 1e-9
-"""Ridge added to the information on each parameter, as a fraction of it. It affects only parameters that are not
-excited."""
+"""Ridge added to the information on each parameter, as a fraction of that information.
+
+Project choice. It affects only parameters that are not excited.
+"""
 
 Barrier = Callable[[Array], "Local | None"]
-"""Cost added to the sum of squares, as a function of all parameters (p,); None where it is infinite."""
+"""Type of a function of all parameters (p,) that returns a cost to add to the sum of squares, None where it is
+infinite.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equations:
     """Rows of all stretches for one form.
 
-    ``E`` (n, k, p + 1): coefficients of the parameters and the constant part. ``ends``: end of each stretch. ``free``:
-    indices of the free parameters. ``by_inertia`` (f, k, k): derivative of M by each free parameter.
+    - ``E`` (n, k, p + 1): coefficients of the parameters; the last column is the constant part.
+    - ``ends``: index of the first row after each stretch.
+    - ``free``: indices of the free parameters.
+    - ``by_inertia`` (f, k, k): derivative of M by each free parameter.
     """
 
     form: Form
@@ -59,7 +69,7 @@ class Equations:
         Raises
         ------
         UsageError
-            Delay, lag or current are free, and the equations are not linear in them.
+            Delay, lag or current are free parameters, and the equations are not linear in them.
         """
         odd = [n for n in form.free if n in SPECIAL]
         if odd:
@@ -122,10 +132,12 @@ def _check_scale(form: Form, E: Array) -> None:
 class Estimate:
     """Result of least squares.
 
-    ``theta`` (p,): all parameters. ``errors`` (n, k), ``jacobian`` (n, k, f): of the accelerations. ``weights`` (n, k):
-    inverse variance, lower for outliers. ``covariance`` (f, f): of the free parameters, robust to coloured residuals.
-    ``converged``: whether the iteration converged. ``excess`` (k,): rms of the errors relative to that caused by the
-    noise of the signals, if known.
+    - ``theta`` (p,): all parameters.
+    - ``errors`` (n, k), ``jacobian`` (n, k, f): errors of the accelerations and their derivatives.
+    - ``weights`` (n, k): inverse variance of each error, lower for outliers.
+    - ``covariance`` (f, f): covariance of the free parameters, robust to coloured residuals.
+    - ``converged``: whether the iteration converged.
+    - ``excess`` (k,): rms of the errors relative to that caused by the noise of the signals, if known.
     """
 
     equations: Equations
@@ -158,7 +170,8 @@ def information(J: Array, weights: Array) -> Array:
 def solve(
     equations: Equations, starts: Sequence[Array], *, robust: bool = False, barrier: Barrier | None = None
 ) -> Estimate:
-    """Return the best least-squares estimate from any of *starts* (each (p,), all parameters).
+    """Return the least-squares estimate with the lowest cost from any of *starts*, each of which has all parameters
+    (p,).
 
     robust : whether to use the weights of the soft-L1 loss against outliers.
 
@@ -249,11 +262,11 @@ def _covariance(estimate: Estimate) -> Array:
 
 
 def row_starts(equations: Equations) -> list[Array]:
-    """Return start values (p,) by two methods, after those of the form, if any.
+    """Return a list of start values (p,): those of the form, if any, and those of two methods.
 
-    The first is least squares of the forces. It underestimates inertia if accelerations are noisy. The second regresses
-    each row's acceleration on all other terms, as in Miskovic2007 (8). Noise of the acceleration does not bias it,
-    because the inertia comes from the gain of the inputs.
+    The first method is least squares of the forces. It underestimates inertia if accelerations are noisy. The second
+    method regresses each row's acceleration on all other terms, as in Miskovic2007 (8). Noise of the acceleration does
+    not bias the result, because the inertia comes from the gain of the inputs.
     """
     form, f = equations.form, len(equations.free)
     theta = np.array([{**form.start, **form.known}.get(n, 0.0) for n in form.parameters])

@@ -1,8 +1,8 @@
 """Calculate standard errors of an estimate from the noise of the measured signals.
 
-The residuals of a regression underestimate the error. A few windows contain most of the information, and there the fit
-follows the noise. Therefore noise with the measured standard deviation is added to the signals again. Its effect on
-smoothing, rows and estimate is calculated to first order. The standard error from coloured residuals
+The residuals of a regression underestimate the error. A few windows contain most of the information, and in these
+windows the fit includes the noise. Therefore noise with the measured standard deviation is added to the signals again.
+Its effect on smoothing, rows and estimate is calculated to first order. The standard error from coloured residuals
 (:func:`.scores_covariance`) is used if it is larger, because it includes errors other than sensor noise. Correlations
 are those of the information matrix.
 """
@@ -26,18 +26,27 @@ __all__ = ["NoiseDraw", "draw_noise", "excess_doubt", "raised", "with_noise"]
 Array = NDArray[np.float64]
 
 DRAWS = 32
-"""Number of noise draws. The standard error estimated from them is accurate to ``1/sqrt(2*DRAWS)``, which is 12 %."""
+"""Number of noise draws.
+
+Project choice: the standard error estimated from them is accurate to ``1/sqrt(2*DRAWS)``, which is 12 %.
+"""
 
 FAR = 3.0
-"""Ratio of an equation's rms error to that caused by noise. Above it, noise is not the only cause."""
+"""Ratio of an equation's rms error to the error caused by noise, above which a doubt is raised.
+
+Project choice. Noise is then not the only cause.
+"""
 
 SMALL = 0.003
-"""Error of an equation, relative to its terms, that is ignored. Smoothing causes such errors even in clean data."""
+"""Error of an equation, relative to its terms, up to which no doubt is raised.
+
+Project choice. Smoothing causes such errors even in data without noise.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseDraw:
-    """Records with noise added again, and their motions, smoothed with the settings of the measured ones."""
+    """Records with noise added again, and their motions, smoothed with the settings of the measured records."""
 
     records: tuple[Segment, ...]
     motions: tuple[GriddedMotion, ...]
@@ -57,7 +66,10 @@ def draw_noise(
 
 
 def with_noise(record: Segment, motion: GriddedMotion, rng: np.random.Generator) -> Segment:
-    """Return *record* with noise added to every signal, as large as the noise that smoothing removed."""
+    """Return *record* with noise added to every signal.
+
+    Its standard deviation equals that of the noise removed by smoothing.
+    """
     signals = {
         name: replace(s, values=s.values + rng.normal(0.0, motion.noise[name], len(s.values)))
         for name, s in record.signals.items()
@@ -70,8 +82,8 @@ def raised(estimate: Estimate, instruments: Array, bread: Array, errors: Sequenc
 
     Parameters
     ----------
-    instruments : (n, k, f), weighted; for least squares, the Jacobian.
-    bread : (f, f), inverse of the gain of the instruments.
+    instruments : (n, k, f) weighted instruments; for least squares, the Jacobian.
+    bread : (f, f) inverse of the gain of the instruments.
     errors : (n, k) acceleration errors of every draw, with the parameters of *estimate*.
     base : (n, k) acceleration errors of the measured records, with the same parameters.
     """

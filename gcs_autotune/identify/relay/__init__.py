@@ -1,8 +1,8 @@
 """Identify from the limit cycles of a relay and their first harmonic (IS-O, Miskovic2010, ch. 5-7).
 
-``limit_cycle`` reads cycles from a record and decides when to stop an experiment. ``iso`` identifies one degree of
-freedom from one cycle, and decides its drag from two. ``linear_process`` identifies any linear process, and the closed
-heading loop, from several cycles.
+``limit_cycle`` determines the limit cycles of a record and decides when to stop an experiment. ``iso`` identifies one
+degree of freedom from one cycle, and decides the kind of drag from two cycles. ``linear_process`` identifies any linear
+process, and the closed heading loop, from several cycles.
 """
 
 from __future__ import annotations

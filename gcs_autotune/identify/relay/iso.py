@@ -1,14 +1,15 @@
 """IS-O: identification by self-oscillation, from one limit cycle (Miskovic2010, Table 6.3).
 
-The relay is described by its describing function. Its input is ``x = x_0 + X_m sin(omega t)``, its output is ``C`` or
-``-C``, and it switches at ``+/- x_a``. To the first harmonic the output is ``Y_0 + (P_N + j Q_N) (x - x_0)``,
-(5.10)-(5.14). Integrators and delays rotate its phase.
+The relay is represented by its describing function. The relay's input is ``x = x_0 + X_m sin(omega t)`` and its output
+is ``C`` or ``-C``. It switches at ``+/- x_a``. To the first harmonic the output is ``Y_0 + (P_N + j Q_N) (x - x_0)``,
+(5.10)-(5.14). Integrators and delays rotate the phase of the output.
 
-Both drag structures come from the same reading. Three corrections are applied: bias (5.13), known delay (6.31), and
-actual switching value (6.5). The result is approximate, because only the first harmonic is balanced. Output error
-(:mod:`gcs_autotune.identify.problems.solution`) starts from it. Two limit cycles decide between the structures,
-(7.1)-(7.2). The structure whose drag coefficient differs less between them describes the craft better. The difference
-of ``alpha`` is the same for both structures and serves as a margin.
+Both drag structures are calculated from the same
+reading. Three corrections are applied: bias (5.13), known delay (6.31), and actual switching value (6.5). The result is
+approximate, because only the first harmonic is balanced. Output error (:mod:`gcs_autotune.identify.problems.solution`)
+uses the result as start values. Two limit cycles decide between the structures, (7.1)-(7.2). The structure whose drag
+coefficient differs less between them describes the craft better. The difference of ``alpha`` is the same for both
+structures and serves as a margin.
 """
 
 from __future__ import annotations
@@ -37,7 +38,10 @@ __all__ = [
 
 
 def is_valid(X_m: float, x_a: float, x_0: float = 0.0) -> bool:
-    """Return whether an oscillation satisfies the condition for the describing function, Miskovic2010, eq. (7.12)."""
+    """Return whether an oscillation satisfies Miskovic2010, eq. (7.12), the condition for the describing function.
+
+    X_m, x_a, x_0 : amplitude, switching value and bias of the oscillation, all in one unit.
+    """
     return X_m > 0.0 and x_a + abs(x_0) < X_m
 
 
@@ -61,20 +65,26 @@ def relay_bias(C: float, X_m: float, x_a: float, x_0: float = 0.0) -> float:
 
 
 def from_integrators(P: float, Q: float, omega: float, k: int) -> tuple[float, float]:
-    """Return ``(P, Q)`` after moving *k* integrators from the process to the relay, Miskovic2010, eq. (6.25)."""
+    """Return the describing function ``(P, Q)`` after moving *k* integrators from the process to the relay.
+
+    Source: Miskovic2010, eq. (6.25). omega : frequency [rad/s].
+    """
     for _ in range(k):
         P, Q = Q / omega, -P / omega
     return P, Q
 
 
 def from_delay(P: float, Q: float, omega: float, delay: float) -> tuple[float, float]:
-    """Return ``(P, Q)`` after moving a known *delay* [s] from the process to the relay, Miskovic2010, eq. (6.31)."""
+    """Return the describing function ``(P, Q)`` after moving a known *delay* [s] from the process to the relay.
+
+    Source: Miskovic2010, eq. (6.31). omega : frequency [rad/s].
+    """
     cosine, sine = math.cos(omega * delay), math.sin(omega * delay)
     return P * cosine + Q * sine, Q * cosine - P * sine
 
 
 def quadratic_drag(nu_0: float, amplitude: float) -> tuple[float, float]:
-    """Return mean and gain of ``|nu| nu`` for ``nu = nu_0 + amplitude sin(omega t)``, amplitude > 0.
+    """Return the mean and the gain of ``|nu| nu`` for ``nu = nu_0 + amplitude sin(omega t)``, amplitude > 0.
 
     Miskovic2010 (6.41)-(6.43) contains the gain for ``nu_0 = 0``, which is ``8/(3 pi) amplitude``. Here the Fourier
     integrals are solved for any *nu_0*, because surge may oscillate around a speed (6.48). If ``|nu_0|`` exceeds the
@@ -89,7 +99,7 @@ def quadratic_drag(nu_0: float, amplitude: float) -> tuple[float, float]:
 
 
 def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
-    """Return inertia, both drags and the constant force of *cycle*.
+    """Return the inertia, both drags and the constant force that follow from *cycle*.
 
     The equations are those of Miskovic2010, Table 6.3, with two corrections. The printed (6.43) lacks a power of omega,
     because the velocity's amplitude is ``omega * X_m``. Here ``delta`` is on the same side of the equation as the
@@ -114,9 +124,10 @@ def estimate(cycle: LimitCycle, delay: float = 0.0) -> IsoEstimate:
 
 
 def constant_force(cycle: LimitCycle, beta: float, beta_quadratic: float) -> float:
-    """Return the constant force, on the side of the input, that balances drag and input on average over *cycle*.
+    """Return the constant force that balances drag and input on average over *cycle* [input unit].
 
-    Source: Miskovic2010, eq. (6.47). If the mean velocity is zero, it is minus the input's mean, whatever the drag.
+    The force is on the side of the input in the equation of motion. Source: Miskovic2010, eq. (6.47). If the mean
+    velocity is zero, the force is minus the input's mean, whatever the drag.
     """
     lost, _ = quadratic_drag(cycle.nu_0, cycle.omega * cycle.X_m)
     given = cycle.offset + cycle.C * (cycle.T_H - cycle.T_L) / (cycle.T_H + cycle.T_L)
@@ -131,12 +142,15 @@ MARGINS: Mapping[str, Callable[[float], float]] = {
 }
 """Name of a criterion -> function that returns the margin lambda [%] for sigma_alpha [%].
 
-These are criteria 1 to 4 of Miskovic2010, 7.1.
+The criteria are 1 to 4 of Miskovic2010, 7.1.
 """
 
 
 def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decision:
-    """Return the decision between linear damping (``linear``) and quadratic damping (``nonlinear``).
+    """Return the decision between linear damping (``linear``) and quadratic damping (``nonlinear``) from two
+    experiments.
+
+    margin : name of a criterion in :data:`MARGINS`.
 
     Raises
     ------
@@ -157,7 +171,7 @@ def decide(one: IsoEstimate, other: IsoEstimate, margin: str = "sigma") -> Decis
 
 
 def two_experiment_decision(estimates: Sequence[IsoEstimate]) -> Decision | None:
-    """Return the decision from the two most different limit cycles, or None without two."""
+    """Return the decision from the two most different limit cycles, or None if there are fewer than two cycles."""
     pair = _most_different_pair(tuple(estimates))
     return None if pair is None else decide(*pair)
 

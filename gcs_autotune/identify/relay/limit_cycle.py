@@ -1,4 +1,4 @@
-"""Read limit cycles from a relay experiment, and monitor when to stop one (Miskovic2010, 6.5-6.7).
+"""Determine the limit cycles of a relay experiment, and monitor when to stop the experiment (Miskovic2010, 6.5-6.7).
 
 The readings are the extremes and durations of every half period, the actual switching value (6.5), and condition (7.12)
 for every period. The stop rule needs five consecutive periods whose maxima and minima scatter within 10 %.
@@ -36,18 +36,23 @@ __all__ = [
 ]
 
 PERIODS = 5
-"""Consecutive periods that the stop rule requires, Miskovic2010, 6.7."""
+"""Number of consecutive periods that the stop rule requires (Miskovic2010, 6.7)."""
 
 SCATTER = 0.10
-"""Largest standard deviation of maxima and of minima, as a fraction of the amplitude, Miskovic2010, 6.7."""
+"""Largest standard deviation of maxima and of minima that the stop rule allows, as a fraction of the amplitude.
+
+Source: Miskovic2010, 6.7.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class HalfPeriod:
-    """Readings of one half period, from one switching to the next.
+    """Readings of one half period, from one switching of the relay to the next.
 
-    ``start``, ``end``: times [s]. ``at_switch``: position at the start. ``low``, ``high``: its extremes. ``level``:
-    level of the input.
+    - ``start``, ``end`` [s]: times at which the relay switches.
+    - ``at_switch``: position at ``start``.
+    - ``low``, ``high``: smallest and largest position.
+    - ``level``: value of the input.
     """
 
     start: float
@@ -66,8 +71,8 @@ class HalfPeriod:
 def cycle_from(halves: Sequence[HalfPeriod], x_a: float | None = None) -> LimitCycle:
     """Return the mean limit cycle of an even number (two or more) of consecutive half periods.
 
-    Switching values are measured from their own middle, so the reference need not be known. ``valid`` is true only if
-    every single period satisfies (7.12).
+    Switching values are measured from the midpoint between them, so the reference need not be known. ``valid`` is true
+    only if every single period satisfies (7.12).
     """
     one, other = halves[0::2], halves[1::2]
     rising, falling = (one, other) if _mean(one, "at_switch") < _mean(other, "at_switch") else (other, one)
@@ -114,11 +119,13 @@ def _is_proper(pair: Sequence[HalfPeriod], middle: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class MonitorState:
-    """State of the monitor.
+    """State of a :class:`LimitCycleMonitor`.
 
-    ``switchings``: total number. ``periods``: number of consecutive periods that satisfy (7.12); a period that violates
-    it sets the count to 0. ``settled``: whether the stop rule is satisfied. ``proper``: whether the last full period
-    satisfied (7.12), True before the first. ``cycle``: mean of the latest periods, None before the first.
+    - ``switchings``: number of switchings of the relay.
+    - ``periods``: number of consecutive periods that satisfy (7.12); a period that violates it sets the count to 0.
+    - ``settled``: whether the stop rule is satisfied.
+    - ``proper``: whether the last full period satisfied (7.12), True before the first.
+    - ``cycle``: mean of the latest periods, None before the first.
     """
 
     switchings: int
@@ -129,13 +136,13 @@ class MonitorState:
 
 
 class LimitCycleMonitor:
-    """Monitor that follows a relay sample by sample and applies the stop rule.
+    """Monitor that processes a relay experiment sample by sample and applies the stop rule.
 
     Parameters
     ----------
     C : relay output [input units], half the distance between its two positions.
-    x_a : set switching value [rad or m].
-    periods, scatter : limits of the stop rule, as :data:`PERIODS` and :data:`SCATTER`.
+    x_a : switching value as set [rad or m].
+    periods, scatter : limits of the stop rule, with the meaning of :data:`PERIODS` and :data:`SCATTER`.
     """
 
     def __init__(self, C: float, x_a: float, *, periods: int = PERIODS, scatter: float = SCATTER) -> None:
@@ -152,7 +159,7 @@ class LimitCycleMonitor:
         return self._state
 
     def update(self, t: float, x: float, relay_high: bool) -> MonitorState:
-        """Process one sample, and return the state.
+        """Process one sample, and return the new state.
 
         t, x, relay_high : time [s], input of the relay with either sign, and whether its output is now high.
 
@@ -202,28 +209,38 @@ class LimitCycleMonitor:
 Array = NDArray[np.float64]
 
 LEVEL_TOLERANCE = 0.05
-"""Relative difference of the relay's level between half periods, up to which they belong to the same experiment."""
+"""Relative difference of the relay's output between half periods, up to which they belong to one experiment.
+
+Project choice.
+"""
 
 
 NEUTRAL = 0.25
-"""Deviation of an input from the relay's level, relative to its amplitude, above which it counts as neutral."""
+"""Deviation of an input from the relay's output, relative to its amplitude, above which the input counts as neutral.
+
+Project choice.
+"""
 
 RELAY_SPREAD = 0.2
-"""Largest scatter of the relay's switching positions, as a fraction of the distance between them."""
+"""Largest scatter of the relay's switching positions, as a fraction of the distance between them. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """A limit cycle, and the times ``edges`` (periods + 1,) [s] of the starts of its periods and of the last end."""
+    """A limit cycle with its times.
+
+    - ``cycle``: the limit cycle.
+    - ``edges`` (periods + 1,) [s]: start of every period, and end of the last.
+    """
 
     cycle: LimitCycle
     edges: Array
 
 
 def find_cycles(trial: Trial, dof: Dof | str) -> tuple[LimitCycle, ...]:
-    """Return the limit cycles of a run, one per relay setting, or none if the input is not a relay.
+    """Return the limit cycles of a run, one per relay setting. The result is empty if the input is not a relay.
 
-    Each is averaged over its last periods. The first periods are left out if they still belong to the transient.
+    Each limit cycle is averaged over its last periods. The first periods are left out if they belong to the transient.
 
     Raises
     ------
@@ -248,6 +265,7 @@ def cycles_of(
 
     Parameters
     ----------
+    x_a : switching value as set [rad or m], None if unknown.
     marked : switching times [s], used if the input itself does not show them.
     declared : whether the run is known to be a relay experiment. If not, only a stretch that behaves like one is used.
     """

@@ -8,7 +8,7 @@ rows. ``P + j Q`` is either the relay's describing function, which is accurate t
 The closed heading loop is such a process (Miskovic2010, 6.6.4). The relay is outside the autopilot and commands the
 heading, ``psi_ref = psi_ref* +/- C``. The result is ``psi/psi_ref = (b_1 s + 1)/(a_3 s^3 + a_2 s^2 + a_1 s + 1)``,
 (6.49). On a first-order steering equation, every autopilot of Table 8.1 except the classical PID leads to this form.
-:func:`simplify` is Algorithm 8.7.
+Algorithm 8.7 is in ``control.line``.
 """
 
 from __future__ import annotations
@@ -37,19 +37,18 @@ __all__ = [
     "loop_process",
     "loop_trial",
     "process_from_response",
-    "simplify",
 ]
 
 Array = NDArray[np.float64]
 
 ROUNDS = 12
-"""Maximum number of solutions of the weighted equations. The weights settle after five to eight."""
+"""Maximum number of solutions of the weighted equations. The weights settle after five to eight. Project choice."""
 
 
 def experiments_needed(n: int, m: int, *, gain_known: bool = False) -> int:
     """Return the number of limit cycles needed for *n* poles and *m* zeros, Miskovic2010 (6.11).
 
-    gain_known : whether b_0 is known, which is one unknown less.
+    gain_known : whether the gain b_0 is known, which reduces the number of unknowns by one.
     """
     return math.ceil((n + m + (0 if gain_known else 1)) / 2)
 
@@ -65,8 +64,8 @@ def identify_process(
 ) -> TransferFunction:
     """Identify a linear process from limit cycles, accurate to the first harmonic.
 
-    The bias ``x_0`` and the actual switching value ``x_a*`` of each cycle are used. *integrators* are treated by
-    (6.25), and *delay* [s] by (6.31).
+    The bias ``x_0`` and the actual switching value ``x_a*`` of each cycle are used. Equation (6.25) includes
+    *integrators*, and equation (6.31) includes *delay* [s].
 
     Parameters
     ----------
@@ -100,9 +99,9 @@ def process_from_response(
 
     Parameters
     ----------
-    omega : (k,) [rad/s].
-    response : (k,) complex, of the whole process including integrators and delay.
-    std : (k,) standard deviation of *response*; the rows are weighted by it, relative to the response.
+    omega : (k,) frequencies [rad/s].
+    response : (k,) complex response of the whole process including integrators and delay.
+    std : (k,) standard deviation of *response*. Each equation is weighted by the inverse of its relative value.
 
     Raises
     ------
@@ -178,13 +177,13 @@ def _row(omega: float, balance: complex, n: int, m: int, integrators: int, delay
 LOOPS: Mapping[str, tuple[str, str]] = {"psi_ref": ("psi", "yaw"), "z_ref": ("z", "heave"), "u_ref": ("u", "surge")}
 """Commanded channel -> responding channel, and the degree of freedom that represents the loop.
 
-The command becomes the input of that degree of freedom, and the response its position. For ``u_ref`` the speed takes
-the place of the position, because the loop controls it.
+The command becomes the input of that degree of freedom, and the response becomes its position. For ``u_ref`` the speed
+replaces the position, because the loop controls the speed.
 """
 
 
 def heading_loop(cycle_1: LimitCycle, cycle_2: LimitCycle, *further: LimitCycle) -> TransferFunction:
-    """Return the closed heading loop from two or more limit cycles, Miskovic2010, eq. (6.52).
+    """Return the transfer function of the closed heading loop from two or more limit cycles, Miskovic2010, eq. (6.52).
 
     Its static gain is 1.
 
@@ -238,38 +237,12 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
     return tuple(cycle for part in parts for cycle in find_cycles(part, str(part.meta["dof"])))
 
 
-def simplify(loop: TransferFunction) -> TransferFunction:
-    """Return the loop with two poles and one zero, Miskovic2010, Algorithm 8.7 and (8.51).
-
-    The real pole *p* is removed, and its lag ``-1/p`` is subtracted from the lead of the zero. If there are three real
-    poles, the cube roots of the algorithm are complex. The fastest pole is then removed, because that changes the
-    response least.
-
-    Raises
-    ------
-    NotInformative
-        The pole to remove is unstable, so the rest would not represent the loop.
-    """
-    a_3, b_1 = loop.denominator[3], loop.numerator[1]
-    poles = loop.poles()
-    real = poles[np.abs(poles.imag) <= 1e-7 * np.abs(poles)].real
-    p = float(real.min())
-    if p >= 0.0 or a_3 == 0.0:
-        raise NotInformative(
-            f"the identified heading loop has its real pole at {p:.3g} rad/s, so it is unstable or of lower order. "
-            "Repeat the two relay experiments with clearly different C or x_a and without saturating the rudder"
-        )
-    omega_n_squared = -1.0 / (p * a_3)
-    # s^3 + (a_2/a_3) s^2 + ... = (s - p)(s^2 + 2 zeta omega_n s + omega_n^2)
-    damping = loop.denominator[2] / a_3 + p
-    return TransferFunction((1.0, b_1 + 1.0 / p), (1.0, damping / omega_n_squared, 1.0 / omega_n_squared))
-
-
 def loop_process(response: FrequencyResponse, n: int, m: int, *, gain: float | None = None) -> TransferFunction:
     """Return the process from input to *position* with *n* poles and *m* zeros.
 
-    *response* is that to velocity, from harmonics. This is the exact counterpart of :func:`identify_process` if records
-    are available and not only readings. For the closed heading loop n = 3, m = 1, gain = 1.
+    *response* is the response from input to velocity, from harmonics. This function is the exact counterpart of
+    :func:`identify_process`. It needs records and not only readings. For the closed heading loop n = 3, m = 1, gain =
+    1.
 
     Raises
     ------

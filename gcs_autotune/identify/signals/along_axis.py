@@ -22,15 +22,17 @@ __all__ = ["DISTANCE", "ahead_doubt", "distance_in", "projected_track", "with_di
 DISTANCE = "d"
 
 SWING = np.radians(15.0)
-"""Change of heading [rad] while facing the surface, above which a doubt is raised. At this angle ``d`` shows up to 3 %
-too little motion."""
+"""Change of heading [rad] while facing the surface, above which a doubt is raised. Project choice.
+
+At this angle ``d`` shows up to 3 % too little motion.
+"""
 
 
 def with_distance_ahead(trial: Trial) -> Trial:
     """Return *trial* with ``x = -d`` if it contains the distance ``d`` to a surface ahead.
 
-    The relation is ``d_dot = -u cos(phi)`` (2.43) with phi = 0. This ``x`` replaces a north position, which shows surge
-    only if the craft heads north. If a rangefinder is slower than its messages, only new measurements are used.
+    The relation is ``d_dot = -u cos(phi)`` (2.43) with phi = 0. The new ``x`` replaces a north position, which shows
+    surge only if the craft heads north. If a rangefinder is slower than its messages, only new measurements are used.
     """
     if DISTANCE not in trial or not len(trial[DISTANCE]):
         return trial
@@ -39,10 +41,10 @@ def with_distance_ahead(trial: Trial) -> Trial:
 
 
 REPEATS, STEADY = 5, 0.9
-"""Limits that identify a sensor slower than its messages.
+"""Limits that identify a sensor slower than its messages. Project choice.
 
-REPEATS: smallest number of messages per new value. STEADY: smallest fraction of the changes that are a whole multiple
-of that number apart.
+- ``REPEATS``: smallest number of messages per new value.
+- ``STEADY``: smallest fraction of the changes whose spacing is a whole multiple of that number.
 """
 
 
@@ -77,7 +79,7 @@ def distance_in(segment: Segment) -> Channel | None:
 
 
 def ahead_doubt(trial: Trial) -> Doubt | None:
-    """Return a doubt if the heading shows that the craft did not keep facing the surface ahead."""
+    """Return a doubt if the heading shows that the craft did not keep facing the surface ahead, else None."""
     if "psi" not in trial or not len(trial["psi"]):
         return None
     psi = np.unwrap(trial["psi"].values[np.isfinite(trial["psi"].values)])
@@ -93,23 +95,23 @@ def ahead_doubt(trial: Trial) -> Doubt | None:
 
 
 STRAIGHT, CROOKED = 0.15, 0.6
-"""Limits of the standard deviation of the heading [rad]. Up to STRAIGHT a track counts as straight. Above CROOKED it is
-rejected.
+"""Limits of the standard deviation of the heading [rad]. Project choice.
 
-At 0.15 the projection is 1 % too short.
+Up to ``STRAIGHT`` a track counts as straight. Above ``CROOKED`` the track is rejected. At 0.15 the projection is 1 %
+too short.
 """
 
 
 def projected_track(
     trial: Trial, axis: Dof, position: Channel, notes: list[Doubt], *, needed: bool = True
 ) -> Channel | None:
-    """Return the distance travelled ahead (surge) or to starboard (sway), relative to the mean heading.
+    """Return the distance travelled ahead (surge) or to starboard (sway), relative to the mean heading [m].
 
     Return *position* unchanged for other degrees of freedom, or if the heading or the other coordinate was not
     recorded. ``x`` and ``y`` are then taken as ahead and starboard, as in a towing tank.
 
-    needed : whether the position is the only signal of this motion. If it is not, None is returned for a track that is
-        not straight.
+    needed : whether the position is the only signal of this motion. If it is not, the result for a track that is not
+        straight is None.
 
     Raises
     ------

@@ -35,33 +35,45 @@ Array = NDArray[np.float64]
 
 
 JUMP_SAMPLES = 3
-"""Number of consecutive samples older than an earlier one that count as a jump of the clock. Fewer are late samples."""
+"""Number of consecutive samples older than an earlier one that count as a jump of the clock. Project choice.
+
+Fewer such samples count as late.
+"""
 
 LATE = 0.05
-"""Largest fraction of late samples that may be left out. With more, the clock is not reliable."""
+"""Largest fraction of late samples that may be left out. With more, the clock is not reliable. Project choice."""
 
 FULL_TURN = {"rad": 2.0 * np.pi, "deg": 360.0}
-"""Size of a full turn in each unit of an angle. Jumps of this size are removed from headings."""
+"""Unit of an angle -> full turn in this unit. Jumps of this size are removed from headings."""
 
 OVERTAKEN = 5.0
-"""Largest lateness of a late sample that is kept, in median time steps."""
+"""Largest lateness of a late sample that is kept [median time steps]. Project choice."""
 
 DWELL = 3
-"""Smallest number of identical extreme samples in a row that counts as clipping."""
+"""Smallest number of identical extreme samples in a row that counts as clipping. Project choice."""
 
 SPEED = 0.3
 """Smallest change next to identical extreme samples that counts as fast, relative to the signal's usual change per
-sample."""
+sample. Project choice.
+"""
 
 QUANTA = 3.0
-"""Smallest change next to identical extreme samples that counts as fast, in steps of the sensor's resolution."""
+"""Smallest change next to identical extreme samples that counts as fast, in steps of the sensor's resolution.
+
+Project choice.
+"""
 
 STEADY = 0.9
-"""Fraction of time steps near the usual one, above which an input counts as regularly recorded."""
+"""Fraction of the time steps that must be near the usual one for an input to count as regularly recorded.
+
+Project choice.
+"""
 
 LONGEST, STEPS = 1.0, 10.0
-"""Limits (seconds, usual time steps) of an interval without samples. If it exceeds both, it is a gap in a regularly
-recorded input."""
+"""Limits of an interval without samples in a regularly recorded input, in seconds and in usual time steps.
+
+An interval that exceeds both is a gap. Project choice.
+"""
 
 
 def noted(trial: Trial) -> list[Doubt]:
@@ -70,7 +82,7 @@ def noted(trial: Trial) -> list[Doubt]:
 
 
 def jumps_back(t: Array) -> NDArray[np.intp]:
-    """Return the indices of the samples at which the clock jumps to an earlier time."""
+    """Return the indices of the samples in *t* at which the clock jumps to an earlier time."""
     known = np.flatnonzero(np.isfinite(t))
     stamps = t[known]
     found = []
@@ -82,7 +94,9 @@ def jumps_back(t: Array) -> NDArray[np.intp]:
 
 
 def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Return *channel* without invalid numbers and repeated stamps, with late samples sorted.
+    """Return *channel* without invalid numbers and repeated stamps, and with late samples sorted in.
+
+    Doubts go to *notes*.
 
     Of samples with the same stamp, the first is kept.
 
@@ -152,7 +166,7 @@ def _in_order(t: Array, values: Array, late: NDArray[np.bool_]) -> tuple[Array, 
 def unwrap(t: Array, angle: Array, rate: Channel | None) -> Array:
     """Return *angle* [rad] without jumps of a full turn.
 
-    Over a gap the turn continues at the measured rate or, without one, at the last rate.
+    Over a gap the angle continues at the measured *rate* or, without one, at the last rate.
     """
     step = np.diff(angle)
     turns = np.round(step / (2.0 * np.pi))
@@ -176,10 +190,7 @@ def _turn_expected(t: Array, angle: Array, rate: Channel | None, i: int) -> floa
 
 
 def clipped(channel: Channel) -> NDArray[np.bool_]:
-    """Return which samples (n,) are at the limit of the sensor's range.
-
-    Without clipping, no sample is.
-    """
+    """Return a mask (n,) of the samples at the limit of the sensor's range. It is False everywhere without clipping."""
     x = channel.values
     none = np.zeros(len(x), dtype=bool)
     if len(x) < 10 * DWELL or np.ptp(x) == 0.0:
@@ -222,7 +233,7 @@ def _levels_off(x: Array, extreme: float, least: float) -> bool:
 
 
 def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
-    """Return *channel* without its samples at the limit of the sensor's range, and note their number.
+    """Return *channel* without its samples at the limit of the sensor's range. A doubt about them is added to *notes*.
 
     A heading has no such limits: it may reverse quickly anywhere.
     """
@@ -244,7 +255,10 @@ def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
 
 
 def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, float]]:
-    """Return the start and end [s] of each gap in a regularly recorded input, and note them."""
+    """Return the start and end [s] of each gap in a regularly recorded input.
+
+    A doubt about the gaps is added to *notes*.
+    """
     dt = np.diff(drive.t)
     if len(dt) < 20:
         return []

@@ -1,7 +1,7 @@
-"""Check runs on input: split them where the clock restarts, and look for wrong units.
+"""Check runs when they are read: split them where the clock restarts, and look for wrong units.
 
-Results are written into the run's ``meta["notes"]`` (slug, cause, cure), as log readers do. They become doubts when the
-run is prepared. :mod:`gcs_autotune.crosscheck` finds columns that contradict each other.
+Results are added to the run's ``meta["notes"]`` (slug, cause, cure), as log readers do. They become doubts when the run
+is prepared. :mod:`gcs_autotune.crosscheck` finds columns that contradict each other.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ Record = TypeVar("Record")
 
 
 def take_in(runs: Sequence[Trial], use: Sequence[str] | None = None) -> tuple[Trial, ...]:
-    """Return *runs*, checked for contradictions, with those split whose clock jumps back.
+    """Return *runs*, checked for contradictions. A run whose clock jumps back is split into several runs.
 
-    use : signals that are fitted. A pair of columns is not compared if one of them is not used.
+    use : names of the signals that are fitted. A pair of columns is not compared if one of its signals is not used.
 
     Raises
     ------
@@ -53,12 +53,12 @@ def take_in(runs: Sequence[Trial], use: Sequence[str] | None = None) -> tuple[Tr
 def prepared_runs(
     runs: Sequence[Trial], prepare: Callable[[Trial], tuple[Record, ...]]
 ) -> tuple[tuple[Trial, ...], list[Record], tuple[Doubt, ...]]:
-    """Return the usable runs, their records, and a doubt for each run that cannot be used.
+    """Return the usable runs, their records from *prepare*, and a doubt for each run that cannot be used.
 
     Raises
     ------
     DataError
-        No run can be used. The error is that of the first run.
+        No run can be used. The exception of the first run is raised.
     """
     used: list[Trial] = []
     records: list[Record] = []
@@ -84,7 +84,7 @@ def left_out(name: str, error: Exception) -> Doubt:
 
 
 COMPARED = "compared"
-"""Key in the meta data of a run whose columns were compared already."""
+"""Key in the metadata of a run that marks its columns as compared already."""
 
 
 def _noted(trial: Trial, doubts: Sequence[Doubt]) -> Trial:
@@ -150,21 +150,29 @@ Array = NDArray[np.float64]
 
 DEG = 180.0 / math.pi
 GROSS = 5.0
-"""Factor between two columns above which a wrong unit is certain. A smaller factor may have another cause (current,
-slip) and only raises a doubt."""
-WINDOW = 1.0
-"""Time [s] over which columns are compared. It is twice the interval over which the rate of a heading is calculated."""
-STRETCHES, ALONG_TRACK = 20, 0.25
-"""Settings of the test that detects ``u`` and ``v`` along north and east instead of body axes.
+"""Factor between two columns above which a wrong unit is certain. Project choice.
 
-STRETCHES: number of stretches of the track that are compared. ALONG_TRACK: largest squared residual with ``u`` and
-``v`` taken along north and east. It is relative to the squared residual with body axes, and to the squared length of
-the track.
+A smaller factor may have another cause (current, slip) and only raises a doubt.
+"""
+WINDOW = 1.0
+"""Time [s] over which columns are compared.
+
+Project choice. It is twice the interval over which the rate of a heading is calculated.
+"""
+STRETCHES, ALONG_TRACK = 20, 0.25
+"""Settings of the test that detects ``u`` and ``v`` along north and east instead of body axes. Project choice.
+
+- ``STRETCHES``: number of stretches of the track that are compared.
+- ``ALONG_TRACK``: largest squared residual with ``u`` and ``v`` taken along north and east. It is relative to the
+  squared residual with body axes, and to the squared length of the track.
 """
 TURNED = 0.3
-"""Smallest turn [rad] required for this test. On a straight course, both kinds of speed look alike."""
+"""Smallest turn [rad] required for the test of north and east speeds. Project choice.
+
+On a straight course, speeds along north and east look like speeds in body axes.
+"""
 TURN = 3.5
-"""Turn rate [rad/s] of a heading above which its values are probably in degrees."""
+"""Turn rate [rad/s] of a heading above which its values are probably in degrees. Project choice."""
 
 
 def check_units(trial: Trial, use: Sequence[str] | None = None) -> list[Doubt]:

@@ -51,32 +51,40 @@ INPUTS: dict[str, tuple[str, ...]] = {
 """Degree of freedom -> channels that may be its input, preferred first."""
 
 WITHIN_LOOP = 0.25
-"""Fraction of an autopilot's loop time by which outputs and attitudes from the same loop may differ."""
+"""Fraction of an autopilot's loop time by which outputs and attitudes from the same loop may differ. Project choice."""
 
 GAP_SECONDS, GAP_STEPS = 1.0, 10.0
-"""Limits (seconds, median time steps) of an interval without samples. If it exceeds both, a new segment starts, with
-its own initial state."""
+"""Limits of an interval without samples, in seconds and in median time steps. Project choice.
+
+If an interval exceeds both, a new segment starts after it, with its own initial state.
+"""
 
 TRANSITION = 4.0
-"""Smallest ratio of a velocity's standard deviation to its noise for a change from one steady value to another."""
+"""Smallest ratio of a velocity's standard deviation to its noise for a change from one steady value to another.
+
+Project choice.
+"""
 
 SETTLED = 2.0
-"""Largest ratio of the standard deviation of the second half of a velocity to its noise, for it to count as settled."""
+"""Largest ratio of a velocity's standard deviation to its noise for the velocity to count as settled. Project choice.
+
+The ratio is that of the second half of the velocity.
+"""
 
 TURN_RATES = ("p", "q", "r")
-"""Signals filtered by the autopilot's gyro filter."""
+"""Names of the signals that the autopilot's gyro filter delays."""
 
 _VELOCITIES = frozenset(d.velocity for d in DOFS.values())
 
 
 def signals_of(form: Form) -> tuple[str, ...]:
-    """Return the names of the signals that a form predicts: velocities, then positions."""
+    """Return the names of the signals that *form* predicts: velocities, then positions."""
     dofs = [DOFS[d] for d in form.dofs]
     return (*(d.velocity for d in dofs), *(d.position for d in dofs))
 
 
 def guess_dof(trial: Trial) -> Dof:
-    """Return the degree of freedom that a run is about, from its meta data or from its varying inputs.
+    """Return the degree of freedom of a run, from its metadata or from its varying inputs.
 
     Raises
     ------
@@ -107,10 +115,10 @@ def guess_dof(trial: Trial) -> Dof:
 
 
 def form_driven(runs: Sequence[Trial]) -> Form | None:
-    """Return the shipped form whose inputs all *runs* contain, or None.
+    """Return the only shipped form whose inputs all *runs* contain, or None.
 
-    It is only for boats that a single degree of freedom cannot describe, such as one with two thrusters side by side.
-    These push and turn it at the same time.
+    The function is for boats that a single degree of freedom cannot describe. An example is a boat with two thrusters
+    side by side, which push and turn it at the same time.
     """
     if any(_input_names(run, d) and _output_names(run, d) for run in runs for d in DOFS.values()):
         return None
@@ -144,8 +152,8 @@ def _varies(channel: Channel) -> bool:
 def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     """Return the usable segments of *trial* for one degree of freedom.
 
-    For surge and sway, the position is the distance travelled ahead or to starboard. It comes from the distance to a
-    wall ahead if that was measured, otherwise from the track.
+    For surge and sway, the position is the distance travelled ahead or to starboard. The distance travelled comes from
+    the distance to a wall ahead if that was measured, otherwise from the track.
 
     Raises
     ------
@@ -220,7 +228,7 @@ def prepare_form(
     ----------
     use : names of the signals to use. None uses all measured velocities and angles, and those positions whose velocity
         was not measured.
-    continuous : whether angles are continuous already.
+    continuous : whether the angles are already without jumps of a full turn.
 
     Raises
     ------
@@ -311,7 +319,7 @@ def prepare_as_recorded(
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`prepare_form`, if no run can be used.
+        No run can be used. The exception is that of :func:`prepare_form` for the first run.
     """
     found: list[Segment] = []
     doubts: list[Doubt] = []

@@ -24,14 +24,16 @@ __all__ = ["MIN_SAMPLES", "Segment", "Signal", "within_horizon", "without_signal
 Array = NDArray[np.float64]
 
 MIN_SAMPLES = 20
-"""Minimum number of output samples of a segment: three per parameter to be distinguished."""
+"""Minimum number of output samples of a segment. Project choice: three per parameter to be distinguished."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signal:
     """A measured output.
 
-    ``t``: stamps [s]. ``values``: samples, with continuous angles. ``step``: resolution of the sensor, 0 if none.
+    - ``t`` (n,): stamps [s].
+    - ``values`` (n,): samples; angles are continuous.
+    - ``step``: resolution of the sensor, 0 if negligible.
     """
 
     name: str
@@ -40,12 +42,12 @@ class Signal:
     step: float
 
     def since(self, start: float) -> Signal:
-        """Return the samples from *start* [s] on."""
+        """Return the signal from the time *start* [s] on."""
         keep = self.t >= start
         return replace(self, t=self.t[keep], values=self.values[keep])
 
     def between(self, first: float, last: float) -> Signal:
-        """Return the samples from *first* to *last* [s], both included."""
+        """Return the signal between the times *first* and *last* [s], both included."""
         keep = (self.t >= first) & (self.t <= last)
         return replace(self, t=self.t[keep], values=self.values[keep])
 
@@ -54,14 +56,17 @@ class Signal:
 class Segment:
     """One uninterrupted stretch of a run.
 
-    ``run``: name of the run. ``name``: the same, with ``#`` and a number if the run was cut. ``t_in`` (j,) [s]: times
-    at which an input changes. ``inputs`` (j, m): all inputs ``input_names`` from then on, held until the next change.
-    ``signals``: measured outputs by name. For one degree of freedom the position comes first.
+    - ``run``: name of the run.
+    - ``name``: name of the run, with ``#`` and a number if the run was cut.
+    - ``t_in`` (j,) [s]: times at which an input changes.
+    - ``inputs`` (j, m): values of the inputs ``input_names`` from each of these times, held until the next change.
+    - ``signals``: measured outputs by name. For one degree of freedom the position comes first.
 
-    ``dating`` [s]: possible common error of all input stamps (decision 3), 0 if they are exact. ``loop`` [s]: loop time
-    of the autopilot. ``slack`` (j,) [s]: shift of each change if it happened in another loop, 0 if only one is
-    possible. ``lags`` [s]: signal -> delay of an onboard filter, for which its stamps are corrected. ``measured``:
-    unprocessed channels of the run.
+    - ``dating`` [s]: possible common error of all input stamps (decision 3), 0 if they are exact.
+    - ``loop`` [s]: loop time of the autopilot.
+    - ``slack`` (j,) [s]: shift of each input change if it happened in another loop, 0 if only one loop is possible.
+    - ``lags``: name of the signal -> delay [s] of an onboard filter, for which the stamps are corrected.
+    - ``measured``: name -> unprocessed channel of the run.
     """
 
     name: str
@@ -89,7 +94,7 @@ class Segment:
 
     @cached_property
     def stamps(self) -> Array:
-        """Stamps of all signals, sorted, without repeats."""
+        """Stamps (s,) of all signals [s], sorted, without repeats."""
         return np.unique(np.concatenate([s.t for s in self.signals.values()]))
 
     @cached_property
@@ -99,15 +104,12 @@ class Segment:
 
     @cached_property
     def passage(self) -> Passage:
-        """Segment in the format of simulations with effects."""
+        """This segment in the format for simulations with effects."""
         commands = {n: np.ascontiguousarray(self.inputs[:, i]) for i, n in enumerate(self.input_names)}
         return passage_of(self.run, self.t_in, commands, {n: s.t for n, s in self.signals.items()}, self.measured)
 
     def passage_at(self, shift: float) -> Passage:
-        """Return the passage with its inputs delayed by *shift* [s].
-
-        It is unchanged if its stamps are exact.
-        """
+        """Return :attr:`passage` with its inputs delayed by *shift* [s], or unchanged if the stamps are exact."""
         return replace(self.passage, t_in=self.passage.t_in + shift) if shift and self.dating else self.passage
 
     @property
@@ -138,7 +140,7 @@ class Segment:
         return next(iter(self.signals.values()))
 
     def driven(self, t_in: Array, commands: Mapping[str, Array]) -> Segment:
-        """Return the segment with other inputs, each (j,) held from *t_in* (j,) [s] on.
+        """Return the segment with the inputs *commands*, each (j,), held from the times *t_in* (j,) [s].
 
         The unit of a new input is 1.
         """
@@ -159,8 +161,8 @@ class Segment:
     def after(self, delay: float) -> Segment:
         """Return the segment without the samples that depend on inputs before the first input stamp.
 
-        Commands before the record are unknown. With a delay [s] the start of the record therefore cannot be simulated.
-        The segment is returned unchanged if too few samples would remain.
+        delay : delay of the inputs [s]. Commands before the record are unknown. With a delay, the start of the record
+            therefore cannot be simulated. The segment is returned unchanged if too few samples would remain.
         """
         start = float(self.t_in[0]) + delay
         if delay <= 0.0 or start <= self.start:
@@ -171,7 +173,7 @@ class Segment:
         return replace(self, signals=kept)
 
     def until(self, share: float) -> Segment:
-        """Return the first part of the segment, the fraction *share* of its time.
+        """Return the beginning of the segment, which is the fraction *share* of its duration.
 
         Every signal keeps at least its first :data:`MIN_SAMPLES` samples.
         """
@@ -192,9 +194,8 @@ class Segment:
         return found
 
     def within(self, horizon: float) -> tuple[Segment, ...]:
-        """Return segments no longer than *horizon* [s].
-
-        They are longer if shorter ones could not be fitted. The inputs are not cut.
+        """Return the segment cut into segments no longer than *horizon* [s], or longer if these would have too few
+        samples. The inputs are not cut.
         """
         if not math.isfinite(horizon):
             return (self,)

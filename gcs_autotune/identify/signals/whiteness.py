@@ -25,22 +25,26 @@ __all__ = [
 Array = NDArray[np.float64]
 
 LAGS = 10
-"""Number of lags in the whiteness test. At 10 Hz they cover one second, where unmodelled lags show first."""
+"""Number of lags in the whiteness test. Project choice.
+
+At 10 Hz ten lags are one second, in which unmodelled lags show first.
+"""
 
 SIGNIFICANCE = 0.01
-"""Probability that white residuals are classified as coloured."""
+"""Probability that white residuals are classified as coloured. Project choice."""
 
 
 NOISE_SHARE = 0.9
-"""Fraction of the residual's rms that must be uncorrelated for all of it to count as noise."""
+"""Fraction of the residual's rms that must be uncorrelated for all of it to count as noise. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """Residual of a signal (SI), and the part of it that is noise.
+    """Residual of a signal (SI), and the amount of noise in it.
 
-    ``rms``: of the whole residual. ``noise``: rms of the part that changes from sample to sample, as sensor noise does.
-    The rest is correlated. It is motion that the model does not explain.
+    - ``rms``: root mean square of the whole residual.
+    - ``noise``: root mean square of the component that changes from sample to sample, as sensor noise does. The
+      remaining component is correlated. It is motion that the model does not explain.
     """
 
     rms: float
@@ -48,20 +52,20 @@ class Remainder:
 
     @property
     def unexplained(self) -> float:
-        """Root mean square of the correlated part, 0 if all of it counts as noise."""
+        """Root mean square of the correlated component of the residual, 0 if the whole residual counts as noise."""
         if self.noise >= NOISE_SHARE * self.rms:
             return 0.0
         return math.sqrt(self.rms**2 - self.noise**2)
 
 
 def remainder_of(errors: Sequence[Array], rounding: float = 0.0) -> Remainder:
-    """Return the rms of the residual and of its noise part.
+    """Return the root mean square of a residual and of its noise component.
 
-    The noise part comes from second differences, which suppress slow motion.
+    The noise component is estimated from second differences, which suppress slow motion.
 
     errors : residuals, an array (n,) per run.
-    rounding : standard deviation of the rounding error of a coarse sensor. It repeats with the motion, but counts as
-        noise.
+    rounding : standard deviation of the rounding error of a coarse sensor. This error repeats with the motion, but
+        counts as noise.
     """
     together = np.concatenate([e[np.isfinite(e)] for e in errors]) if errors else np.zeros(0)
     if not len(together):
@@ -73,7 +77,7 @@ def remainder_of(errors: Sequence[Array], rounding: float = 0.0) -> Remainder:
 
 
 def autocorrelation(errors: Array, lags: int) -> Array:
-    """Return the autocorrelation of *errors* at lags 1..*lags*."""
+    """Return the autocorrelation (lags,) of *errors* (n,) at lags 1..*lags*."""
     free = errors - errors.mean()
     power = float(free @ free)
     if power <= 0.0:
@@ -82,7 +86,7 @@ def autocorrelation(errors: Array, lags: int) -> Array:
 
 
 def whiteness(errors: Array) -> float:
-    """Return the probability that white residuals are at least this coloured by chance (Ljung1978)."""
+    """Return the probability that white residuals are at least as coloured as *errors* (n,) by chance (Ljung1978)."""
     n, lags = len(errors), min(LAGS, len(errors) // 4)
     rho = autocorrelation(errors, lags)
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
@@ -90,14 +94,15 @@ def whiteness(errors: Array) -> float:
 
 
 def all_white(scores: Sequence[Array]) -> bool:
-    """Return whether all series are white, with a Bonferroni correction for their number."""
+    """Return whether all series in *scores* are white, with a Bonferroni correction for their number."""
     return all(whiteness(s) > SIGNIFICANCE / len(scores) for s in scores)
 
 
 def correlation_time(scores: Sequence[Array]) -> float:
     """Return the number of samples that are equivalent to one independent sample.
 
-    It is ``1 + 2 sum rho_k``, summed up to the first lag with negligible correlation.
+    For each series it is ``1 + 2 sum rho_k``, summed up to the first lag with negligible correlation. The result is the
+    median over the series, at least 1.
     """
     if all_white(scores):
         return 1.0
@@ -127,9 +132,9 @@ def scores_covariance(scores: Sequence[Array]) -> Array:
 
 
 def explained(parts: Iterable[tuple[str, Array, Array]]) -> dict[str, float]:
-    """Return 100 (1 - rms/std) for each signal that moves.
+    """Return name of the signal -> 100 (1 - rms/std), for each signal that moves.
 
-    parts : name of the signal, measured values and errors (n,) each.
+    parts : tuples of signal name, measured values (n,) and errors (n,).
     """
     power: dict[str, float] = {}
     squares: dict[str, float] = {}

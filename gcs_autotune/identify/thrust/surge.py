@@ -2,8 +2,9 @@
 
 Thrust is rarely proportional to throttle, because the thrust of a propeller grows with the square of its speed. The
 input is replaced by ``(1 - q) X + q X|X|`` (the affine thruster of Miskovic2010 (2.7), gain 1 at full throttle). The
-exact axis fit is repeated at several values of ``q``. The misfit as a function of ``q`` is its profile. Its curvature
-determines the standard error of ``q``. The slope of the other parameters along the profile adds this error to theirs.
+exact axis fit is repeated at several values of ``q``. The misfit as a function of ``q`` is the profile of ``q``. The
+curvature of the profile determines the standard error of ``q``. The slopes of the other parameters along the profile
+add this error to their standard errors.
 
 Throttle steps are flown in one direction and then in the opposite one. Speed is measured over ground: a head current or
 wind reduces it, a following one raises it. Half the difference is the current along the track. Thrust and drag depend
@@ -52,21 +53,28 @@ BY_DESIGN = ("one-sided-input", "saturated-input")
 
 GRID = (-0.3, 0.2, 0.7, 1.2)
 LEAST, MOST = -0.3, 1.3
-"""Range of ``q`` in the profile. It exceeds the physical range 0 to 1 a little, because an ESC's dead zone bends the
-curve too."""
-ROUNDS = 6
-"""Maximum number of parabolas fitted in the search for the best ``q``. Each passes through the best point so far and
-its neighbours."""
-NEAR, FAR = 0.5, 2.0
-"""Distances, in standard errors, between which a neighbour is used for a parabola.
+"""Range of ``q``, the quadratic fraction of the thrust, in the profile. Project choice.
 
-With closer neighbours rounding dominates. Farther ones do not lie on the parabola, because the profile is steeper
+It exceeds the physical range 0 to 1 a little, because an ESC's dead zone bends the curve too.
+"""
+ROUNDS = 6
+"""Maximum number of parabolas fitted in the search for the best ``q``.
+
+Each passes through the best point so far and its neighbours. Project choice.
+"""
+NEAR, FAR = 0.5, 2.0
+"""Limits of the distance, in standard errors, of a neighbour that is used for a parabola. Project choice.
+
+With closer neighbours rounding dominates. Farther neighbours do not lie on the parabola, because the profile is steeper
 towards larger ``q``.
 """
 FOUND = 0.1
-"""Distance from the minimum of the parabola to the nearest point, in standard errors, below which the search ends."""
+"""Distance from the minimum of the parabola to the nearest point, in standard errors, below which the search ends.
+
+Project choice.
+"""
 UNKNOWN = 0.25
-"""Standard error of ``q`` above which the curve counts as unknown."""
+"""Standard error of ``q`` above which the curve counts as unknown. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +84,7 @@ class _Point:
 
     @property
     def misfit(self) -> float:
-        """Mean square of the residual. It is nearly a parabola in ``q``, more so than its logarithm."""
+        """Mean square of the residual. As a function of ``q`` it is nearly a parabola, more so than its logarithm."""
         return self.fit.residual_rms**2
 
     @property
@@ -91,7 +99,11 @@ class _Point:
 
 
 def bent(trial: Trial, square: float) -> Trial:
-    """Return *trial* with the throttle ``X`` (fraction of full throttle) replaced by the resulting thrust."""
+    """Return *trial* with the throttle ``X`` (fraction of full throttle) replaced by the thrust (fraction of full
+    thrust).
+
+    square : fraction of the thrust that is quadratic in throttle.
+    """
     X = trial["X"]
     return replace(
         trial,
@@ -103,7 +115,7 @@ def bent(trial: Trial, square: float) -> Trial:
 
 
 def square_of(fit: AxisFit) -> float:
-    """Return the fraction of thrust that is quadratic in throttle, at most 1.
+    """Return the fraction of thrust of *fit* that is quadratic in throttle, at most 1.
 
     It is 0 if *fit* has no thrust curve.
     """
@@ -261,29 +273,36 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
 
 
 OPPOSITE = math.cos(math.radians(140.0))
-"""Limit for two runs to count as out and back: the cosine of their heading difference must be smaller."""
+"""Limit for two runs to count as out and back: the cosine of their heading difference must be smaller.
+
+Project choice.
+"""
 LEAST_CURRENT = 0.04
-"""Smallest current that is reported [m/s]. It is about the error of a GPS speed averaged over seconds."""
+"""Smallest current that is reported [m/s]. Project choice: about the error of a GPS speed averaged over seconds."""
 SHARE = 0.03
-"""Largest ratio of current to speed that is ignored. It changes no parameter by more than the usual error of the fit.
+"""Largest ratio of current to speed that is ignored.
+
+Project choice: no parameter changes by more than the usual error of the fit.
 """
 SURE = 3.0
-"""Number of standard errors that a current must exceed to be corrected."""
+"""Number of standard errors that a current must exceed to be corrected. Project choice."""
 AROUND = 1.5
-"""Time [s] before a steady mark over which speed and heading are averaged."""
+"""Time [s] before a steady mark over which speed and heading are averaged. Project choice."""
 BLOCK, LEAST_BLOCKS = 2.0, 4
-"""Settings for the scatter of the speed.
+"""Settings for the scatter of the speed. Project choice.
 
-BLOCK: averaging time [s], over which the filter of a receiver settles. LEAST_BLOCKS: smallest number of means for the
-scatter.
+- ``BLOCK`` [s]: averaging time, over which the filter of a receiver settles.
+- ``LEAST_BLOCKS``: smallest number of means for the scatter.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class AlongTrack:
-    """Speeds over ground [m/s] out and back, at the same throttles.
+    """Speeds over ground out and back at the same throttles, from which the current along the track follows.
 
-    ``error`` [m/s]: standard error of the current :attr:`set`. ``heading`` [rad]: that of the outward run.
+    - ``out``, ``back`` [m/s]: speeds over ground.
+    - ``error`` [m/s]: standard error of the current :attr:`set`.
+    - ``heading`` [rad]: heading of the outward run.
     """
 
     out: float
@@ -317,8 +336,8 @@ def set_on_the_way_back(fit: AxisFit, out: Trial, back: Trial) -> AlongTrack | N
 
     *fit* is the fit of the run *out*, and *back* is any run with X, u and psi. The fit absorbs the current of *out* as
     a constant force. On the way back the boat is therefore slower than predicted by twice the current, at any throttle
-    (for quadratic drag a sixth less). The error follows from the scatter of the means over :data:`BLOCK` seconds. It
-    includes errors of the fit at other speeds.
+    (for quadratic drag a sixth less). The standard error follows from the scatter of the means over :data:`BLOCK`
+    seconds. It includes errors of the fit at other speeds.
 
     Return None if *back* is not in the opposite direction, is too short, or cannot be simulated.
     """
@@ -378,7 +397,7 @@ def _compared(heading: float, pairs: Sequence[tuple[list[float], list[float]]]) 
 
 
 def through_water(trial: Trial, found: AlongTrack) -> Trial:
-    """Return *trial* with the current subtracted from ``u``, according to the heading."""
+    """Return *trial* with the current of *found* subtracted from ``u``, according to the heading."""
     u, psi = trial["u"], trial["psi"]
     headings = np.interp(u.t, psi.t, psi.values)
     still = u.values - found.set * np.cos(headings - found.heading)
@@ -386,7 +405,7 @@ def through_water(trial: Trial, found: AlongTrack) -> Trial:
 
 
 def doubt_of(found: AlongTrack) -> Doubt:
-    """Return the doubt about a current or wind along the track, with its value."""
+    """Return a doubt about the current or wind along the track, with its value."""
     comes_from = math.degrees(found.heading + (math.pi if found.set > 0.0 else 0.0)) % 360.0
     return Doubt(
         "set-along-the-track",

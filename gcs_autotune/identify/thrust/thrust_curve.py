@@ -1,12 +1,12 @@
-"""Identify thrusters that are weak for small commands from two oscillations of different size.
+"""Identify thrusters that are weak for small commands, from two oscillations of different size.
 
 A propeller's thrust grows with n|n|, and ArduSub sends its demands to the thrusters unchanged. The gain of an ROV
 therefore grows with the size of the command. Without this effect, a model of the smaller oscillation differs from that
 of the larger.
 
-Most speed controllers also have a dead band near neutral. Two sizes of square wave cannot distinguish it from a curve,
-because each determines one point of the characteristic. A step with the autopilot's own controller can. Its output
-covers all sizes, down to the bias that it compensates. This step is flown anyway.
+Most speed controllers also have a dead band near neutral. Two sizes of square wave cannot distinguish a dead band from
+a curve, because each size determines one point of the characteristic. A step with the autopilot's own controller
+distinguishes the two. Its output covers all sizes, down to the bias that it compensates. This step is flown anyway.
 
 No thruster follows the square law up to full command, because the motor runs out of voltage and the propeller stalls. A
 square law fitted to small oscillations overestimates full thrust by half. A step whose output exceeds the oscillations
@@ -75,13 +75,13 @@ def fit_thrust_curve(
     """Return a model with a thrust curve if the *runs* clearly require one, else None.
 
     plain : model of the same runs without a curve.
-    step : run flown with the autopilot's own controller. With it, or with three sizes of oscillation, the result may be
-        a dead band instead. It may also include a dead band or a saturation.
+    step : run flown with the autopilot's own controller. With this run, or with three sizes of oscillation, the result
+        may be a dead band instead. It may also include a dead band or a saturation.
 
-    Only the step distinguishes the two kinds of dead band, because its output stays near the edge. Just beyond the
-    edge, a linkage with slack hardly pushes the craft. A speed controller that starts at once pushes as hard as without
-    a band. The second kind is tried only *with_band*, because position loops designed for it performed worse (BlueROV2
-    heading: ITAE 0.74 instead of 0.40).
+    Only the step distinguishes the two kinds of dead band, because its output stays near the edge of the band. Just
+    beyond the edge, a linkage with backlash hardly pushes the craft. A speed controller that starts at once pushes as
+    hard as without a band. The second kind is tried only *with_band*, because position loops designed for it performed
+    worse (BlueROV2 heading: ITAE 0.74 instead of 0.40).
     """
     if plain.unexplained < _WORTH_A_LOOK:
         return None
@@ -157,7 +157,8 @@ def _with_neutral_band(
 class _Band:
     """A neutral band of the actuator of *force*.
 
-    ``width``: half-width [fraction of full]. ``std``: its standard error.
+    - ``width``: half-width [fraction of full].
+    - ``std``: its standard error.
     """
 
     force: str
@@ -165,23 +166,20 @@ class _Band:
     std: float
 
     def on(self, run: Trial) -> Trial:
-        """Return *run* with its commands set to zero within the band."""
+        """Return *run* with the commands of the actuator set to zero within the band."""
         force = run[self.force]
         let_through = np.where(np.abs(force.values) > self.width, force.values, 0.0)
         return replace(run, channels={**run.channels, self.force: replace(force, values=let_through)})
 
     def foretold(self, model: Fit[Model], run: Trial) -> float:
-        """Return the fraction of *run* that *model* explains [percent], with this band before its actuator."""
+        """Return the fraction of the motion of *run* that *model* explains [%], with this band before its actuator."""
         try:
             return validate(model.model, [self.on(run)]).fit_percent
         except AutotuneError:  # it runs away: with this band the model is none of this craft
             return -math.inf
 
     def within(self, fit: Fit[Model]) -> Fit[Model]:
-        """Return *fit* with the band added as an effect.
-
-        The runs of *fit* must be those returned by :meth:`on`.
-        """
+        """Return *fit* with the band added as an effect. The runs of *fit* must come from :meth:`on`."""
         model = fit.model
         assert isinstance(model, ExtendedModel)
         own = EffectInstance(DEAD_ZONE, self.force, {"width": self.width}, {SUBTRACTED: 0.0})
@@ -238,7 +236,7 @@ def _in_order(slugs: Sequence[str]) -> tuple[str, ...]:
 def fit_with_actuator(
     runs: Sequence[Trial], plain: AxisFit, *slugs: str, band: _Band | None = None
 ) -> Fit[Model] | None:
-    """Return the model with these actuator effects and a neutral *band*, or None if it cannot be fitted."""
+    """Return a model with the actuator effects *slugs* and a neutral *band*, or None if it cannot be fitted."""
     effects = tuple(f"{slug}@{plain.model.axis.force}" for slug in slugs)
     try:
         found = fit(
@@ -259,13 +257,14 @@ def pays(found: Fit[Model], without: Fit[Model], slug: str) -> bool:
 
 
 def effect_number(found: Fit[Model], slug: str) -> Parameter:
-    """Return the only parameter of the effect *slug*."""
+    """Return the only parameter of the effect *slug* in *found*."""
     return next(p for name, p in found.parameters.items() if name.startswith(slug))
 
 
 def thrust_curve_told(found: Fit[Model], plain: AxisFit, step: Trial | None = None) -> str:
-    """Return the result as one sentence.
+    """Return one sentence that reports the thrust curve, dead band or saturation in *found*.
 
+    plain : model of the same runs without an actuator effect.
     step : the step that was used too, if any.
     """
     has = {name.partition("@")[0] for name in found.parameters}

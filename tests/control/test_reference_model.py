@@ -4,8 +4,7 @@ import control
 import numpy as np
 import pytest
 
-from gcs_autotune.design import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time
-from gcs_autotune.design.reference_model import wanted_step
+from gcs_autotune.control import REFERENCE_MODELS, omega_for_settling, reference_model, settling_time, wanted_step
 from gcs_autotune.errors import UnknownName, UsageError
 
 

@@ -9,15 +9,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from gcs_autotune.design import (
-    IpdGains,
+from gcs_autotune.control import (
+    FeedbackLaw,
     Uncertainty,
     design_ipd,
     reference_model,
     stability_bound,
     uncertainty_of,
+    wanted_step,
 )
-from gcs_autotune.design.reference_model import wanted_step
 from gcs_autotune.models import SingleDof
 
 PUBLISHED = Uncertainty(p_alpha=0.1, p_beta=0.2)
@@ -31,13 +31,13 @@ NONLINEAR_YAW_FOUND = SingleDof("yaw", "N m", 0.98, 0.0, 1.305)
 
 
 def fly(
-    true: SingleDof, gains: IpdGains, step: float, compensated: float, t: NDArray[np.float64]
+    true: SingleDof, gains: FeedbackLaw, step: float, compensated: float, t: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Simulate law (8.2) on *true*; returns (2, n): position, velocity."""
 
     def slope(_: float, x: NDArray[np.float64]) -> list[float]:
         integral, eta, nu = x
-        force = gains.KI * integral - gains.KP * eta - (gains.KD - gains.beta_quadratic * abs(nu)) * nu - compensated
+        force = gains.K_I * integral - gains.K_P * eta - (gains.K_D - gains.drag * abs(nu)) * nu - compensated
         drag = (true.beta + true.beta_quadratic * abs(nu)) * nu
         return [step - eta, nu, (force + true.delta - drag) / true.alpha]
 
@@ -99,7 +99,7 @@ def test_a_loop_at_its_bound_is_at_the_edge_of_stability() -> None:
         found = SingleDof("yaw", "N m", 100.0, 100.0 * right * factor)
         gains = design_ipd(found, wanted)
         alpha, beta = found.alpha / (1.0 - p.p_alpha), found.beta / (1.0 + p.p_beta)
-        poles = np.roots([alpha, beta + gains.KD, gains.KP, gains.KI])
+        poles = np.roots([alpha, beta + gains.K_D, gains.K_P, gains.K_I])
         assert bool(np.all(poles.real < 0.0)) is stable
 
 

@@ -1,0 +1,160 @@
+"""``gcs-autotune hold``: hold heading or depth with a controller of our own, from this computer."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gcs_autotune.axes import AXES
+from gcs_autotune.cli.command import (
+    Command,
+    add_connection,
+    add_envelope,
+    add_experiment,
+    add_fetch_log,
+    add_loudness,
+    add_number,
+    add_output,
+    add_remote,
+    check_axis_limits,
+    check_model_file,
+    check_output,
+    connected,
+    envelope_from,
+    run_directory,
+)
+from gcs_autotune.cli.remote import attending
+from gcs_autotune.cli.tune_cmd import FUNCTIONS
+from gcs_autotune.cli.writing import put_out
+
+if TYPE_CHECKING:
+    from gcs_autotune.workflow import Connection
+
+__all__ = ["COMMAND"]
+
+HELD = {"heading": "heading", "depth": "depth", "line": "heading", "distance": "heading", "position": "heading"}
+"""What can be held -> the axis that is identified for it; ``workflow.hold.TASKS`` has the tasks."""
+EXAMPLES = {"distance": "sitl:videoray-lasers", "position": "sitl:bluerov2-sway"}
+"""What is held -> the simulated vehicle used by default, where it is not that of the axis."""
+POSITION = ("sliding", "pid")
+"""Names of the position laws, listed here for the same reason."""
+LAWS = ("indirect", "direct", "integral", "adaptive")
+"""Names of the line laws, listed here because importing their table takes a second."""
+OTHERWISE = 8
+"""Exit code: flown, but the step did not follow its model function."""
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("axis", choices=tuple(HELD), help="what to hold")
+    add_connection(
+        parser,
+        otherwise="sitl:charlie for heading and line, sitl:videoray for depth, sitl:videoray-lasers for distance, "
+        "sitl:bluerov2-sway for position",
+    )
+    add_output(parser)
+    add_fetch_log(parser)
+    parser.add_argument("--yes", action="store_true", help="answer yes to every question")
+    add_loudness(parser)
+    add_remote(parser)
+    parser.add_argument("--json", action="store_true", help="print the result as JSON on standard output")
+    flown = parser.add_argument_group("flight")
+    add_number(flown, "step")
+    add_number(flown, "step-duration", "S")
+    add_number(flown, "for", "S")
+    add_number(flown, "line-offset", "M")
+    add_number(flown, "line-length", "M")
+    add_number(flown, "approach", "DEG")
+    add_number(flown, "apart", "M")
+    add_number(flown, "distance-step", "M")
+    flown.add_argument("--guidance", choices=LAWS, default=LAWS[0], help="law that follows a line (default indirect)")
+    flown.add_argument(
+        "--law", choices=POSITION, default=POSITION[0], help="law that holds a position (default sliding)"
+    )
+    add_experiment(parser)
+    design = parser.add_argument_group("controller")
+    design.add_argument(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="design from this model (of identify --save or diagnose), without experiments",
+    )
+    add_number(design, "full-scale")
+    design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="model function (default bessel)")
+    add_number(design, "omega-0", "RAD_S")
+    add_envelope(parser)
+
+
+def _run(args: argparse.Namespace) -> int:
+    args.what, args.axis = args.axis, HELD[args.axis]
+    check_axis_limits(args, ("step", "relay-hysteresis"))
+    check_output(args)
+    check_model_file(args.model)
+    args.connect = args.connect or args.configured_link or None
+    example = EXAMPLES.get(args.what, AXES[args.axis].example)
+    with connected(args, args.connect or example) as connection:
+        return _hold(args, connection)
+
+
+def _hold(args: argparse.Namespace, connection: Connection) -> int:
+    from gcs_autotune.identify import load_model
+    from gcs_autotune.report import hold_document
+    from gcs_autotune.workflow import HoldSettings, TuneSettings, hold
+
+    now, angular = datetime.now(), AXES[args.axis].angular
+
+    def inside(value: float | None) -> float | None:
+        return math.radians(value) if angular and value is not None else value
+
+    tune = TuneSettings(
+        axis=args.axis,
+        connection=connection,
+        directory=run_directory(args, connection.uri, now),
+        step=inside(args.step),
+        step_duration=args.step_duration,
+        relay_output=args.relay_output,
+        relay_hysteresis=inside(args.relay_hysteresis),
+        throttle=args.throttle,
+        speed=args.speed,
+        model=args.function,
+        given=None if args.model is None else load_model(args.model),
+        full_scale=args.full_scale,
+        omega_0=args.omega_0,
+        structure=args.structure,
+        delay=args.delay,
+        control_rate=args.control_rate,
+        most_relays=args.relays,
+        stop_rule=args.stop_rule,
+        patience=args.patience,
+        fetch_log=args.fetch_log,
+        envelope=envelope_from(args),
+    )
+    settings = HoldSettings(
+        args.what,
+        tune,
+        seconds=getattr(args, "for"),
+        offset=args.line_offset,
+        length=args.line_length,
+        guidance=args.guidance,
+        approach=math.radians(args.approach),
+        apart=args.apart,
+        distance_step=args.distance_step,
+        law=args.law,
+    )
+    with attending(args) as (operator, observer):
+        held = hold(settings, operator, observer, now.isoformat(timespec="seconds"))
+    if not args.remote:  # else standard output is the program's
+        put_out(hold_document(held), f"Report: {tune.directory / 'report.html'}", as_json=args.json)
+    operator.ring()
+    return 0 if held.follows else OTHERWISE
+
+
+COMMAND = Command(
+    description="Hold heading or depth with a controller of our own, which runs on this computer and drives the "
+    "actuators in manual mode. The craft is identified by relays first, unless a model is supplied. No parameter is "
+    "written. Without --connect a simulated vehicle is used.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

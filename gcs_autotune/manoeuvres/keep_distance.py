@@ -1,0 +1,103 @@
+"""Keeping a distance to a wall ahead, facing it, with two rangefinders."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from gcs_autotune.craft import Actuate, Observation
+from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HoldController, hold
+from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+
+if TYPE_CHECKING:
+    from gcs_autotune.control import DistanceLaw, WallReading
+
+__all__ = ["KeepDistance"]
+
+FACING = math.radians(5.0)
+"""Angle to the wall below which the distance controller may begin, Miskovic2010, section 8.2.2: the angle first."""
+FACED_FOR = 2.0
+"""How long the angle must be that small [s]. Chosen."""
+LOST = 10.0
+"""Longest time without the wall, after which the manoeuvre ends [s]: twice the drop-outs of Miskovic2010, fig. 8.17."""
+PATIENCE = 60.0
+"""Longest time to face the wall [s]. Chosen."""
+
+Output = Callable[[float], float]
+
+
+class KeepDistance(Manoeuvre):
+    """Face the wall, step the distance by *step* [m] after *settle* [s], and step back.
+
+    Parameters
+    ----------
+    apart : distance between the two rangefinders [m].
+    outputs : the inverse of the actuators ahead and in yaw, from force to normalised output.
+    """
+
+    kind, purpose = "keep-distance", "proof"
+
+    def __init__(
+        self,
+        law: DistanceLaw,
+        apart: float,
+        step: float,
+        duration: float,
+        settle: float,
+        outputs: tuple[Output, Output],
+        name: str = "",
+    ) -> None:
+        super().__init__(name, signal="d", force="X")
+        self._law, self._apart, self._outputs = law, apart, outputs
+        self._step, self._duration, self._settle = step, duration, settle
+        self._seen: tuple[float, float] = (math.nan, math.nan)
+
+    @property
+    def asked(self) -> Mapping[str, Any]:
+        """Step, durations and rangefinders."""
+        return {"signal": "d", "size": self._step, "duration": self._duration, "apart": self._apart}
+
+    def commands(self, now: Observation) -> Commands:
+        """Yield the outputs: facing, settling, step, step back."""
+        controller = self._law.started()
+        depth = [HoldController(gains) for gains in HELD_BEFORE.values()]
+        phases = iter(
+            (("hold", self._settle, 0.0), ("step", self._duration, self._step), ("back", self._duration, 0.0))
+        )
+        start = faced = now.t
+        base, until = math.nan, math.inf
+        self.phase = "facing the wall"
+        while True:
+            reading = self._reading(now)
+            X, N = controller.update(self.target if math.isfinite(self.target) else 0.0, reading, now.t)
+            unseen = controller.unseen(now.t)
+            if math.isnan(base):
+                X = 0.0
+                controller.hold_thrust()
+                if math.isinf(unseen) or abs(controller.estimate.phi) > FACING:
+                    faced = now.t
+                if now.t - faced >= FACED_FOR:
+                    base, until = controller.estimate.d, now.t
+                elif now.t - start > PATIENCE:
+                    self._end("aborted", f"the craft does not face the wall after {PATIENCE:.0f} s")
+            elif unseen > LOST:
+                self._end("aborted", f"the rangefinders have not seen the wall for {LOST:.0f} s")
+            if now.t >= until:
+                self.phase, seconds, offset = next(phases, ("", 0.0, 0.0))
+                if self.phase:
+                    self.target, until = base + offset, now.t + seconds
+                    self._mark(now.t, "target", {"value": self.target, "phase": self.phase})
+                else:
+                    self._end("completed", "step and step back flown")
+            now = yield hold(Actuate(X=self._outputs[0](X), N=self._outputs[1](N)), depth, now)
+
+    def _reading(self, now: Observation) -> WallReading:
+        """Return what is new: a distance that repeats the last one is no second measurement."""
+        from gcs_autotune.control import WallReading  # a second to import, which the table need not take
+
+        pair = (now.d, now.d_starboard)
+        if not (math.isfinite(pair[0]) and math.isfinite(pair[1])) or pair == self._seen:
+            return WallReading(now.psi)
+        self._seen = pair
+        return WallReading.of_two(now.psi, *pair, self._apart)
