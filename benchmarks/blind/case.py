@@ -174,7 +174,7 @@ def _weather(rng: Rng, slug: str) -> Case | None:
 
 
 MILD = ("relay", "relay", "steps")
-"""Manoeuvres in mild weather."""
+"""Manoeuvres with mild process noise."""
 
 
 def _mild(rng: Rng, slug: str) -> Case | None:
@@ -185,7 +185,10 @@ def _mild(rng: Rng, slug: str) -> Case | None:
 def _in_weather(
     rng: Rng, slug: str, weather_of: Callable[[Rng, Craft], Mapping[str, float]], names: Sequence[str] = ()
 ) -> Case | None:
-    """Return a case in such weather; its last run is flown besides *names* and thrown away."""
+    """Return a case with process noise of *weather_of*; None if it cannot be drawn.
+
+    With *names*, one more run than these is flown and left out.
+    """
     craft = draw_craft("yaw", rng)
     hidden = [] if slug == CALM else [RECIPES[slug].draw(rng, craft)]
     if any(map(_cannot_be, hidden)):

@@ -63,7 +63,7 @@ class Outcome:
     doubts: list[str] = field(default_factory=list)
     """Names of the doubts the diagnosis has of itself."""
     worth: float = float("nan")
-    """Log-likelihood that the true effect alone gains under process noise, for cases in weather."""
+    """Improvement of the log-likelihood by the true effect alone, for cases with process noise."""
 
     @property
     def first(self) -> str:

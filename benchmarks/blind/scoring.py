@@ -18,7 +18,7 @@ __all__ = ["bounds", "headlines", "recovered", "report", "tally"]
 KINDS = ("single", "clean", "double", "foreign", "track", "clean-track", "process-noise", *GIVEN)
 
 VISIBLE = 10.0
-"""Log-likelihood the true effect alone gains in weather from which on its name is asked for."""
+"""Improvement of the log-likelihood by the true effect above which it should be reported. Project choice."""
 
 
 def bounds(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
@@ -78,7 +78,7 @@ HEADLINES: Mapping[str, tuple[str, float | None]] = {
     "simulation": ("diagnosis with the output of a simulator that has wrong parameters", 0.97),
     "correct-simulation": ("diagnosis with the output of a correct simulator", 0.99),
 }
-"""Kind of case -> what it measures, and the share that is to be right, if there is a goal."""
+"""Kind of case -> what it measures, and the required fraction of right results; None without a goal."""
 
 
 def headlines(outcomes: Sequence[Outcome]) -> dict[str, tuple[str, list[Figure]]]:

@@ -59,9 +59,9 @@ class Case:
     simulations: tuple[Trial, ...] = ()
     """What the given model makes of the same commands, for kinds that give no model file."""
     circumstances: tuple[str, ...] = ()
-    """What of :data:`.rough.CIRCUMSTANCES` the weather came with."""
+    """The further disturbances of :data:`.rough.CIRCUMSTANCES` that are present."""
     flown: Flown | None = None
-    """How kinds in weather came about, for referees alone."""
+    """The flown runs before smoothing, for kinds with process noise; not passed to the diagnosis."""
 
     @property
     def slugs(self) -> tuple[str, ...]:
