@@ -11,7 +11,7 @@ import pytest
 from gcs_autotune.errors import GuardTripped, PreconditionFailed
 from gcs_autotune.manoeuvres import Area, Zone
 from gcs_autotune.workflow import FlightPlan, FlySettings, Unattended, fly_plan
-from sitl.mavlink.telemetry import HOME
+from sitl.place import HOME
 
 from .sitl_harness import WHEN, Ear, SitlHarness
 
