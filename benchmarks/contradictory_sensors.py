@@ -327,7 +327,7 @@ def main() -> None:
     spoilt, clean = len(seeds) * len(SPOILT), len(seeds) * len(CLEAN)
     figures = [
         count("contradictions identified", named, spoilt, least=0.95),
-        count("clean records silent", silent, clean, least=1.0),
+        count("records without a contradiction, no report", silent, clean, least=1.0),
     ]
     headline("contradictory_sensors", "records whose sensors contradict each other", figures)
 

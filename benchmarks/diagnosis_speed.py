@@ -34,7 +34,7 @@ CRAFT: Mapping[str, tuple[float, float, float, float]] = {
 """Degree of freedom -> inertia, drag, largest command, noise; SI."""
 
 GOALS = {("yaw",): (10.0, 30.0), ("surge", "sway", "yaw"): (60.0, 180.0)}
-"""Degrees of freedom -> seconds in calm water and beneath weather."""
+"""Degrees of freedom -> longest time [s] without and with process noise. Project choice."""
 
 WEATHER, MEMORY = 0.3, 4.0
 """Standard deviation of the force that wanders, in shares of the largest command, and its time constant [s]."""
@@ -43,7 +43,7 @@ WEATHER, MEMORY = 0.3, 4.0
 def flown(dofs: tuple[str, ...], width: float, seed: int, weather: float = 0.0) -> Trial:
     """Return a run of uncoupled craft under steps of random size and length.
 
-    width : share lost in a dead zone. weather : size of a force that wanders, in shares of the largest command.
+    width : width of the dead zone. weather : size of a drifting force. Both are fractions of the largest command.
     """
     rng = np.random.default_rng(seed)
     t = STEP * np.arange(SAMPLES)
@@ -109,7 +109,7 @@ def timed(runs: list[Trial]) -> tuple[Diagnosis, float, float]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python3 -m benchmarks.diagnosis_speed", description=__doc__)
-    parser.add_argument("--weather", action="store_true", help="only beneath a force that wanders")
+    parser.add_argument("--weather", action="store_true", help="run only the cases with process noise")
     waters = (WEATHER,) if parser.parse_args(arguments).weather else (0.0, WEATHER)
     figures = []
     for dofs, goals in GOALS.items():
@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             diagnose(runs[:1], effects=["input-bias"])  # compiles what is not yet
             found, wall, cpu = timed(runs)
             causes = ", ".join(c.effect.slug for c in found.causes) or "nothing"
-            hidden = f"{'dead zone' if width else 'nothing'}{' beneath weather' if weather else ''}"
+            hidden = f"{'dead zone' if width else 'nothing'}{' with process noise' if weather else ''}"
             figures.append(Figure(f"{', '.join(dofs)}, {hidden}", wall, "s", most=goals[bool(weather)]))
             print(
                 f"{', '.join(dofs):18} {hidden:25} hidden: {wall:6.1f} s wall, {cpu:6.1f} s CPU (goal "

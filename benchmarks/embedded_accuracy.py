@@ -194,7 +194,12 @@ def _figures(title: str, results: list[Result]) -> list[Figure]:
     for name in results[0].rows:
         rows = [r.rows[name] for r in results]
         _, rms, _ = _judged(np.array([r.given for r in rows]), np.array([r.truth for r in rows]))
-        figures.append(Figure(f"{title}, {name}, rms error / Cramér-Rao bound", rms / _rms([r.bound for r in rows])))
+        figures.append(
+            Figure(
+                f"{title}, {name}, rms error / Cramér-Rao bound, {len(results)} seeds",
+                rms / _rms([r.bound for r in rows]),
+            )
+        )
     return figures
 
 

@@ -400,7 +400,7 @@ def main() -> int:
                 good += show(hull, tuned if how == "tuned" else {}, how, water, options)
     rms, corners, inside = (sum(column) for column in zip(*good, strict=True))
     figures = [
-        count("missions with the firmware's cross-track rms within 10 %", rms, len(good), least=1.0),
+        count("missions with a cross-track rms within 10 % of the firmware's", rms, len(good), least=1.0),
         count("missions with the firmware's corner overshoot within 0.2 m", corners, len(good), least=1.0),
     ]
     if options.starts > 1:
@@ -411,7 +411,7 @@ def main() -> int:
     else:
         print(f"the ROV is left out: set {BINARIES['sub']} to the binary of ArduPilot's firmware")
     name = "navigation" if options.estimator == "ekf" else f"navigation-{options.estimator}"
-    headline(name, "missions under the simulated autopilot against ArduPilot's firmware", figures)
+    headline(name, "missions of the simulated autopilot compared with ArduPilot's firmware", figures)
     return 0 if all(figure.met is not False for figure in figures) else 1
 
 

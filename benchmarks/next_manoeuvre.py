@@ -56,9 +56,9 @@ def main(seeds: int) -> None:
             ratios.append(float(found / after))
             print(f"{n:8s}{BOAT[n]:9.2f}{before:10.3g}{after:10.3g}{found:10.3g}{found / after:7.2f}")
     figures = [
-        Figure(f"scatter over prediction, median, {seeds} seeds", float(np.median(ratios))),
-        Figure("scatter over prediction, least", min(ratios)),
-        Figure("scatter over prediction, greatest", max(ratios)),
+        Figure(f"scatter / predicted standard error, median, {seeds} seeds", float(np.median(ratios))),
+        Figure("scatter / predicted standard error, lowest", min(ratios)),
+        Figure("scatter / predicted standard error, highest", max(ratios)),
     ]
     headline("next_manoeuvre", "predicted standard errors of the next manoeuvre, compared with scatter", figures)
 

@@ -429,14 +429,14 @@ def main() -> int:
     judged = [o for o in outcomes if not o.refused]
     right, claims = sum(not o.miss for o in judged), sum(bool(o.claims) for o in judged)
     seconds = [o.seconds for o in judged] or [0.0]
-    what = "model files with exactly the changed number wrong" if args.numbers else "own runs with the right diagnosis"
+    what = "model files with exactly the changed number wrong" if args.numbers else "our runs with the right diagnosis"
     figures = [
         count(what, right, len(judged), least=GOAL),
         Figure("lower 95 % bound of that rate", lower_bound(right, len(judged))),
-        Figure("claims about motions that the hull cannot make", claims, most=0),
+        Figure("causes reported for motions that the hull cannot make", claims, most=0),
         Figure("processor time of a diagnosis, median", float(np.median(seconds)), "s"),
-        Figure("processor time of a diagnosis, most", max(seconds), "s"),
-        count("refused: by the vehicle, or by the diagnosis", len(outcomes) - len(judged), len(outcomes)),
+        Figure("processor time of a diagnosis, longest", max(seconds), "s"),
+        count("runs rejected by the vehicle or by the diagnosis", len(outcomes) - len(judged), len(outcomes)),
     ]
     headline(f"own_runs{'-numbers' * args.numbers}", "our own runs diagnosed, compared with the vehicle file", figures)
     return 0 if judged and right >= GOAL * len(judged) and not claims else 1

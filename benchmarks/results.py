@@ -39,7 +39,7 @@ BY_HAND = " †"
 class Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One measured number.
 
-    ``of``: the number of cases, if ``value`` counts successes; ``least`` and ``most`` are then shares (0 to 1).
+    ``of``: the number of cases, if ``value`` counts successes; ``least`` and ``most`` are then fractions (0 to 1).
     Otherwise these bounds are in ``unit``. A figure without bounds has no goal. A value that is not finite is None, and
     misses its goal.
     """
@@ -81,7 +81,7 @@ class Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
 
 
 def count(name: str, value: int, of: int, *, least: float | None = None, most: float | None = None) -> Figure:
-    """Return *value* of *of* cases; ``least`` and ``most`` are shares (0 to 1)."""
+    """Return *value* of *of* cases; ``least`` and ``most`` are fractions (0 to 1)."""
     return Figure(name, value, of=of, least=least, most=most)
 
 

@@ -140,8 +140,8 @@ def main() -> None:
     within = sum(ratio <= 0.6 for ratio in ratios)
     figures = [
         count("craft with at most 60 % of the plan's time", within, args.seeds),
-        Figure("share of the plan's time, median", float(np.median(ratios)), most=0.6),
-        Figure("share of the plan's time, worst", max(ratios)),
+        Figure("fraction of the plan's time, median", float(np.median(ratios)), most=0.6),
+        Figure("fraction of the plan's time, worst", max(ratios)),
     ]
     headline("self_planned_trials", "fly --until compared with a fixed plan", figures)
 

@@ -1,4 +1,4 @@
-"""Surge of the simulated boats by ``experiment surge``: errors in their own standard errors, over seeds.
+"""Surge of the simulated boats by ``experiment surge``: errors, in units of the reported standard error, over seeds.
 
 Run: ``python3 -m benchmarks.surge_accuracy [VEHICLE ...] [--seeds 20] [--save FILE]``. For inertia, damping and the
 thrust curve's share of the square it prints the mean and rms error in standard errors (1 if these are true), how many
@@ -85,8 +85,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             value, std, truth = np.array([f[name] for f in own]).T
             has = std > 0.0  # a damping decided away has no standard error
             rms = float(np.sqrt(np.mean(((value - truth)[has] / std[has]) ** 2))) if has.any() else math.inf
-            figures.append(Figure(f"{boat}, {name}, rms error in standard errors", rms))
-    headline("surge_accuracy", "experiment surge: errors in their own standard errors", figures)
+            figures.append(Figure(f"{boat}, {name}, rms error / standard error", rms))
+    headline("surge_accuracy", "experiment surge: errors, in units of the reported standard error", figures)
 
 
 if __name__ == "__main__":

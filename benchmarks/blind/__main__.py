@@ -14,10 +14,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from benchmarks.blind.case import BESIDE, GIVEN, TRACK  # noqa: E402
 from benchmarks.blind.foreign import FOREIGN  # noqa: E402
+from benchmarks.blind.process_noise import CALM, HIDDEN  # noqa: E402
 from benchmarks.blind.referee import LONGEST, Outcome, play  # noqa: E402
 from benchmarks.blind.scoring import headlines, report, tally  # noqa: E402
 from benchmarks.blind.sizes import RECIPES  # noqa: E402
-from benchmarks.blind.weather import CALM, HIDDEN  # noqa: E402
 from benchmarks.results import headline  # noqa: E402
 from gcs_autotune.executor import executor_for  # noqa: E402
 
@@ -41,7 +41,7 @@ def tasks(kind: str, cases: int, seed: int, only: Sequence[str]) -> list[Task]:
             "single": list(RECIPES),
             "foreign": list(FOREIGN),
             "track": TRACK,
-            "weather": [*HIDDEN, *[CALM] * len(HIDDEN)],
+            "process-noise": [*HIDDEN, *[CALM] * len(HIDDEN)],
         }
         table: Sequence[str] = own.get(each, beside)
         chosen = [s for s in table if not only or s in only or not s]
@@ -66,7 +66,7 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of everything drawn (1)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
     parser.add_argument("--only", default="", help="slugs, joined by commas")
-    kinds = ("all", "numbers", *SHARES, "track", "clean-track", "weather", *GIVEN)
+    kinds = ("all", "numbers", *SHARES, "track", "clean-track", "process-noise", *GIVEN)
     parser.add_argument("--kind", choices=kinds, default="all")
     parser.add_argument("--save", type=Path, help="one line per case; cases already in it are not played again")
     text = "stop a diagnosis after so long (no limit); it then names nothing"

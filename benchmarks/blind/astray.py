@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from benchmarks.blind.process_noise import BURSTS
 from benchmarks.blind.voyage import Flown
-from benchmarks.blind.weather import BURSTS
 
 __all__ = ["Water", "water_of", "whitened"]
 

@@ -18,11 +18,11 @@ from benchmarks.blind.craft import FORCE, SPEED, Craft, draw_craft, log_uniform
 from benchmarks.blind.flying import turns_round
 from benchmarks.blind.foreign import FOREIGN
 from benchmarks.blind.plain import errors_of, misfit, whitened
+from benchmarks.blind.process_noise import CALM, drawn_weather, mild_weather, smoothed
 from benchmarks.blind.rough import draw_rough
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
 from benchmarks.blind.voyage import Case, File, Flown, Voyage, case_of, draw_voyage, fly, noise_levels, trial_of
-from benchmarks.blind.weather import CALM, drawn_weather, mild_weather, smoothed
 
 __all__ = ["BESIDE", "GIVEN", "TRACK", "Case", "NoCase", "draw_case"]
 
@@ -39,6 +39,13 @@ LEAST_NOISE, MOST_NOISE = 0.003, 0.1
 LEAST_FACTOR, MOST_FACTOR = 1.1, 2.0
 """By which a wrong number is too large or too small."""
 DRAWS = 200
+SEEDED_AS = {
+    "process-noise": "weather",
+    "correct-model": "honest",
+    "correct-model-and-effect": "honest-and-effect",
+    "correct-simulation": "honest-simulation",
+}
+"""Kind of case -> earlier name, from which its random seed is computed. Recorded seeds thus give the same cases."""
 _UNFORESEEN = {"wave-disturbance"}
 """No simulation foretells them: knowing them is worth what an error's own past foretells of it."""
 _LATE = {"input-delay", "time-offset", "measurement-delay", "actuator-lag", "rate-limit", "time-scale"}
@@ -58,7 +65,7 @@ class NoCase(RuntimeError):
 
 def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
     """Return case number *index* of *kind*: ``single``, ``clean``, ``double``, ``foreign``, ``track``,
-    ``clean-track``, ``weather``, ``mild``, ``rough``, or of :data:`GIVEN`.
+    ``clean-track``, ``process-noise``, ``mild``, ``rough``, or of :data:`GIVEN`.
 
     *slug*: the effect of a single or foreign case, or of one beside a given model.
 
@@ -67,7 +74,7 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
     NoCase
         It could not be made to count.
     """
-    rng = np.random.default_rng([seed, zlib.crc32(f"{kind}/{slug}".encode()), index])
+    rng = np.random.default_rng([seed, zlib.crc32(f"{SEEDED_AS.get(kind, kind)}/{slug}".encode()), index])
     kinds = {
         "single": _single,
         "clean": _clean,
@@ -75,7 +82,7 @@ def draw_case(kind: str, seed: int, index: int, slug: str = "") -> Case:
         "foreign": _foreign,
         "track": _track,
         "clean-track": _clean_track,
-        "weather": _weather,
+        "process-noise": _weather,
         "mild": _mild,
         "rough": draw_rough,
         **GIVEN,
@@ -167,7 +174,7 @@ def _weather(rng: Rng, slug: str) -> Case | None:
 
 
 MILD = ("relay", "relay", "steps")
-"""Manoeuvres in mild weather."""
+"""Manoeuvres with mild process noise."""
 
 
 def _mild(rng: Rng, slug: str) -> Case | None:
@@ -178,7 +185,10 @@ def _mild(rng: Rng, slug: str) -> Case | None:
 def _in_weather(
     rng: Rng, slug: str, weather_of: Callable[[Rng, Craft], Mapping[str, float]], names: Sequence[str] = ()
 ) -> Case | None:
-    """Return a case in such weather; its last run is flown besides *names* and thrown away."""
+    """Return a case with process noise of *weather_of*; None if it cannot be drawn.
+
+    With *names*, one more run than these is flown and left out.
+    """
     craft = draw_craft("yaw", rng)
     hidden = [] if slug == CALM else [RECIPES[slug].draw(rng, craft)]
     if any(map(_cannot_be, hidden)):
@@ -290,10 +300,10 @@ def _apart(files: Sequence[File], others: Sequence[File], sizes: Mapping[str, fl
 GIVEN = {
     "wrong-numbers": _numbers,
     "wrong-numbers-and-effect": _numbers_beside,
-    "honest": _honest,
-    "honest-and-effect": _honest_beside,
+    "correct-model": _honest,
+    "correct-model-and-effect": _honest_beside,
     "simulation": _simulation,
-    "honest-simulation": _honest_simulation,
+    "correct-simulation": _honest_simulation,
 }
 """Kinds of cases with a model (or a simulator's output) given, whose numbers are to be judged."""
 

@@ -63,7 +63,7 @@ class Outcome:
     doubts: list[str] = field(default_factory=list)
     """Names of the doubts the diagnosis has of itself."""
     worth: float = float("nan")
-    """Log-likelihood that the true effect alone gains under process noise, for cases in weather."""
+    """Improvement of the log-likelihood by the true effect alone, for cases with process noise."""
 
     @property
     def first(self) -> str:
@@ -79,7 +79,7 @@ class Outcome:
             return self.causes[:1] == self.truth
         if self.kind in ("clean", "clean-track"):
             return self.verdict == "no-effect"
-        if self.kind == "weather":
+        if self.kind == "process-noise":
             return self.causes[:1] == self.truth[:1]
         if self.kind == "double":
             return set(self.truth) <= set(self.causes)
@@ -217,7 +217,7 @@ def _answer(found: Diagnosis, case: Case) -> dict[str, Any]:
         "gain": found.gain.ratio if found.gain is not None else float("nan"),
         "doubts": [d.slug for d in found.doubts],
         "doubted": [n.name for n in found.wrong_numbers],
-        "worth": _worth(case) if case.kind == "weather" else float("nan"),
+        "worth": _worth(case) if case.kind == "process-noise" else float("nan"),
     }
 
 

@@ -1,8 +1,8 @@
-"""Cases of kind ``rough``: one effect, two, or none beneath a moment that wanders, under circumstances.
+"""Cases of kind ``rough``: one, two or no hidden effects, a drifting moment, and further disturbances.
 
-Each of :data:`CIRCUMSTANCES` comes or does not. ``waves``: a moment in a narrow band, and a bow that swings with it.
-``lag``: the heading comes late or filtered one way. ``driving``: a person steers, and keeps the course at times, in
-place of manoeuvres. ``days``: every run has a trim and a thrust of its own.
+Each of :data:`CIRCUMSTANCES` is present or absent. ``waves``: a moment in a narrow frequency band, and a motion of the
+bow. ``lag``: the heading is late, or filtered in one direction. ``driving``: a person steers instead of flying
+manoeuvres. ``days``: trim and thrust differ between runs.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ import numpy as np
 
 from benchmarks.blind.craft import Craft, draw_craft, log_uniform
 from benchmarks.blind.flying import driving
+from benchmarks.blind.process_noise import CALM, drawn_weather, smoothed
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.sizes import RECIPES
 from benchmarks.blind.voyage import Case, Flown, Voyage, case_of, draw_voyage, fly
-from benchmarks.blind.weather import CALM, drawn_weather, smoothed
 
 __all__ = ["CIRCUMSTANCES", "EXCUSED", "PAIR", "draw_rough"]
 
 Rng = np.random.Generator
 
 CIRCUMSTANCES = {"waves": 0.4, "lag": 0.3, "driving": 0.4, "days": 0.4}
-"""What may come with the weather -> how often."""
+"""Further disturbance -> its probability. Project choice."""
 
 PAIR = "pair"
-"""Stands for two effects at once."""
+"""Name of a case with two effects."""
 
 FAMILIES = (
     ("input-delay", "actuator-lag"),
@@ -35,16 +35,16 @@ FAMILIES = (
     ("input-bias",),
     ("quadratic-drag",),
 )
-"""A pair is of two of them: within one, effects are too much alike to ask for both."""
+"""Groups of similar effects. The two effects of a pair are from different groups."""
 
 EXCUSED = {
-    "input-delay": "a heading that comes late is, but for noise, what commands that act late lead to",
-    "actuator-lag": "a heading filtered one way is, but for noise, what commands filtered alike lead to",
+    "input-delay": "except for noise, a late heading looks like the result of late commands",
+    "actuator-lag": "except for noise, a heading filtered in one direction looks like the result of filtered commands",
 }
-"""Names that are no wrong ones where the heading lags -> why."""
+"""Causes that do not count as wrong if the heading lags -> reason."""
 
 LEAST_NOISE, MOST_NOISE = 0.003, 0.01
-"""Of the heading, in shares of what it does."""
+"""Range of the noise of the heading, as a fraction of its motion. Project choice."""
 
 
 def draw_rough(rng: Rng, slug: str) -> Case | None:

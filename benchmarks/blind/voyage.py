@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from benchmarks.blind.craft import POSITION, Craft, log_uniform
 from benchmarks.blind.flying import MANOEUVRES, draw_commands
 from benchmarks.blind.foreign import FOREIGN
+from benchmarks.blind.process_noise import WEATHER
 from benchmarks.blind.secret import Hidden
-from benchmarks.blind.weather import WEATHER
 from gcs_autotune.trial import Channel, Trial
 from sitl.effects import HiddenEffect, make_effect
 from sitl.open_loop import Hull, open_loop
@@ -59,9 +59,9 @@ class Case:
     simulations: tuple[Trial, ...] = ()
     """What the given model makes of the same commands, for kinds that give no model file."""
     circumstances: tuple[str, ...] = ()
-    """What of :data:`.rough.CIRCUMSTANCES` the weather came with."""
+    """The further disturbances of :data:`.rough.CIRCUMSTANCES` that are present."""
     flown: Flown | None = None
-    """How kinds in weather came about, for referees alone."""
+    """The flown runs before smoothing, for kinds with process noise; not passed to the diagnosis."""
 
     @property
     def slugs(self) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ def test_a_case_counts_when_the_plain_model_errs_a_quarter_more_than_the_noise(s
 
 @pytest.mark.parametrize("index", range(4))
 def test_a_limit_is_reached_in_a_run_that_is_given_and_not_in_the_one_kept_apart_only(index: int) -> None:
-    case = draw_case("honest-and-effect", 74, index, "saturation")
+    case = draw_case("correct-model-and-effect", 74, index, "saturation")
     place, numbers = case.truth["saturation"]
     assert max(np.abs(run[place].values).max() for run in case.runs) > numbers["limit"]
 
@@ -181,7 +181,7 @@ def test_wrong_numbers_count_when_exactly_they_are_told_and_nothing_else() -> No
     assert not replace(wrong, doubted=["N_r"], verdict="partly-explained").right
     beside = replace(RIGHT, kind="wrong-numbers-and-effect", numbers=["N_r"], doubted=["N_r"])
     assert beside.right and not replace(beside, causes=[]).right and not replace(beside, doubted=[]).right
-    honest = replace(wrong, kind="honest", numbers=[], verdict="no-effect")
+    honest = replace(wrong, kind="correct-model", numbers=[], verdict="no-effect")
     assert honest.right and not replace(honest, doubted=["N_r"], verdict="wrong-numbers").right
     theirs = replace(wrong, kind="simulation", doubted=["gain of yaw", "time constant of yaw"])
     assert theirs.right and not replace(theirs, doubted=["gain of yaw"]).right

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.astray import water_of, whitened
-from benchmarks.blind.beneath import marked, report
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.craft import Craft, draw_craft
+from benchmarks.blind.noise_search import marked, report
 from benchmarks.blind.oracle import visible, worth
+from benchmarks.blind.process_noise import BURSTS, CALM, smoothed
 from benchmarks.blind.rough import PAIR
 from benchmarks.blind.secret import Hidden
 from benchmarks.blind.voyage import Flown, draw_voyage, fly
-from benchmarks.blind.weather import BURSTS, CALM, smoothed
 
 NOISE = 0.002
 
@@ -152,7 +152,7 @@ def test_a_smoother_can_be_undone_and_hides_what_only_a_referee_sees() -> None:
 
 
 def test_drawn_cases_carry_what_the_oracle_needs_and_pairs_and_clean_ones_are_left_out() -> None:
-    kinds = [("weather", "saturation"), ("rough", "quadratic-drag"), ("rough", PAIR), ("rough", CALM)]
+    kinds = [("process-noise", "saturation"), ("rough", "quadratic-drag"), ("rough", PAIR), ("rough", CALM)]
     told = [visible(draw_case(kind, 5, 0, slug)) for kind, slug in kinds]
     assert all(isinstance(nats, float) and np.isfinite(nats) for nats in told[:2])
     assert told[2:] == [None, None]
@@ -164,6 +164,6 @@ def test_rates_are_told_of_what_can_be_seen() -> None:
     rows = [{**row, "weather": w, "visible": v} for w, v in ((0.2, 12.0), (0.8, 40.0), (0.3, 9.0), (0.2, None))]
     told = "\n".join(report([{**r, **marked(r)} for r in rows]))
     assert "2 of 3 effects" in told
-    assert any(line.startswith("  of them") and "2 of    2" in line for line in told.splitlines())
-    assert any(line.startswith("  of those in weather") and "1 of    1" in line for line in told.splitlines())
-    assert "who knows" not in "\n".join(report([{**rows[3], **marked(row)}]))
+    assert any(line.startswith("  visible effects, right") and "2 of    2" in line for line in told.splitlines())
+    assert any(line.startswith("  visible effects in noise") and "1 of    1" in line for line in told.splitlines())
+    assert "known disturbance" not in "\n".join(report([{**rows[3], **marked(row)}]))

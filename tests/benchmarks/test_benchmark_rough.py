@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.blind.beneath import marked, report
 from benchmarks.blind.case import draw_case
 from benchmarks.blind.craft import draw_craft
 from benchmarks.blind.flying import driving
+from benchmarks.blind.noise_search import marked, report
+from benchmarks.blind.process_noise import CALM, HIDDEN, Day, Helm, Lag, Waves
 from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, FAMILIES, PAIR, _days
-from benchmarks.blind.weather import CALM, HIDDEN, Day, Helm, Lag, Waves
 from sitl.effects import HiddenEffect
 from sitl.open_loop import Hull, open_loop
 

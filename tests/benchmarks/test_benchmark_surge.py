@@ -1,4 +1,4 @@
-"""The table of surge flights: errors in their own standard errors, what is saved is not flown again."""
+"""The table of surge flights: errors, in units of the reported standard error, what is saved is not flown again."""
 
 from __future__ import annotations
 
@@ -28,4 +28,4 @@ def test_errors_are_counted_in_their_own_standard_errors_and_saved_flights_stay(
     rows = {row.split()[0]: row.split()[1:] for row in first.splitlines()[2:4]}
     assert rows["alpha_u"] == ["4", "+1.00", "2.24", "1", "of", "2", "0.1"]
     assert " 2 of 2 " in first.splitlines()[3], "decided away is no answer"
-    assert "charlie, beta_u, rms error in standard errors: not finite" in first
+    assert "charlie, beta_u, rms error / standard error: not finite" in first

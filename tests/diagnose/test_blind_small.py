@@ -40,14 +40,14 @@ def test_two_causes_that_only_pay_together_are_named_though_they_look_like_a_for
 
 
 def test_what_a_search_without_weather_names_is_weighed_beside_the_force_that_wanders() -> None:
-    outcome = play("weather", 75, 11, "clean")
+    outcome = play("process-noise", 75, 11, "clean")
     assert outcome.strictly_right, the(outcome)
     assert "not-under-process-noise" in outcome.doubts, "no change of mass tempts any more: another case is wanted"
 
 
 @pytest.mark.parametrize(
     ("kind", "slug"),
-    [("wrong-numbers", ""), ("wrong-numbers-and-effect", "dead-zone"), ("honest", ""), ("simulation", "")],
+    [("wrong-numbers", ""), ("wrong-numbers-and-effect", "dead-zone"), ("correct-model", ""), ("simulation", "")],
 )
 def test_wrong_numbers_are_told_and_honest_ones_left_alone(kind: str, slug: str) -> None:
     outcome = play(kind, SEED, 0, slug)

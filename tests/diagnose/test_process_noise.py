@@ -15,7 +15,7 @@ from runs_in_the_tank import towed
 from test_evidence import scored
 
 from benchmarks.blind.case import draw_case
-from benchmarks.blind.weather import CALM
+from benchmarks.blind.process_noise import CALM
 from gcs_autotune.diagnose import diagnose, noise_scorer, process_noise, search_with_noise
 from gcs_autotune.diagnose.heldout import HeldOut
 from gcs_autotune.diagnose.heldout_score import densities_of, interval_of
@@ -118,7 +118,7 @@ def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() ->
 @pytest.mark.slow
 def test_a_smoother_beside_a_delay_is_taken_for_no_tether() -> None:
     """Judged at every sample its shape halved the damping, and a spring stood beside the delay."""
-    case = draw_case("weather", 90, 0, "input-delay")
+    case = draw_case("process-noise", 90, 0, "input-delay")
     form = plain_form(case.runs)
     problem, base = fit_base(form, prepare_as_recorded(case.runs, form)[0])
     found = search_with_process_noise(problem, base, ["input-delay", "tether-pull", "actuator-lag"], (), nobody)
@@ -185,7 +185,7 @@ def test_a_quick_craft_is_found_beneath_the_weather_where_the_fit_without_it_too
     """A craft of 0.1 s, which the search without weather left at 535 s, her gain eighteen times too large: begun with
     that gain the filter ran away, no model was found beneath the weather, and a change of mass was named in vain.
     """
-    case = draw_case("weather", 77, 8, CALM)
+    case = draw_case("process-noise", 77, 8, CALM)
     problem, base = as_from_a_log(list(case.runs))
     assert base.form.parameters == ("N_rdot", "N_r")
     lost = problem.states(np.array([-793118.34, -1482.04]), (), base.initial)
@@ -203,7 +203,7 @@ def test_a_long_delay_is_named_where_the_plain_model_without_it_was_another_craf
     pace gained anything, and a lag was named. Of the other, 1.4 s between commands that change every second, half was
     found: only what is nearly right leads there.
     """
-    case = draw_case("weather", seed, 0, "input-delay")
+    case = draw_case("process-noise", seed, 0, "input-delay")
     found = search_with_process_noise(*as_from_a_log(list(case.runs)), ("input-delay", "rate-limit"), (), nobody)
     assert found is not None
     assert [a.effect.slug for a in found.accepted] == ["input-delay"]

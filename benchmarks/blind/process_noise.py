@@ -1,9 +1,9 @@
-"""Weather for the tank: a moment that wanders, waves, days that differ, and what sensor and helm make of them.
+"""Process noise for the open-loop simulator: drifting moment, waves, run-to-run differences, heading lag and helm.
 
-The moment is an Ornstein-Uhlenbeck process, stepped by the tank; bursts come and go besides, as wakes do. Waves push in
-a narrow band, and turn the bow besides (Fossen2011, chapter 8). The file's heading is smoothed forwards and backwards,
-or comes late or filtered as it came, and its turn rate is made from that. Nothing here shares code with what has to
-find an effect beneath it.
+The moment is an Ornstein-Uhlenbeck process, with bursts such as those of wakes. Waves are a moment in a narrow
+frequency band, and also a motion of the bow (Fossen2011, chapter 8). The heading in the file is smoothed forwards and
+backwards, or late, or filtered in one direction. The turn rate is computed from this heading. This module shares no
+code with the diagnosis.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ HIDDEN = (
     "actuator-lag",
     "quadratic-actuator",
 )
-"""Effects hidden beneath it, by turns; between them ``CALM``."""
+"""Effects hidden in runs with process noise. Half of the cases have none (:data:`CALM`)."""
 
 MILD_HIDDEN = (*HIDDEN, "backlash")
-"""Effects hidden in mild weather."""
+"""Effects hidden in runs with mild process noise."""
 
 CALM = "clean"
-"""Stands for no effect at all."""
+"""Name of a case without an effect."""
 
 
 BURSTS = "bursts"
-"""Column of the tank's file that nobody but a referee sees."""
+"""Column of the simulator's file that is not passed to the diagnosis."""
 
 
 class Weather(Foreign):
-    """A moment that wanders, and bursts."""
+    """A drifting moment with bursts."""
 
     slug = "weather"
     parameters = (
@@ -204,11 +204,14 @@ class Helm(Foreign):
 
 
 WEATHER: Mapping[str, type[Foreign]] = {kind.slug: kind for kind in (Weather, Waves, Day, Lag, Helm)}
-"""Slug -> what the tank does beside a hidden effect."""
+"""Slug -> disturbance or sensor error that is added to the hidden effects."""
 
 
 def drawn_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
-    """Return weather of 10 to 100 % of full command, remembered for half to five time constants; bursts in half."""
+    """Return parameters of a drifting moment of 10 to 100 % of full command.
+
+    The correlation time is 0.5 to 5 time constants of the craft. The moment has bursts with a probability of 0.5.
+    """
     spread = craft.full[craft.input] * log_uniform(rng, 0.1, 1.0)
     memory = craft.pace * log_uniform(rng, 0.5, 5.0)
     return {
@@ -220,7 +223,10 @@ def drawn_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
 
 
 def mild_weather(rng: Rng, craft: Craft) -> Mapping[str, float]:
-    """Return weather of 25 to 35 % of full command, remembered for half to five time constants, without bursts."""
+    """Return parameters of a drifting moment of 25 to 35 % of full command, without bursts.
+
+    The correlation time is 0.5 to 5 time constants of the craft.
+    """
     spread = craft.full[craft.input] * rng.uniform(0.25, 0.35)
     memory = craft.pace * log_uniform(rng, 0.5, 5.0)
     return {"spread": spread, "memory": memory, "burst": 0.0, "every": craft.duration}

@@ -1,13 +1,18 @@
-"""The search with process noise alone: seconds per case instead of tens for a whole diagnosis.
+"""Blind cases for the search with process noise alone: about three seconds per case, not tens for a whole diagnosis.
 
-``python3 -m benchmarks.blind.beneath [--kind weather|mild|rough] [--seeds 101 102] [--only SLUG,..] [--whole]
-[--oracle] [--save F]`` draws from every seed the first case of each effect and three clean ones; ``rough`` adds three
-pairs. It prints how often the true cause is first (in its group): of all effects, of those worth ten in log-likelihood,
-and of those in noise up to 40 % of full command. It also prints wrong causes and causes on clean craft; the first hint,
-if no cause is reported and the effect is worth three to ten; hints on clean craft beside the number that chance
-implies; pairs; and the same by circumstances. If the heading lags, the causes of :data:`.rough.EXCUSED` are counted
-apart. The worth of an effect is that found by the search; ``--oracle`` adds its worth with the disturbance known
-(:mod:`.oracle`).
+Run: ``python3 -m benchmarks.blind.noise_search [--kind process-noise|mild|rough] [--seeds 101 102] [--only SLUG,..]
+[--whole] [--oracle] [--save F]``. Each seed has one case of each effect and three cases without an effect. With
+``--kind rough`` each seed also has three cases with two effects. It prints these counts:
+
+* true causes reported first (alone or in a group): of all effects, of those that improve the log-likelihood by ten,
+  and of those in noise up to 40 % of full command;
+* wrong causes, and causes reported on craft without an effect;
+* first hints that are right, if no cause is reported and the improvement is three to ten;
+* hints on craft without an effect, and the number expected by chance;
+* cases with two effects, and all counts for each of :data:`.rough.CIRCUMSTANCES`.
+
+If the heading lags, the causes of :data:`.rough.EXCUSED` are counted separately. The improvement by an effect is that
+of the search. ``--oracle`` also computes it with the disturbance known (:mod:`.oracle`).
 """
 
 from __future__ import annotations
@@ -21,9 +26,9 @@ from typing import Any
 
 from benchmarks.blind.case import Case, NoCase, draw_case
 from benchmarks.blind.oracle import visible
+from benchmarks.blind.process_noise import CALM, HIDDEN, MILD_HIDDEN
 from benchmarks.blind.rough import CIRCUMSTANCES, EXCUSED, PAIR
 from benchmarks.blind.scoring import bounds
-from benchmarks.blind.weather import CALM, HIDDEN, MILD_HIDDEN
 from benchmarks.results import Figure, count, headline
 from gcs_autotune.diagnose import diagnose
 from gcs_autotune.diagnose.evidence import FAINT, chance_of, weak_among
@@ -35,10 +40,12 @@ from gcs_autotune.identify.signals import prepare_as_recorded
 __all__ = ["main", "marked"]
 
 OFTEN = {CALM: 3, PAIR: 3}
-"""Cases of every seed, where they are not one."""
+"""Kind of case -> number of cases per seed; one for all others. Project choice."""
 
 WORTH, MILD = 10.0, 0.4
-"""Log-likelihood above which an effect should be named; weather, in shares of full command, that is mild."""
+"""Improvement of the log-likelihood above which an effect should be reported; process noise, as a fraction of full
+command, up to which it is called mild. Project choices.
+"""
 
 Row = dict[str, Any]
 
@@ -59,13 +66,13 @@ def _searched(case: Case, slugs: Sequence[str]) -> NoiseSearch | None:
 
 
 def _gain(found: NoiseSearch | None, slug: str) -> float | None:
-    """Return what *slug* gained in the first step, None where it did not come so far."""
+    """Return the improvement of the log-likelihood by *slug* in the first step; None if it was not scored."""
     judged = found.steps[0].judged if found is not None and found.steps else ()
     return max((a.gained for a in judged if a.effect.slug == slug), default=None)
 
 
 def _answer(found: NoiseSearch | None) -> Row:
-    """Return names, groups and hints of a search, as a diagnosis gives them, and how often chance gives a hint."""
+    """Return causes, groups and hints of a search as in a diagnosis, and the probability of a hint by chance."""
     if found is None:
         return {"named": [], "groups": [], "hints": [], "chance": 0.0}
     told = supported(found)
@@ -78,7 +85,7 @@ def _answer(found: NoiseSearch | None) -> Row:
 
 
 def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
-    """Return what the search, or the *whole* diagnosis, says of one case."""
+    """Return the result row of one case, by the search with process noise or by a *whole* diagnosis."""
     case = draw_case(kind, seed, index, slug)
     begun = time.process_time()
     found: NoiseSearch | None = None
@@ -98,7 +105,7 @@ def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
     worth = []
     for true in case.slugs:
         gain = _gain(found, true)
-        # One that is left behind by others in the rough is worth something all the same.
+        # An effect that was not scored in the first step is searched alone.
         worth.append(gain if gain is not None else _gain(_searched(case, [true]), true) or 0.0)
     row = {
         "kind": kind,
@@ -116,8 +123,11 @@ def _asked(kind: str, seed: int, index: int, slug: str, *, whole: bool) -> Row:
 
 
 def marked(row: Row) -> Row:
-    """Return how a row counts: ``right``, ``wrong`` (a wrong name first; of a pair anywhere), ``beside`` (a wrong name
-    after the right one), ``both`` and ``excused`` (names that a heading that lags accounts for).
+    """Return how a row counts, by key.
+
+    ``right``: the true cause is first, or both causes of a pair are reported. ``one``: one of a pair is reported.
+    ``wrong``: a wrong cause is first, or anywhere for a pair. ``beside``: a wrong cause follows the right one.
+    ``excused``: the causes that a lagging heading explains.
     """
     truth, named = row["truth"], row["named"]
     alike = [set(g) for g in row["groups"]]
@@ -147,38 +157,38 @@ def _count(rows: Sequence[Row], what: str) -> int:
 
 
 def report(rows: Sequence[Row]) -> Iterator[str]:
-    """Tell the rates, all together and by circumstances."""
+    """Yield the lines of the report: the counts of all *rows*, then by circumstances."""
     single = [r for r in rows if len(r["truth"]) == 1]
     clean, pairs = ([r for r in rows if len(r["truth"]) == n] for n in (0, 2))
     large, mild = [r for r in single if r["worth"] >= WORTH], [r for r in single if r["weather"] <= MILD]
     for what, some, goal in (
-        ("the right name first (in its group)", single, "-"),
-        (f"  where it is worth {WORTH:g} in log-likelihood", large, "85 %"),
-        (f"  in weather of up to {100 * MILD:.0f} % of full command", mild, "50 %"),
+        ("right cause first (alone or in a group)", single, "-"),
+        (f"  improvement of the log-likelihood by {WORTH:g} or more", large, "85 %"),
+        (f"  process noise up to {100 * MILD:.0f} % of full command", mild, "50 %"),
     ):
         yield _told(what, _count(some, "right"), len(some), goal)
     if known := [r for r in single if r.get("visible") is not None]:
         seen = [r for r in known if r["visible"] >= WORTH]
-        yield f"worth {WORTH:g} to who knows the weather and the true numbers: {len(seen)} of {len(known)} effects"
-        yield _told("  of them the right name first", _count(seen, "right"), len(seen), "85 %")
+        yield f"visible with known disturbance (improvement by {WORTH:g}): {len(seen)} of {len(known)} effects"
+        yield _told("  visible effects, right cause first", _count(seen, "right"), len(seen), "85 %")
         calm = [r for r in seen if r["weather"] <= MILD]
-        yield _told(f"  of those in weather of up to {100 * MILD:.0f} %", _count(calm, "right"), len(calm))
-    yield _told("a wrong name first", _count(single, "wrong"), len(single))
-    yield _told("a wrong name after the right one", _count(single, "beside"), len(single))
-    yield _told("a name on a clean craft", _count(clean, "wrong"), len(clean), "at most 3 %")
+        yield _told(f"  visible effects in noise up to {100 * MILD:.0f} %", _count(calm, "right"), len(calm))
+    yield _told("wrong cause first", _count(single, "wrong"), len(single))
+    yield _told("wrong cause after the right one", _count(single, "beside"), len(single))
+    yield _told("cause reported without an effect", _count(clean, "wrong"), len(clean), "at most 3 %")
     yield from _hints(single, clean)
     if pairs:
         seen = [r for r in pairs if r["worth"] >= WORTH]
-        yield _told("of two both, and nothing else", _count(pairs, "right"), len(pairs))
-        yield _told(f"  where each is worth {WORTH:g}", _count(seen, "right"), len(seen))
-        yield _told("of two one, and nothing else", _count(pairs, "one"), len(pairs))
-        yield _told("of two a wrong name", _count(pairs, "wrong"), len(pairs))
+        yield _told("two effects: both reported, and nothing else", _count(pairs, "right"), len(pairs))
+        yield _told(f"  two effects that each improve it by {WORTH:g}: both reported", _count(seen, "right"), len(seen))
+        yield _told("two effects: one reported, and nothing else", _count(pairs, "one"), len(pairs))
+        yield _told("two effects: a wrong cause reported", _count(pairs, "wrong"), len(pairs))
     lagging = [r for r in rows if "lag" in r["circumstances"]]
     if lagging:
-        yield _told("a lagging heading told as lagging commands", _count(lagging, "excused"), len(lagging))
+        yield _told("lagging heading reported as lagging commands", _count(lagging, "excused"), len(lagging))
     if not any(r["circumstances"] for r in rows):
         return
-    yield f"\n{'':10} worth {WORTH:g}: right  single: wrong  clean: named  pairs: both, one, wrong"
+    yield f"\n{'':10} gain {WORTH:g}: right  single: wrong  clean: cause  pairs: both, one, wrong"
     for name in (*CIRCUMSTANCES, "none"):
         one, two, none, pair = (
             [r for r in some if name in r["circumstances"] or (name == "none" and not r["circumstances"])]
@@ -192,14 +202,14 @@ def report(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def _hints(single: Sequence[Row], clean: Sequence[Row]) -> Iterator[str]:
-    """Tell how often the first hint is right where the effect is too weak to be named, and hints on clean craft."""
+    """Yield lines with the count of right first hints for weak effects, and of hints on craft without an effect."""
     weak = [r for r in single if FAINT <= r["worth"] < WORTH and not r["named"]]
     given, silent = [r for r in weak if r["hints"]], [r for r in clean if not r["named"]]
     right = sum(r["hints"][0] in r["truth"] for r in given)
-    yield _told(f"worth {FAINT:g} to {WORTH:g} and not named: a hint is given", len(given), len(weak))
-    yield _told("  of these the first hint right", right, len(given), "90 %")
-    yield _told("a hint on a clean craft", sum(bool(r["hints"]) for r in silent), len(silent))
-    yield f"  by chance alone at most {sum(r['chance'] for r in silent):.1f} would have one"
+    yield _told(f"improvement by {FAINT:g} to {WORTH:g}, no cause: hint reported", len(given), len(weak))
+    yield _told("  of these, first hint right", right, len(given), "90 %")
+    yield _told("hint reported without an effect", sum(bool(r["hints"]) for r in silent), len(silent))
+    yield f"  expected by chance: at most {sum(r['chance'] for r in silent):.1f}"
 
 
 def _line(row: Row) -> str:
@@ -218,16 +228,16 @@ def _outcome(row: Row) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print a line per case, then the rates."""
-    parser = argparse.ArgumentParser(prog="python3 -m benchmarks.blind.beneath", description=__doc__)
-    parser.add_argument("--kind", choices=("weather", "mild", "rough"), default="weather")
+    """Run the cases, print a line per case and the report, and return 0."""
+    parser = argparse.ArgumentParser(prog="python3 -m benchmarks.blind.noise_search", description=__doc__)
+    parser.add_argument("--kind", choices=("process-noise", "mild", "rough"), default="process-noise")
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
-    parser.add_argument("--only", default="", help=f"slugs, joined by commas; {CALM} for none hidden, {PAIR} for two")
-    parser.add_argument("--whole", action="store_true", help="whole diagnoses, tens of seconds each")
-    parser.add_argument("--oracle", action="store_true", help="what effects are worth to who knows the weather besides")
+    parser.add_argument("--only", default="", help=f"effects, joined by commas; {CALM} for none hidden, {PAIR} for two")
+    parser.add_argument("--whole", action="store_true", help="run whole diagnoses, tens of seconds each")
     parser.add_argument(
-        "--save", type=Path, help="a line per case, the last one counts; cases already in it are not asked again"
+        "--oracle", action="store_true", help="also compute the gain of each effect with known disturbance"
     )
+    parser.add_argument("--save", type=Path, help="write a line per case; cases already in the file are not run again")
     asked = parser.parse_args(arguments)
     lines = asked.save.read_text(encoding="utf-8").splitlines() if asked.save and asked.save.exists() else []
     known = {(r["kind"], r["seed"], r["index"], r["slug"]): r for r in map(json.loads, lines)}
@@ -249,14 +259,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(_line(rows[-1]), flush=True)
     print("\n".join(report(rows)))
     if not asked.only and not asked.whole:
-        headline(f"blind.beneath-{asked.kind}", MEASURES[asked.kind], _figures(rows))
+        headline(f"blind.noise_search-{asked.kind}", MEASURES[asked.kind], _figures(rows))
     return 0
 
 
 MEASURES = {
-    "weather": "the search with process noise alone",
+    "process-noise": "the part of the diagnosis that models process noise, run alone",
     "mild": "hints: a drifting moment of 25 to 35 % of full command",
-    "rough": "the search with process noise alone, in rough water",
+    "rough": "the part of the diagnosis that models process noise, in rough water",
 }
 
 
@@ -264,9 +274,14 @@ def _figures(rows: Sequence[Row]) -> list[Figure]:
     single, clean = ([r for r in rows if len(r["truth"]) == n] for n in (1, 0))
     large, mild = [r for r in single if r["worth"] >= WORTH], [r for r in single if r["weather"] <= MILD]
     return [
-        count(f"effects worth {WORTH:g} nats found first", _count(large, "right"), len(large), least=0.85),
-        count(f"effects in noise up to {MILD:.0%} found first", _count(mild, "right"), len(mild), least=0.5),
-        count("wrong causes first", _count(single, "wrong"), len(single), most=0.03),
+        count(
+            f"effects that improve the log-likelihood by {WORTH:g} nats, reported first",
+            _count(large, "right"),
+            len(large),
+            least=0.85,
+        ),
+        count(f"effects in noise up to {MILD:.0%}, reported first", _count(mild, "right"), len(mild), least=0.5),
+        count("wrong causes reported first", _count(single, "wrong"), len(single), most=0.03),
         count("clean craft with a cause", _count(clean, "wrong"), len(clean), most=0.03),
     ]
 
