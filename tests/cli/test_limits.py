@@ -22,6 +22,7 @@ POSITIONALS = {
     "experiment": ("heading",),
     "fly": ("zig-zag",),
     "recheck": ("heading",),
+    "hold": ("heading",),
     "identify": ("a.csv",),
     "diagnose": ("a.csv",),
     "figures": ("a.csv",),

@@ -183,7 +183,7 @@ def test_designing_again_from_the_new_gains_soon_finds_nothing_to_change() -> No
             break
         gains.update(proposal.new)
     assert proposal.changes == ()
-    assert any("no better gains" in note for note in proposal.notes)
+    assert any("are better than the present ones" in note for note in proposal.notes)
     assert proposal.after.metrics == proposal.before.metrics
 
 

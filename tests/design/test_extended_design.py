@@ -212,7 +212,7 @@ def test_a_lag_and_a_gain_that_differs_by_direction_count_in_the_margins() -> No
 
 def test_dead_zone_and_play_say_what_is_left_and_what_to_do() -> None:
     said = " ".join(proposed(on("backlash", width=0.1)).notes)
-    assert "oscillates by" in said and "repair the linkage" in said
+    assert "oscillates by" in said and "Repair the linkage" in said
     proposal = proposed(on("dead-zone", width=0.06))
     assert "MOT_THR_MIN" in proposal.remarks[0].advice
     data = json.loads(json.dumps({n: proposal.to_dict()[n] for n in ("effects", "left_alone")}, allow_nan=False))
@@ -277,7 +277,7 @@ def test_the_axis_of_a_coupled_craft_is_taken_out_of_it() -> None:
     assert r.model.alpha == pytest.approx(float(model.base.inertia[at, at]) / 0.8)
     assert r.model.beta == pytest.approx(0.6 / 0.8)
     assert "full output is the sum of" in r.remarks[0].treated
-    with pytest.raises(UsageError, match="not of heave"):
+    with pytest.raises(UsageError, match="but not heave"):
         reduce(model, "heave", {})
 
 

@@ -92,7 +92,7 @@ def test_somebody_elses_simulation_of_the_same_commands_is_diagnosed():
     told = diagnose(runs, simulations=theirs)
     assert [c.effect.slug for c in told.causes] == ["dead-zone"]
     assert any(d.slug == "simulation-off" for d in told.doubts)
-    with pytest.raises(UsageError, match="one per run"):
+    with pytest.raises(UsageError, match="one simulation per run"):
         diagnose(runs, simulations=theirs[:1])
 
 

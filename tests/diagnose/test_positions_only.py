@@ -86,7 +86,7 @@ def test_a_degree_of_freedom_asked_for_in_vain_is_said_aloud():
     form = plain_form([run], "yaw,heave")
     segments, _ = prepare_as_recorded([run], form)
     (doubt,) = overlooked([run], form, "yaw,heave", None, segments)
-    assert doubt.cause.startswith("heave was requested but not examined")
+    assert doubt.cause.startswith("heave was requested but not analysed")
     with pytest.raises(MissingChannel, match="horizontal"):
         plain_form([run], "yaws")
 

@@ -111,7 +111,7 @@ def test_a_square_law_beneath_the_weather_is_named_and_nothing_on_top_of_it() ->
     assert "process-noise" in {d.slug for d in found.doubts}
     assert found.causes[0].is_structural
     told = {n.label: n.text for n in evidence_notes(found, found.causes[0])}["Evidence"]
-    assert told.startswith("Very strong: +")
+    assert told.startswith("Very strong: log-likelihood of the held-out data +")
     assert len(found.ranking[0].unseen) == 3
 
 

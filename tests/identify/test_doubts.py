@@ -5,6 +5,9 @@ from __future__ import annotations
 import string
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
+
+import pytest
 
 from gcs_autotune.identify import Doubt
 from gcs_autotune.identify.axis.run_comparison import RunComparison
@@ -34,11 +37,11 @@ def test_to_add_a_doubt_is_to_add_a_row() -> None:
     assert not doubts_about(Voltages((9.0,)))
 
 
-def test_each_row_has_a_sentence_and_a_cure_of_named_facts() -> None:
-    for row in DOUBTS:
-        fields = [field for text in (row.cause, row.cure) for _, field, _, _ in string.Formatter().parse(text)]
-        assert all(field is None or field.isidentifier() for field in fields), row.slug
-        assert row.cause and row.cure
+@pytest.mark.parametrize("row", DOUBTS, ids=lambda row: row.slug)
+def test_each_row_has_a_sentence_and_a_cure_of_named_facts(row: DoubtRow[Any]) -> None:
+    fields = [field for text in (row.cause, row.cure) for _, field, _, _ in string.Formatter().parse(text)]
+    assert all(field is None or field.isidentifier() for field in fields)
+    assert row.cause and row.cure
 
 
 def test_of_runs_that_differ_either_the_craft_or_the_model_is_doubted() -> None:

@@ -70,7 +70,7 @@ def test_a_pressure_that_nobody_has_asked_for_yet_is_asked_for():
     craft = SimpleNamespace(telemetry=SimpleNamespace(latest=told), session=session)
     check_depth_is_reported(craft, "yaw")
     assert not asked, "a heading needs no depth"
-    with pytest.raises(PreconditionFailed, match=r"reports -580 hPa .* altitude of 0\. Nothing was armed"):
+    with pytest.raises(PreconditionFailed, match=r"-580 hPa .* altitude of 0\. Nothing was armed"):
         check_depth_is_reported(craft, "heave")
     assert len(asked) == 1
 
@@ -89,7 +89,7 @@ def test_a_depth_that_cannot_be_told_is_refused_before_anything_is_armed(tmp_pat
         yield message
 
     harness = SitlHarness(tmp_path, "videoray", high_above_the_sea)
-    with pytest.raises(PreconditionFailed, match=r"reports -580 hPa .* altitude of 0\. Nothing was armed"):
+    with pytest.raises(PreconditionFailed, match=r"-580 hPa .* altitude of 0\. Nothing was armed"):
         harness.tune(axis="depth")
     harness.assert_as_found()
     assert not list((harness.directory / "trials").glob("*.csv"))
