@@ -33,6 +33,7 @@ from gcs_autotune.control.line import (
 )
 from gcs_autotune.control.position import (
     POSITION_LAWS,
+    IntegralSlidingMode,
     PidPosition,
     Pose,
     PositionController,
@@ -69,6 +70,7 @@ __all__ = [
     "FeedbackLaw",
     "IndirectLine",
     "IntegralLineOfSight",
+    "IntegralSlidingMode",
     "Line",
     "LineGuidance",
     "LineOfHeading",

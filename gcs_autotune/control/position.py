@@ -21,7 +21,16 @@ from gcs_autotune.control.feedback import FeedbackController, FeedbackLaw
 from gcs_autotune.control.structure import STRUCTURES
 from gcs_autotune.sname import wrap
 
-__all__ = ["POSITION_LAWS", "PidPosition", "Pose", "PositionController", "PositionTarget", "RigidModel", "SlidingMode"]
+__all__ = [
+    "POSITION_LAWS",
+    "IntegralSlidingMode",
+    "PidPosition",
+    "Pose",
+    "PositionController",
+    "PositionTarget",
+    "RigidModel",
+    "SlidingMode",
+]
 
 Array = NDArray[np.float64]
 Four = tuple[float, float, float, float]
@@ -110,22 +119,65 @@ class SlidingMode:
 
     def update(self, target: PositionTarget, pose: Pose, t: float) -> Four:
         """Return the forces and the moment (X, Y, Z, N); *t* is not needed."""
-        model, velocity = self.model, np.array(pose.velocity)
+        return self.limited(self.forces(target, pose))
+
+    def forces(self, target: PositionTarget, pose: Pose, integral: Array | None = None) -> Array:
+        """Return the forces and the moment (4,) before the limits of the actuators.
+
+        integral : integral of the error (4,) [m s or rad s]. With it the surface is
+            ``s = e_rate + 2 lambda e + lambda^2 integral``, which leaves no steady error.
+        """
+        model, velocity, bandwidth = self.model, np.array(pose.velocity), np.array(self.bandwidth)
         J, J_rate = _rotation(pose.position[3], pose.velocity[3])
         x_rate, error = J @ velocity, _error(pose.position, target.position)
-        wanted_rate = np.array(target.velocity) - self.bandwidth * error
+        rate_error = x_rate - np.array(target.velocity)
+        if integral is None:
+            pull, pull_rate = bandwidth * error, bandwidth * rate_error
+        else:
+            pull = 2.0 * bandwidth * error + bandwidth**2 * integral
+            pull_rate = 2.0 * bandwidth * rate_error + bandwidth**2 * error
+        wanted_rate = np.array(target.velocity) - pull
         s = x_rate - wanted_rate
-        wanted_acceleration = np.array(target.acceleration) - self.bandwidth * (x_rate - np.array(target.velocity))
         q_rate = J.T @ wanted_rate
-        q_acceleration = J.T @ (wanted_acceleration - J_rate @ q_rate)
+        q_acceleration = J.T @ (np.array(target.acceleration) - pull_rate - J_rate @ q_rate)
         inertia = np.array(model.mass) * q_acceleration
         drag = (model.coriolis(velocity) + model.damping(velocity)) @ q_rate
         body_s = J.T @ s
         switching = self.uncertainty * (np.abs(inertia) + np.abs(drag)) + np.array(self.reserve)
         force = inertia + drag - np.array(model.constant) - self.damping * body_s
-        force -= switching * np.clip(body_s / np.array(self.layer), -1.0, 1.0)
-        limited = np.clip(force, -np.array(self.limits), self.limits)
-        return (float(limited[0]), float(limited[1]), float(limited[2]), float(limited[3]))
+        return np.asarray(force - switching * np.clip(body_s / np.array(self.layer), -1.0, 1.0))
+
+    def limited(self, force: Array) -> Four:
+        """Return *force* (4,) within the limits of the actuators."""
+        found = np.clip(force, -np.array(self.limits), self.limits)
+        return (float(found[0]), float(found[1]), float(found[2]), float(found[3]))
+
+
+class IntegralSlidingMode:
+    """A sliding-mode law with the integral of the error in its surface: it holds against a constant push.
+
+    The integral stops while an actuator is at its limit. At a step of the target it is reset such that the surface
+    stays where it was, so that the craft approaches without overshoot.
+    """
+
+    def __init__(self, law: SlidingMode) -> None:
+        self.law = law
+        self._integral = np.zeros(4)
+        self._t = math.nan
+        self._target: Four | None = None
+
+    def update(self, target: PositionTarget, pose: Pose, t: float) -> Four:
+        """Return the forces and the moment (X, Y, Z, N) at time *t* [s]."""
+        error = _error(pose.position, target.position)
+        if self._target is not None and target.velocity == (0.0,) * 4 and target.position != self._target:
+            self._integral -= 2.0 * (error - _error(pose.position, self._target)) / np.array(self.law.bandwidth)
+        force = self.law.forces(target, pose, self._integral)
+        command = self.law.limited(force)
+        dt = 0.0 if math.isnan(self._t) else max(t - self._t, 0.0)
+        if np.all(np.abs(force - np.array(command)) < 1e-12):
+            self._integral += error * dt
+        self._t, self._target = t, target.position
+        return command
 
 
 class PidPosition:
@@ -214,12 +266,7 @@ def design_pid(surge: OwnDesign, sway: OwnDesign, yaw: OwnDesign) -> list[Feedba
 
 
 POSITION_LAWS: Mapping[str, Callable[[OwnDesign, OwnDesign, OwnDesign], Callable[[], PositionController]]] = {
-    "sliding": lambda *designs: partial(_same, design_sliding(*designs)),
+    "sliding": lambda *designs: partial(IntegralSlidingMode, design_sliding(*designs)),
     "pid": lambda *designs: partial(PidPosition, design_pid(*designs)),
 }
 """Name -> rule that returns a maker of controllers from the designs of surge, sway and yaw."""
-
-
-def _same(law: SlidingMode) -> SlidingMode:
-    """Return *law*: it has no memory, so it is its own controller."""
-    return law

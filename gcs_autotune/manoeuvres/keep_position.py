@@ -42,7 +42,7 @@ class KeepPosition(Manoeuvre):
         outputs: tuple[Output, Output, Output],
         name: str = "",
     ) -> None:
-        super().__init__(name, signal="x", force="X")
+        super().__init__(name)  # a live line shows the heading: one number cannot show a position
         self._make, self._step, self._turn, self._outputs = make, step, turn, outputs
         self._duration, self._settle = duration, settle
 
@@ -66,7 +66,7 @@ class KeepPosition(Manoeuvre):
                 self.phase, seconds, share = next(legs, ("", 0.0, 0.0))
                 if self.phase:
                     x, y, psi = base[0] + share * north, base[1] + share * east, base[2] + share * self._turn
-                    target, until, self.target = PositionTarget((x, y, 0.0, psi)), now.t + seconds, x
+                    target, until, self.target = PositionTarget((x, y, 0.0, psi)), now.t + seconds, psi
                     self._mark(now.t, "target", {"x": x, "y": y, "psi": psi, "phase": self.phase})
                 else:
                     self._end("completed", "step and step back flown")

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gcs_autotune.control import STRUCTURES, FeedbackLaw, PidPosition, Pose, PositionTarget, RigidModel, SlidingMode
+from gcs_autotune.control import (
+    STRUCTURES,
+    FeedbackLaw,
+    IntegralSlidingMode,
+    PidPosition,
+    Pose,
+    PositionTarget,
+    RigidModel,
+    SlidingMode,
+)
 from gcs_autotune.control.position import PositionController
 
 CRAFT = RigidModel((100.0, 150.0, 150.0, 20.0), (20.0, 40.0, 40.0, 10.0), (80.0, 150.0, 150.0, 30.0))
@@ -84,3 +93,10 @@ def test_the_boundary_layer_keeps_the_thrusters_from_chattering() -> None:
 def test_a_constant_push_that_the_model_knows_leaves_no_error() -> None:
     pushed = replace(CRAFT, constant=(10.0, -8.0, 5.0, 0.5))
     assert np.abs(fly(replace(SLIDING, model=pushed), pushed)[-1, 1:5]).max() < 0.01
+
+
+def test_a_push_that_the_model_lacks_leaves_no_error_with_the_integral() -> None:
+    pushed = replace(CRAFT, constant=(30.0, -24.0, 15.0, 2.0))
+    plain, held = fly(SLIDING, pushed, seconds=90.0), fly(IntegralSlidingMode(SLIDING), pushed, seconds=90.0)
+    assert np.abs(plain[-1, 1:5]).max() > 0.02
+    assert np.abs(held[-1, 1:5]).max() < 0.005

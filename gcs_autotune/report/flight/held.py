@@ -44,6 +44,8 @@ Array = NDArray[np.float64]
 
 AT_DISTANCE = 0.1
 """Largest rms error of a craft that keeps a distance [m]. Chosen: an inspection camera stays in focus."""
+AT_HEADING = math.radians(3.0)
+"""Largest rms heading error of a craft that holds a position [rad]. Project choice: more than a good compass' noise."""
 ON_LINE = 1.0
 """Largest rms distance of a craft that follows a line [m]. Chosen: a lane between two berths."""
 
@@ -271,8 +273,8 @@ class HeldPosition:
 
     @property
     def follows(self) -> bool:
-        """Whether it holds the position, within :data:`AT_DISTANCE`."""
-        return self.figures.rms <= AT_DISTANCE
+        """Whether it holds position and heading, within :data:`AT_DISTANCE` and :data:`AT_HEADING`."""
+        return self.figures.rms <= AT_DISTANCE and self.figures.heading <= AT_HEADING
 
     def to_dict(self) -> dict[str, object]:
         """Return plain data."""
@@ -301,9 +303,11 @@ def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
 def _position_document(held: HeldPosition, heading: str, when: str) -> Document:
     found = held.figures
     text = (
-        f"The craft holds its position within {100.0 * found.rms:.1f} cm rms."
+        f"The craft holds its position within {100.0 * found.rms:.1f} cm and its heading within "
+        f"{math.degrees(found.heading):.1f} degrees rms."
         if held.follows
-        else f"The craft does not hold its position: {100.0 * found.rms:.1f} cm rms."
+        else f"The craft does not hold its position: {100.0 * found.rms:.1f} cm and "
+        f"{math.degrees(found.heading):.1f} degrees rms."
     )
     rows = (
         ("distance from the target, rms", f"{100.0 * found.rms:.1f}", "cm"),

@@ -29,6 +29,7 @@ __all__ = ["StageBar", "TerminalObserver", "describe_progress"]
 _SIGNALS: Mapping[str, tuple[str, str]] = {
     "psi": ("heading", "rad"),
     "z": ("depth", "m"),
+    "d": ("distance", "m"),
     "x": ("speed", "m/s"),
     "u": ("speed", "m/s"),
     "r": ("turn rate", "rad/s"),
