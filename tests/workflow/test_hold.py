@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from gcs_autotune.errors import NoGainsMeetSpec, PreconditionFailed, UsageError, WrongVehicle
+from gcs_autotune.identify import load_model
 from gcs_autotune.manoeuvres import Envelope
 from gcs_autotune.report import HeldDistance, HeldLine, HeldLoop, HeldPosition, hold_document, to_html
 from gcs_autotune.workflow import HoldSettings, Unattended, hold
@@ -50,6 +51,16 @@ def test_every_vehicle_follows_the_model_function_that_it_was_given(vehicle: str
     said = " ".join(harness.said)
     assert said.index("with our own controller") < said.index("State before the run: mode")
     assert "write no parameter" in said
+
+
+@pytest.mark.slow
+def test_a_model_from_a_file_takes_the_place_of_the_relays(tmp_path: Path) -> None:
+    first = SitlHarness(tmp_path / "first", "blueboat")
+    held(first, "heading")
+    again = SitlHarness(tmp_path / "again", "blueboat")
+    found = held(again, "heading", given=load_model(first.directory / "model.json"))
+    assert found.follows
+    assert "relay-1" not in " ".join(again.said)
 
 
 @pytest.mark.slow
