@@ -41,7 +41,7 @@ EXAMPLES = {"distance": "sitl:videoray-lasers", "position": "sitl:bluerov2-sway"
 """What is held -> the simulated vehicle used by default, where it is not that of the axis."""
 POSITION = ("sliding", "pid")
 """Names of the position laws, listed here for the same reason."""
-LAWS = ("indirect", "direct", "integral", "adaptive")
+LAWS = ("direct", "indirect", "integral", "adaptive")
 """Names of the line laws, listed here because importing their table takes a second."""
 OTHERWISE = 8
 """Exit code: flown, but the step did not follow its model function."""
@@ -69,7 +69,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(flown, "approach", "DEG")
     add_number(flown, "apart", "M")
     add_number(flown, "distance-step", "M")
-    flown.add_argument("--guidance", choices=LAWS, default=LAWS[0], help="law that follows a line (default indirect)")
+    flown.add_argument("--guidance", choices=LAWS, default=LAWS[0], help="law that follows a line (default direct)")
     flown.add_argument(
         "--law", choices=POSITION, default=POSITION[0], help="law that holds a position (default sliding)"
     )

@@ -42,8 +42,16 @@ class SetPointLoop:
         self._value = self._t = math.nan
 
     def update(self, target: Command, now: Observation) -> Actuate:
-        """Return the output; raises ``AttributeError`` for a command of another signal."""
+        """Return the output; neutral in this degree of freedom while its position is unknown.
+
+        Raises
+        ------
+        AttributeError
+            The command is of another signal.
+        """
         value = now.value(self._dof.position)
+        if not math.isfinite(value):
+            return Actuate(X=self._throttle)
         rate = now.value(self._dof.velocity)
         if not math.isfinite(rate):
             dt = now.t - self._t

@@ -211,11 +211,11 @@ FLOWN = (
     ),
     Limit(
         "distance-step",
-        "step of the distance to a wall, away from it",
+        "step of the distance to a wall, or of a position",
         "m",
         0.1,
-        10.0,
-        "below, rangefinder noise hides it; above, it leaves the range of the rangefinders",
+        1.0,
+        "below, sensor noise hides it; above, it leaves the free water that is announced",
         0.3,
     ),
     Limit(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 from gcs_autotune.craft import Actuate, Command, HeadingTarget, Observation
@@ -24,6 +24,7 @@ class FollowLine(Manoeuvre):
     Parameters
     ----------
     speed : ahead [m/s]. throttle : thrust ahead [fraction of full], where the rudder is commanded.
+    output : the inverse of the actuator in yaw, from moment to normalised output; None: they are equal.
     """
 
     kind, purpose = "follow-line", "proof"
@@ -36,10 +37,12 @@ class FollowLine(Manoeuvre):
         speed: float,
         throttle: float = 0.0,
         name: str = "",
+        output: Callable[[float], float] | None = None,
     ) -> None:
         super().__init__(name)
         self._law, self._offset, self._length = law, offset, length
         self._speed, self._throttle = speed, throttle
+        self._output = output
         self._line: Line | None = None
         self._guidance: LineGuidance | None = None
         self._steering: FeedbackController | None = None
@@ -70,9 +73,11 @@ class FollowLine(Manoeuvre):
         start, patience = now.t, PATIENCE * (abs(self._offset) + self._length) / max(self._speed, LEAST_SPEED)
         while True:
             state = state_on(line, now)
-            if not math.isfinite(state.d):
-                self._end("aborted", "the vehicle reports no position. Check its GPS")
-            elif state.along >= self._length:
+            if not (math.isfinite(state.d) and math.isfinite(state.d_rate) and math.isfinite(now.r)):
+                self._end("aborted", "the vehicle does not report its position or velocity. Check its GPS")
+                now = yield Actuate(X=self._throttle) if self.in_manual else HeadingTarget(now.psi, self._speed)
+                continue
+            if state.along >= self._length:
                 self._end("completed", f"{self._length:.0f} m along the line, {state.d:.2f} m from it at the end")
             elif now.t - start > patience:
                 self._end("stopped", f"{state.along:.0f} m of {self._length:.0f} m after {patience:.0f} s")
@@ -97,7 +102,8 @@ class FollowLine(Manoeuvre):
             return HeadingTarget(self.target, self._speed)
         direct = cast("DirectLine", self._law)
         assert self._steering is not None
-        return Actuate(X=self._throttle, N=self._steering.update(direct.turn_rate(state), now.r, now.r, now.t))
+        N = self._steering.update(direct.turn_rate(state), now.r, now.r, now.t)
+        return Actuate(X=self._throttle, N=N if self._output is None else self._output(N))
 
 
 PATIENCE = 3.0

@@ -71,11 +71,12 @@ class KeepPosition(Manoeuvre):
                 else:
                     self._end("completed", "step and step back flown")
             away = math.hypot(now.x - target.position[0], now.y - target.position[1])
-            if not math.isfinite(away):
-                self._end("aborted", "the vehicle reports no position. Check its position sensor")
+            known = all(math.isfinite(value) for value in (away, now.psi, now.u, now.v, now.r))
+            if not known:
+                self._end("aborted", "the vehicle does not report its position or velocity. Check its position sensor")
             elif away > DIVERGED * abs(self._step):
                 self._end("stopped", f"the craft is {away:.1f} m from its target: the loop is unstable")
             pose = Pose((now.x, now.y, 0.0, now.psi), (now.u, now.v, 0.0, now.r))
-            X, Y, _, N = controller.update(target, pose, now.t) if math.isfinite(away) else (0.0,) * 4
+            X, Y, _, N = controller.update(target, pose, now.t) if known else (0.0,) * 4
             command = Actuate(X=self._outputs[0](X), Y=self._outputs[1](Y), N=self._outputs[2](N))
             now = yield hold(command, depth, now)

@@ -40,6 +40,7 @@ from gcs_autotune.manoeuvres import (
     StepSettings,
     UnderOwnLoop,
 )
+from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import (
@@ -54,6 +55,7 @@ from gcs_autotune.report import (
     position_figures,
     to_html,
 )
+from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiment import learn
@@ -103,7 +105,7 @@ class HoldSettings:
     seconds: float = 0.0
     offset: float = 8.0
     length: float = 60.0
-    guidance: str = "indirect"
+    guidance: str = "direct"
     approach: float = math.radians(45.0)
     apart: float = 0.2
     distance_step: float = 0.3
@@ -186,15 +188,29 @@ class Prepared:
 
     def design(self, context: TuneContext, step: float) -> OwnDesign:
         """Return the loop whose *step* [rad or m] does not saturate the actuator, computed while the link is served."""
-        tune = context.settings
+        limits, omega_0 = _range_of(self.known.actuator), context.settings.omega_0
+        return self._designed(context, self.known.model, self.uncertainty, step, limits, omega_0)
+
+    def design_from(self, context: TuneContext, relay: Trial, dof: str, step: float) -> OwnDesign:
+        """Return the loop of another degree of freedom, identified from its *relay*."""
+        fit = context.run_in_background(fit_axis, [relay], dof=dof)
+        return self._designed(
+            context, fit.model, uncertainty_of(fit.model, fit.craft_covariance), step, (-RANGE, RANGE)
+        )
+
+    def _designed(
+        self,
+        context: TuneContext,
+        model: SingleDof,
+        uncertainty: Uncertainty,
+        step: float,
+        limits: tuple[float, float],
+        omega_0: float | None = None,
+    ) -> OwnDesign:
+        late = replace(model, delay=model.delay + self.link)
+        kind = context.settings.model
         design = context.run_in_background(
-            design_own,
-            replace(self.known.model, delay=self.known.model.delay + self.link),
-            self.uncertainty,
-            step=step,
-            limits=_range_of(self.known.actuator),
-            kind=tune.model,
-            omega_0=tune.omega_0,
+            design_own, late, uncertainty, step=step, limits=limits, kind=kind, omega_0=omega_0
         )
         context.log.say(_told(design))
         return design
@@ -298,8 +314,11 @@ class HoldLine(Task):
         if isinstance(law, DirectLine):
             law = replace(law, rate=law.rate.with_limits(*design.law.limits))
         context.turn_around("own-line", math.inf)
-        line = FollowLine(law, s.offset, s.length, context.speed, context.throttle, "own-line")
-        manoeuvre = line if line.in_manual else _own(line, design, prepared.known.actuator, context)
+        actuator = prepared.known.actuator
+        line = FollowLine(
+            law, s.offset, s.length, context.speed, context.throttle, "own-line", output=actuator.output_for
+        )
+        manoeuvre = line if line.in_manual else _own(line, design, actuator, context)
         trial = context.fly(manoeuvre, "following the line")
         return HeldLine(s.guidance, design, trial, figures_on(trial))
 
@@ -338,17 +357,7 @@ class HoldDistance(Task):
         make = MANOEUVRES["wall-relay"].make
         assert make is not None
         relay = context.fly(make(options), "relay on the distance")
-        fit = context.run_in_background(fit_axis, [relay], dof="surge")
-        model = replace(fit.model, delay=fit.model.delay + prepared.link)
-        surge = context.run_in_background(
-            design_own,
-            model,
-            uncertainty_of(fit.model, fit.craft_covariance),
-            step=s.distance_step,
-            limits=(-RANGE, RANGE),
-            kind=s.tune.model,
-        )
-        context.log.say(_told(surge))
+        surge = prepared.design_from(context, relay, "surge", s.distance_step)
         law = design_distance(surge.model, yaw.model, surge.wanted, yaw.wanted)
         law = law.with_limits(X=surge.law.limits, N=yaw.law.limits)
         outputs = (_plain, prepared.known.actuator.output_for)
@@ -412,17 +421,7 @@ class HoldPosition(Task):
         relay = make({"throttle": 0.0, "keep-still": 1.0})
         relay.name = f"relay-{dof}"
         trial = context.fly(relay, f"relay {where}")
-        fit = context.run_in_background(fit_axis, [trial], dof=dof)
-        design = context.run_in_background(
-            design_own,
-            replace(fit.model, delay=fit.model.delay + prepared.link),
-            uncertainty_of(fit.model, fit.craft_covariance),
-            step=self.settings.distance_step,
-            limits=(-RANGE, RANGE),
-            kind=self.settings.tune.model,
-        )
-        context.log.say(_told(design))
-        return design
+        return prepared.design_from(context, trial, dof, self.settings.distance_step)
 
 
 DISTANCE_RELAY = 130.0

@@ -14,6 +14,7 @@ from gcs_autotune.control import (
     REFERENCE_MODELS,
     STRUCTURES,
     FeedbackLaw,
+    SetPointLoop,
     Uncertainty,
     design_ipd,
     drag_speed_limit,
@@ -21,8 +22,10 @@ from gcs_autotune.control import (
     reference_coefficients,
     reference_model,
 )
+from gcs_autotune.craft import Actuate, HeadingTarget, Observation
 from gcs_autotune.errors import UsageError
 from gcs_autotune.models import SingleDof
+from gcs_autotune.sname import DOFS
 
 CHARLIE = SingleDof("yaw", "rad", 8.2, 2.465)
 RUDDER = math.radians(30.0)
@@ -146,3 +149,10 @@ def test_reference_models_of_any_order_are_stable_and_scale_with_their_frequency
     assert slow[-1] == pytest.approx(1.0)
     assert fast == pytest.approx([a / 2.0 ** (k + 1) for k, a in enumerate(slow)])
     assert np.all(np.roots([*slow[::-1], 1.0]).real < 0.0)
+
+
+def test_a_lost_signal_becomes_no_output_and_no_memory() -> None:
+    loop = SetPointLoop(gains_of("PI-D"), DOFS["yaw"], throttle=0.3)
+    loop.update(HeadingTarget(1.0), Observation(t=0.0, psi=0.0, r=0.0))
+    assert loop.update(HeadingTarget(1.0), Observation(t=0.1, psi=math.nan)) == Actuate(X=0.3)
+    assert math.isfinite(loop.update(HeadingTarget(1.0), Observation(t=0.2, psi=0.0, r=0.0)).N)

@@ -18,6 +18,7 @@ from gcs_autotune.control import (
     IntegralLineOfSight,
     Line,
     LineGuidance,
+    LineOfHeading,
     LineState,
     design_direct,
     design_indirect,
@@ -66,8 +67,8 @@ def direct(law: DirectLine) -> Steer:
     return lambda state, psi, r, t: controller.update(law.turn_rate(state), r, r, t)
 
 
-def guided(law: object, inner: FeedbackLaw) -> Steer:
-    guidance, controller = LineGuidance(law, LINE), inner.started()  # type: ignore[arg-type]
+def guided(law: LineOfHeading, inner: FeedbackLaw) -> Steer:
+    guidance, controller = LineGuidance(law, LINE), inner.started()
     return lambda state, psi, r, t: controller.update(guidance.update(state, t), psi, r, t)
 
 
@@ -133,7 +134,7 @@ def test_a_u_turn_onto_the_line_ends_on_it_within_the_rudders_thirty_degrees() -
     ],
     ids=["indirect", "integral", "adaptive"],
 )
-def test_a_current_across_leaves_no_steady_error(law: object) -> None:
+def test_a_current_across_leaves_no_steady_error(law: LineOfHeading) -> None:
     flown = sail(guided(law, IPD), 10.0, current=0.18, seconds=900.0)
     assert np.abs(flown[-100:, 1]).max() < 0.15
 
