@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from gcs_autotune.errors import NotInformative
-from gcs_autotune.identify.relay.iso import from_delay, quadratic_drag, relay, relay_bias
+from gcs_autotune.identify.relay.iso import quadratic_drag, relay, relay_bias
 from gcs_autotune.models import SingleDof
 
 __all__ = ["PredictedCycle", "predict_cycle"]
@@ -71,8 +71,8 @@ def predict_cycle(model: SingleDof, C: float, x_a: float, *, sample_time: float 
         raise NotInformative(f"a relay needs an output above 0 and a hysteresis of 0 or more, not {C:g} and {x_a:g}")
     if abs(model.delta) >= C:
         raise NotInformative(
-            f"the constant force of the model, {abs(model.delta):.3g}, is not smaller than the relay output {C:.3g}, so "
-            "the craft drifts away. Use a larger output"
+            f"the constant force of the model, {abs(model.delta):.3g}, is not smaller than the relay output {C:.3g}. "
+            "The craft would drift away. Use a larger output"
         )
     delay = model.delay + 0.5 * sample_time
 
