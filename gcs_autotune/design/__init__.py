@@ -8,6 +8,7 @@ returns nearly the same gains in a fifth of the time, while experiments are stil
 from __future__ import annotations
 
 from gcs_autotune.design.actuator import USED, Actuator
+from gcs_autotune.design.analysis import DiskMargin, LoopAnalysis, LoopResponse, analyse_own, analyse_proposal
 from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
@@ -31,8 +32,11 @@ __all__ = [
     "USED",
     "Actuator",
     "Change",
+    "DiskMargin",
     "Hunting",
     "Law",
+    "LoopAnalysis",
+    "LoopResponse",
     "Margins",
     "OpenLoop",
     "Prediction",
@@ -44,6 +48,8 @@ __all__ = [
     "Spec",
     "StepMetrics",
     "Verdict",
+    "analyse_own",
+    "analyse_proposal",
     "combine",
     "crossings",
     "design",

@@ -38,7 +38,7 @@ from gcs_autotune.firmware import Axis, Gain
 from gcs_autotune.models import SingleDof
 from gcs_autotune.registry import lookup
 
-__all__ = ["ProvisionalGains", "design", "design_from", "provisional"]
+__all__ = ["ProvisionalGains", "design", "design_from", "problem_of", "provisional"]
 
 LOOP_PERIODS = 1.5
 """Delay of a digital loop in periods: one to compute, and half of one because the output is held."""
@@ -103,7 +103,7 @@ def design(
         The axis has an unknown control law.
     """
     spec = spec or Spec()
-    problem = _problem(fit_model, covariance, axis, present, spec, reduction)
+    problem = problem_of(fit_model, covariance, axis, present, spec, reduction)
     law, model, actuator = problem.law, problem.model, problem.actuator
     chosen = choose(problem)
     span = _span(spec, chosen)
@@ -168,7 +168,7 @@ def provisional(
     The search continues from the *last* gains for the same specification; without them it starts like a design. It is
     short and ignores the present gains. Errors are those of :func:`design`.
     """
-    problem = _problem(fit_model, covariance, axis, present, spec)
+    problem = problem_of(fit_model, covariance, axis, present, spec)
     if last is None or not spec.is_automatic:
         near = choose(problem, patience=0)
         span = _span(spec, near)
@@ -315,7 +315,7 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
         raise UsageError(f"the {axis.name} axis needs the speed at which the model was identified. Supply that speed")
 
 
-def _problem(
+def problem_of(
     fit_model: SingleDof,
     covariance: NDArray[np.float64],
     axis: Axis,
@@ -323,6 +323,7 @@ def _problem(
     spec: Spec,
     reduction: Reduction | None = None,
 ) -> DesignProblem:
+    """Return the problem that :func:`design` solves; arguments and errors are its."""
     law = lookup(LAWS, axis.law, "control law")
     _check(fit_model, axis, present, spec)
     model, covariance = in_fractions(fit_model, covariance, spec.full_scale)

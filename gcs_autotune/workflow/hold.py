@@ -70,7 +70,7 @@ from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of
 
-__all__ = ["HoldSettings", "hold"]
+__all__ = ["SUPPLIED", "HoldSettings", "hold", "range_of"]
 
 RANGE = 0.9
 """Largest output that our own loops use [fraction of full]; the relays' too."""
@@ -192,7 +192,7 @@ class Prepared:
             replace(self.known.model, delay=self.known.model.delay + self.link),
             self.uncertainty,
             step=step,
-            limits=_range_of(self.known.actuator),
+            limits=range_of(self.known.actuator),
             kind=tune.model,
             omega_0=tune.omega_0,
         )
@@ -470,7 +470,7 @@ def _model(context: TuneContext, given: SuppliedModel | None) -> tuple[Known, Un
     return known_of(identified, context.axis), uncertainty, link
 
 
-def _range_of(actuator: Actuator) -> tuple[float, float]:
+def range_of(actuator: Actuator) -> tuple[float, float]:
     """Return the smallest and the largest force of our own loops: those of :data:`RANGE` of full output."""
     low, high = actuator.static(np.array([-RANGE, RANGE]))
     return float(low), float(high)
