@@ -16,7 +16,7 @@ from gcs_autotune.design import Change, DiskMargin, LoopAnalysis, LoopResponse, 
 from gcs_autotune.models import SingleDof
 from gcs_autotune.report.flight.held import gains_of_own
 from gcs_autotune.report.toolkit.canvas import AFTER, BAND, BEFORE, FAINT, INK, WANTED, legend, new_axes
-from gcs_autotune.report.toolkit.document import Document, Figure, Note, Section, Table, Verdict, notes
+from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, Note, Section, Table, Verdict, notes
 from gcs_autotune.report.toolkit.wording import (
     format_factor,
     format_moment,
@@ -166,8 +166,14 @@ def _gains_document(d: DesignedGains, when: str) -> Document:
                 "gains",
                 "Gains",
                 (Note(f"Old values: {d.present_from}."), gains_table(d.gains), Note(follow), *_remarks(d)),
+                facts=IN_RESULT,
             ),
-            Section("step", "Predicted step", (metrics_table(proposal.before.metrics, proposal.after.metrics),)),
+            Section(
+                "step",
+                "Predicted step",
+                (metrics_table(proposal.before.metrics, proposal.after.metrics),),
+                facts=IN_RESULT,
+            ),
             *_loop_sections(dict(zip(labels, analyses, strict=True)), proposal.axis),
         ),
         facts=d.to_dict(),
@@ -189,7 +195,11 @@ def _own_document(d: DesignedOwn, when: str) -> Document:
     line: tuple[Section, ...] = ()
     if d.line is not None:
         rows = tuple((name, format_number(value, 4)) for name, value in _numbers(d.line))
-        line = (Section("line", f"Line: {d.guidance} control", (Table(("quantity", "value [SI]"), "lr", rows),)),)
+        line = (
+            Section(
+                "line", f"Line: {d.guidance} control", (Table(("quantity", "value [SI]"), "lr", rows),), facts=IN_RESULT
+            ),
+        )
     return Document(
         title=f"Design: controller of our own for {what} from '{d.source}'",
         when=format_moment(when),
@@ -199,7 +209,12 @@ def _own_document(d: DesignedOwn, when: str) -> Document:
             (f"What keeps the loop from being faster: {d.design.limited_by}.",),
         ),
         sections=(
-            Section("controller", "Controller", (gains_of_own(d.design), *notes(tuple(map(sentence, d.notes))))),
+            Section(
+                "controller",
+                "Controller",
+                (gains_of_own(d.design), *notes(tuple(map(sentence, d.notes)))),
+                facts=IN_RESULT,
+            ),
             *line,
             *_loop_sections({"loop": found}, d.axis),
         ),
@@ -226,12 +241,19 @@ def _loop_sections(analyses: Mapping[str, LoopAnalysis], axis: str) -> tuple[Sec
             "responses",
             "Step and disturbance",
             (_disturbance_table(analyses), Figure("responses", _RESPONSES, partial(_draw_responses, analyses, axis))),
+            facts=IN_RESULT,
         ),
-        Section("margins", "Margins", (_margins_table(analyses), Note(_DISK, kind="quiet"), *_frequency(analyses))),
+        Section(
+            "margins",
+            "Margins",
+            (_margins_table(analyses), Note(_DISK, kind="quiet"), *_frequency(analyses)),
+            facts=IN_RESULT,
+        ),
         Section(
             "poles",
             "Poles of the closed loop" + (", new gains" if several else ""),
             (_poles_table(last.poles),),
+            facts=IN_RESULT,
         ),
     )
 
@@ -292,13 +314,17 @@ def _disturbance_table(analyses: Mapping[str, LoopAnalysis]) -> Table:
     rows = []
     for label, found in analyses.items():
         r = found.response
-        pushed = r.t >= r.push_at
-        start = float(r.position[pushed][0])
-        own = float(np.max(np.abs(r.position[pushed] - start)))
-        worst = max(float(np.max(r.high[pushed])) - start, start - float(np.min(r.low[pushed])))
-        rows.append((label, _percent(own, r.step), _percent(worst, r.step)))
+        rows.append((label, *(_percent(deviation, r.step) for deviation in _deviations(r))))
     heads = ("deviation by 5 % of full output", "model [% of step]", "worst case [% of step]")
     return Table(heads, "lrr", tuple(rows))
+
+
+def _deviations(r: LoopResponse) -> tuple[float, float]:
+    """Return the largest deviation by the push: of the model, and of the worst one in its region."""
+    pushed = r.t >= r.push_at
+    start = float(r.position[pushed][0])
+    worst = max(float(np.max(r.high[pushed])) - start, start - float(np.min(r.low[pushed])))
+    return float(np.max(np.abs(r.position[pushed] - start))), worst
 
 
 def _percent(value: float, step: float) -> str:
@@ -369,6 +395,7 @@ def _square(axes: Axes, reach: float) -> None:
 
 def _plain(found: LoopAnalysis) -> dict[str, Any]:
     r = found.response
+    own, worst = _deviations(r)
     return {
         "poles": [[float(p.real), float(p.imag)] for p in sorted(found.poles, key=abs)],
         **{
@@ -380,7 +407,7 @@ def _plain(found: LoopAnalysis) -> dict[str, Any]:
                 ("worst_disk_margin", found.worst_disk),
             )
         },
-        "response": {"step": r.step, "push": r.push, "push_at": r.push_at},
+        "response": {"step": r.step, "push": r.push, "push_at": r.push_at, "deviation": own, "worst": worst},
     }
 
 
@@ -413,6 +440,7 @@ def _relay_document(d: DesignedRelay, when: str) -> Document:
                 "relay",
                 "Limit cycle",
                 (Table(("quantity", "value"), "lr", rows), Figure("goldfarb", caption, partial(_draw_goldfarb, d))),
+                facts=IN_RESULT,
             ),
         ),
         facts=d.to_dict(),

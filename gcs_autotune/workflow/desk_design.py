@@ -162,8 +162,8 @@ def _present(settings: DeskSettings, axis: Axis) -> tuple[Axis, dict[str, float]
         return axis, defaults, "the firmware's defaults"
     names, found = read_named(_Parameters(load_params(path)), [*defaults, *axis.context])
     missing = [name for name in defaults if name not in found]
-    origin = f"{path.name}{f', defaults for {chr(44).join(missing)}' if missing else ''}"
-    return axis.called(names), {**defaults, **found}, origin
+    rest = f", defaults for {', '.join(missing)}" if missing else ""
+    return axis.called(names), {**defaults, **found}, f"{path.name}{rest}"
 
 
 def _axis(settings: DeskSettings, loop: str) -> tuple[str, Axis]:
