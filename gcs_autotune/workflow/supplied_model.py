@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from gcs_autotune.design import LAWS, Reduction, reduce
+from gcs_autotune.design import Reduction, reduce
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import ModelFile, validate
-from gcs_autotune.registry import lookup
 from gcs_autotune.trial import Trial
 
 __all__ = ["STRANGE", "SuppliedModel", "explained", "supplied_for"]
@@ -48,8 +47,8 @@ def supplied_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Suppl
         )
     if full_scale is not None and not (math.isfinite(full_scale) and full_scale != 0.0):
         raise UsageError(f"--full-scale {full_scale:g}: the input at full output must not be zero")
-    moving = lookup(LAWS, axis.law, "control law").controls_velocity
-    noise = file.noise.get(reduction.model.axis.velocity if moving else reduction.model.axis.position, 0.0)
+    names = reduction.model.axis
+    noise = file.noise.get(names.velocity if axis.kind.controls_velocity else names.position, 0.0)
     return SuppliedModel(file, reduction, None if unit == "1" and full_scale is None else full_scale, noise)
 
 
