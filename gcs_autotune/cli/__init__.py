@@ -54,7 +54,7 @@ COMMANDS: Mapping[str, Verb] = {
     "fly": Verb("fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model", "fly_cmd"),
     "hold": Verb("hold heading or depth with a controller of our own, in manual mode", "hold_cmd"),
     "recheck": Verb(
-        "check the tune of the heading, depth or speed loop by set-points; drives no actuator directly",
+        "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",
     ),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
