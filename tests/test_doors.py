@@ -25,7 +25,7 @@ INNER_DOORS = {
     "gcs_autotune.identify.kalman": {"diagnose"},
     "gcs_autotune.identify.open_loop": {"seatrials"},
     "gcs_autotune.identify.regression": {"research"},
-    "gcs_autotune.identify.relay": {"manoeuvres", "report", "seatrials"},
+    "gcs_autotune.identify.relay": {"manoeuvres", "report", "seatrials", "workflow"},
     "gcs_autotune.identify.frequency": {"report", "seatrials", "workflow"},
     "gcs_autotune.identify.thrust": {"workflow"},
     "gcs_autotune.identify.plan": {"cli", "report"},

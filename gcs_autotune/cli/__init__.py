@@ -43,6 +43,7 @@ class Verb:
 COMMANDS: Mapping[str, Verb] = {
     "tune": Verb("identify the craft, design gains, test them by a step, keep them if better", "tune_cmd"),
     "identify": Verb("identify inertia, damping and constant force from recorded runs", "identify_cmd"),
+    "design": Verb("design gains from a model, or predict the limit cycle of a relay", "design_cmd"),
     "diagnose": Verb(
         "compare a simulation with measured runs, identify what it lacks, extend the model", "diagnose_cmd"
     ),

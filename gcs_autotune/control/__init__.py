@@ -5,7 +5,15 @@ The same law flies on a craft, runs in the preview and is analysed by python-con
 
 from __future__ import annotations
 
-from gcs_autotune.control.choice import LoopMargins, OwnDesign, design_own, margins, simulated_step
+from gcs_autotune.control.choice import (
+    LEAST_MARGINS,
+    LoopMargins,
+    OwnDesign,
+    design_own,
+    margins,
+    simulated_step,
+    step_response,
+)
 from gcs_autotune.control.distance import DistanceController, DistanceLaw, design_distance
 from gcs_autotune.control.feedback import FeedbackController, FeedbackLaw
 from gcs_autotune.control.ipd import (
@@ -57,6 +65,7 @@ from gcs_autotune.control.structure import STRUCTURES, Structure
 from gcs_autotune.control.wall_filter import WallEstimate, WallFilter, WallReading
 
 __all__ = [
+    "LEAST_MARGINS",
     "LINE_LAWS",
     "POSITION_LAWS",
     "REFERENCE_MODELS",
@@ -108,6 +117,7 @@ __all__ = [
     "simplify",
     "simulated_step",
     "stability_bound",
+    "step_response",
     "uncertainty_of",
     "wanted_step",
 ]

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs_autotune.control.feedback import FeedbackLaw
 from gcs_autotune.control.ipd import Uncertainty, design_ipd, stability_bound
@@ -17,7 +18,7 @@ from gcs_autotune.control.reference_model import ReferenceModel, reference_model
 from gcs_autotune.errors import NoGainsMeetSpec
 from gcs_autotune.models import SingleDof
 
-__all__ = ["LoopMargins", "OwnDesign", "design_own", "margins", "simulated_step"]
+__all__ = ["LEAST_MARGINS", "LoopMargins", "OwnDesign", "design_own", "margins", "simulated_step", "step_response"]
 
 USED = 0.8
 """Fraction of the actuator's range that the required step may use; the rest is for waves and wind."""
@@ -33,6 +34,10 @@ SAMPLED = 1.0
 a measurement that is on average half a period old."""
 PADE_ORDER = 3
 ROUNDS = 40
+DIVERGED = 100.0
+"""Position in steps beyond which a simulated loop counts as diverged."""
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +51,9 @@ class LoopMargins:
     gain: float
     phase: float
     vector: float
+
+
+LEAST_MARGINS = LoopMargins(1.0, 0.0, LEAST_VECTOR_MARGIN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,24 +92,40 @@ def margins(law: FeedbackLaw, model: SingleDof) -> LoopMargins:
     return LoopMargins(max(float(gain), 1.0 / float(gain)), math.radians(float(phase)), min(float(vector), 1.0))
 
 
-def simulated_step(law: FeedbackLaw, model: SingleDof, step: float, seconds: float) -> tuple[float, float]:
-    """Return (largest command, largest velocity) of a *step* [rad or m] from rest on *model*, its delay included."""
+def step_response(
+    law: FeedbackLaw, model: SingleDof, step: float, seconds: float, *, push: float = 0.0, push_at: float = math.inf
+) -> tuple[Array, Array, Array, Array]:
+    """Simulate a *step* [rad or m] from rest on *model*, its delay included.
+
+    Return time [s], position, velocity and command, each (n,); they end early if the loop diverges.
+
+    push : constant force from ``push_at`` [s] on, in units of the input.
+    """
     controller, inside = law.started(-model.delta if law.structure.integral else 0.0), 10
     late = [0.0] * max(round(model.delay / TICK), 0)
-    eta = nu = most = fastest = 0.0
+    eta = nu = 0.0
+    rows = []
     for k in range(max(round(seconds / TICK), 1)):
         command = controller.update(step, eta, nu, k * TICK)
-        most = max(most, abs(command))
+        rows.append((k * TICK, eta, nu, command))
         late.append(command)
-        force = late.pop(0)
+        force = late.pop(0) + model.delta + (push if k * TICK >= push_at else 0.0)
         for _ in range(inside):
             drag = (model.beta + model.beta_quadratic * abs(nu)) * nu
-            nu += TICK / inside * (force + model.delta - drag) / model.alpha
+            nu += TICK / inside * (force - drag) / model.alpha
             eta += TICK / inside * nu
-        fastest = max(fastest, abs(nu))
-        if not math.isfinite(eta) or abs(eta) > 100.0 * abs(step):
-            return math.inf, math.inf
-    return most, fastest
+        if not math.isfinite(eta) or abs(eta) > DIVERGED * abs(step):
+            break
+    t, position, velocity, commands = np.array(rows).T
+    return t, position, velocity, commands
+
+
+def simulated_step(law: FeedbackLaw, model: SingleDof, step: float, seconds: float) -> tuple[float, float]:
+    """Return (largest command, largest velocity) of a *step* [rad or m] from rest; infinite if the loop diverges."""
+    t, _, velocity, command = step_response(law, model, step, seconds)
+    if len(t) < max(round(seconds / TICK), 1):
+        return math.inf, math.inf
+    return float(np.max(np.abs(command))), float(np.max(np.abs(velocity)))
 
 
 def design_own(
@@ -112,6 +136,7 @@ def design_own(
     limits: tuple[float, float],
     kind: str = "bessel",
     omega_0: float | None = None,
+    least: LoopMargins = LEAST_MARGINS,
 ) -> OwnDesign:
     """Return the I-PD law of the fastest loop that keeps its limits, or of the required *omega_0* [rad/s].
 
@@ -119,6 +144,7 @@ def design_own(
     ----------
     step : the largest step [rad or m] that must not saturate the actuator.
     limits : smallest and largest input, in units of the model.
+    least : margins that the loop must keep.
 
     Raises
     ------
@@ -127,11 +153,12 @@ def design_own(
         feasible.
     """
     model = replace(identified, delay=identified.delay + SAMPLED * TICK)
-    fastest, why = _fastest(model, uncertainty, step, limits, kind)
+    demands = _Demands(model, uncertainty, step, limits, least)
+    fastest, why = demands.fastest(kind)
     if not fastest > 0.0:
         raise NoGainsMeetSpec(f"no controller of this kind is possible for the {model.axis.name} axis: {why}")
     if omega_0 is not None and omega_0 > fastest:
-        why = _broken(model, uncertainty, step, limits, reference_model(kind, omega_0))
+        why = demands.broken(reference_model(kind, omega_0))
         raise NoGainsMeetSpec(
             f"a loop of {omega_0:g} rad/s is too fast: {why}. The fastest that is possible is {fastest:.2g} rad/s"
         )
@@ -149,41 +176,53 @@ def design_own(
     )
 
 
-def _fastest(
-    model: SingleDof, uncertainty: Uncertainty, step: float, limits: tuple[float, float], kind: str
-) -> tuple[float, str]:
-    """Return the largest frequency without a broken limit, and what limits it; 0 if there is none.
+@dataclass(frozen=True, slots=True)
+class _Demands:
+    """What a loop must keep: see :func:`design_own`."""
 
-    A loop much slower than the craft itself is no safer: its velocity gain is negative. So the search goes downwards.
-    """
-    why = "the range of frequencies that is looked at"
-    for omega in np.geomspace(FASTEST, SLOWEST, ROUNDS):
-        broken = _broken(model, uncertainty, step, limits, reference_model(kind, float(omega)))
-        if not broken:
-            return float(omega), why
-        why = broken
-    return 0.0, why
+    model: SingleDof
+    uncertainty: Uncertainty
+    step: float
+    limits: tuple[float, float]
+    least: LoopMargins
 
+    def fastest(self, kind: str) -> tuple[float, str]:
+        """Return the largest frequency without a broken limit, and what limits it; 0 if there is none.
 
-def _broken(
-    model: SingleDof, uncertainty: Uncertainty, step: float, limits: tuple[float, float], wanted: ReferenceModel
-) -> str:
-    """Return which limit the loop *wanted* breaks, in words with its numbers; empty if none."""
-    law = design_ipd(model, wanted, uncertainty)
-    effort, velocity = simulated_step(law, model, step, _horizon(wanted))
-    most = USED * min(-limits[0], limits[1])
-    if effort > most:
-        return f"its step needs {effort:.2g} of the actuator, {most:.2g} of it may be used"
-    left, right = stability_bound(model, wanted, uncertainty, velocity)
-    if left >= right:
-        return f"with the uncertainty of the model it may be unstable ({left:.2g} must be below {right:.2g})"
-    found = margins(law, model)
-    if not found.vector >= LEAST_VECTOR_MARGIN:
-        return (
-            f"with a delay of {model.delay:.2g} s the vector margin of its loop is {found.vector:.2g}; "
-            f"{LEAST_VECTOR_MARGIN:g} is required"
-        )
-    return ""
+        A loop much slower than the craft itself is no safer: its velocity gain is negative. So the search goes
+        downwards.
+        """
+        why = "the range of frequencies that is looked at"
+        for omega in np.geomspace(FASTEST, SLOWEST, ROUNDS):
+            broken = self.broken(reference_model(kind, float(omega)))
+            if not broken:
+                return float(omega), why
+            why = broken
+        return 0.0, why
+
+    def broken(self, wanted: ReferenceModel) -> str:
+        """Return which limit the loop *wanted* breaks, in words with its numbers; empty if none."""
+        model, least = self.model, self.least
+        law = design_ipd(model, wanted, self.uncertainty)
+        effort, velocity = simulated_step(law, model, self.step, _horizon(wanted))
+        most = USED * min(-self.limits[0], self.limits[1])
+        if effort > most:
+            return f"its step needs {effort:.2g} of the actuator, {most:.2g} of it may be used"
+        left, right = stability_bound(model, wanted, self.uncertainty, velocity)
+        if left >= right:
+            return f"with the uncertainty of the model it may be unstable ({left:.2g} must be below {right:.2g})"
+        found = margins(law, model)
+        for name, value, enough, factor, unit in (
+            ("vector margin", found.vector, least.vector, 1.0, ""),
+            ("gain margin", found.gain, least.gain, 1.0, ""),
+            ("phase margin", found.phase, least.phase, math.degrees(1.0), " deg"),
+        ):
+            if not value >= enough:
+                return (
+                    f"with a delay of {model.delay:.2g} s the {name} of its loop is {factor * value:.2g}{unit}; "
+                    f"{factor * enough:.2g}{unit} is required"
+                )
+        return ""
 
 
 def _horizon(wanted: ReferenceModel) -> float:

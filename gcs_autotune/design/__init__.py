@@ -9,6 +9,7 @@ project are in ``control``.
 from __future__ import annotations
 
 from gcs_autotune.design.actuator import USED, Actuator
+from gcs_autotune.design.analysis import DiskMargin, LoopAnalysis, LoopResponse, analyse_own, analyse_proposal
 from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
@@ -32,8 +33,11 @@ __all__ = [
     "USED",
     "Actuator",
     "Change",
+    "DiskMargin",
     "Hunting",
     "Law",
+    "LoopAnalysis",
+    "LoopResponse",
     "Margins",
     "OpenLoop",
     "Prediction",
@@ -45,6 +49,8 @@ __all__ = [
     "Spec",
     "StepMetrics",
     "Verdict",
+    "analyse_own",
+    "analyse_proposal",
     "combine",
     "crossings",
     "design",

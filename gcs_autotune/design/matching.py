@@ -136,10 +136,10 @@ class DesignProblem:
         each = iter(margins_of_each(controller, plants))
         return [worst([next(each) for _ in range(count)]) for count in counts]
 
-    def loops(self, settings: Settings, wanted: ReferenceModel) -> tuple[OpenLoop, ...]:
-        """Return the open loops of the identified model that :meth:`margins` evaluates, opened at the actuator."""
+    def loops(self, settings: Settings, wanted: ReferenceModel, model: SingleDof | None = None) -> tuple[OpenLoop, ...]:
+        """Return the open loops that :meth:`margins` evaluates, opened at the actuator (*model* None: as identified)."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
-        plants = self._plants(self.model, settings, wanted)
+        plants = self._plants(model or self.model, settings, wanted)
         return tuple(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay) for p in plants)
 
     def _plants(self, model: SingleDof, settings: Settings, wanted: ReferenceModel) -> list[Plant]:

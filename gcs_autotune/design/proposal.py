@@ -38,7 +38,7 @@ from gcs_autotune.firmware import Axis, Gain
 from gcs_autotune.models import SingleDof
 from gcs_autotune.registry import lookup
 
-__all__ = ["ProvisionalGains", "design", "design_from", "provisional"]
+__all__ = ["ProvisionalGains", "design", "design_from", "problem_of", "provisional"]
 
 LOOP_PERIODS = 1.5
 """Delay of a digital loop, in loop periods: one to compute, and half a period because the output is held."""
@@ -108,7 +108,7 @@ def design(
         The axis has an unknown control law.
     """
     spec = spec or Spec()
-    problem = _problem(fit_model, covariance, axis, present, spec, reduction)
+    problem = problem_of(fit_model, covariance, axis, present, spec, reduction)
     law, model, actuator = problem.law, problem.model, problem.actuator
     chosen = choose(problem)
     span = _span(spec, chosen)
@@ -173,7 +173,7 @@ def provisional(
     The search starts at the *last* gains for the same specification, or else like a design. It is short and ignores the
     present gains. Exceptions are those of :func:`design`.
     """
-    problem = _problem(fit_model, covariance, axis, present, spec)
+    problem = problem_of(fit_model, covariance, axis, present, spec)
     if last is None or not spec.is_automatic:
         near = choose(problem, patience=0)
         span = _span(spec, near)
@@ -321,7 +321,7 @@ def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spe
         raise UsageError(f"the {axis.name} axis needs the speed at which the model was identified. Supply that speed")
 
 
-def _problem(
+def problem_of(
     fit_model: SingleDof,
     covariance: NDArray[np.float64],
     axis: Axis,
@@ -329,6 +329,7 @@ def _problem(
     spec: Spec,
     reduction: Reduction | None = None,
 ) -> DesignProblem:
+    """Return the problem that :func:`design` solves; arguments and errors are its."""
     law = lookup(LAWS, axis.law, "control law")
     _check(fit_model, axis, present, spec)
     model, covariance = in_fractions(fit_model, covariance, spec.full_scale)

@@ -19,10 +19,10 @@ _HEADING = Axis(
     name="heading",
     law="sub-heading",
     gains=(
-        Gain("ATC_RAT_YAW_P", 0.0, 0.5, "yaw output per yaw-rate error"),
-        Gain("ATC_RAT_YAW_I", 0.0, 0.05, "yaw output per accumulated yaw-rate error"),
-        Gain("ATC_RAT_YAW_D", 0.0, 0.02, "yaw output per rate of change of yaw-rate error"),
-        Gain("ATC_ANG_YAW_P", 0.0, 6.0, "yaw rate per heading error"),
+        Gain("ATC_RAT_YAW_P", 0.0, 0.5, "yaw output per yaw-rate error", 0.18),
+        Gain("ATC_RAT_YAW_I", 0.0, 0.05, "yaw output per accumulated yaw-rate error", 0.018),
+        Gain("ATC_RAT_YAW_D", 0.0, 0.02, "yaw output per rate of change of yaw-rate error", 0.0),
+        Gain("ATC_ANG_YAW_P", 0.0, 6.0, "yaw rate per heading error", 6.0),
     ),
     context=(
         *pid_context("ATC_RAT_YAW"),
@@ -39,7 +39,7 @@ _HEADING = Axis(
 _YAW = Axis(
     name="yaw",
     law="sub-yaw",
-    gains=(*_HEADING.gains[:3], Gain("ATC_ANG_YAW_P", 1.0, 6.0, "yaw rate per heading error")),
+    gains=(*_HEADING.gains[:3], Gain("ATC_ANG_YAW_P", 1.0, 6.0, "yaw rate per heading error", 6.0)),
     context=tuple(name for name in _HEADING.context if name not in ("ATC_SLEW_YAW", "ATC_INPUT_TC")),
 )
 
@@ -47,12 +47,12 @@ _DEPTH = Axis(
     name="depth",
     law="sub-depth",
     gains=(
-        Gain("PSC_POSZ_P", 1.0, 3.0, "climb rate per depth error"),
-        Gain("PSC_VELZ_P", 1.0, 8.0, "acceleration per climb-rate error"),
-        Gain("PSC_VELZ_I", 0.0, 1.0, "acceleration per accumulated climb-rate error"),
-        Gain("PSC_ACCZ_P", 0.2, 1.5, "throttle per acceleration error"),
-        Gain("PSC_ACCZ_I", 0.0, 3.0, "throttle per accumulated acceleration error"),
-        Gain("PSC_ACCZ_FF", 0.0, 0.5, "throttle per required acceleration"),
+        Gain("PSC_POSZ_P", 1.0, 3.0, "climb rate per depth error", 3.0),
+        Gain("PSC_VELZ_P", 1.0, 8.0, "acceleration per climb-rate error", 8.0),
+        Gain("PSC_VELZ_I", 0.0, 1.0, "acceleration per accumulated climb-rate error", 0.0),
+        Gain("PSC_ACCZ_P", 0.2, 1.5, "throttle per acceleration error", 0.5),
+        Gain("PSC_ACCZ_I", 0.0, 3.0, "throttle per accumulated acceleration error", 0.1),
+        Gain("PSC_ACCZ_FF", 0.0, 0.5, "throttle per required acceleration", 0.0),
     ),
     context=(
         "PSC_VELZ_IMAX",

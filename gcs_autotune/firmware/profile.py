@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -21,12 +22,13 @@ def pid_context(prefix: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """A tunable parameter with its documented range."""
+    """A tunable parameter with its documented range and the firmware's ``default`` (NaN if unknown)."""
 
     parameter: str
     low: float
     high: float
     meaning: str
+    default: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gcs_autotune.limits.limit import CM_S, MM, MS, Limit, UnitMistake
+from gcs_autotune.limits.limit import CM_S, MM, MS, RADIANS, Limit, UnitMistake
 
 __all__ = ["DESK", "LINKED"]
 
@@ -79,6 +79,25 @@ LINKED = (
     ),
 )
 DESK = (
+    Limit(
+        "gain-margin",
+        "least gain margin over the 95 % region of the model (ratio)",
+        "",
+        1.1,
+        20.0,
+        "below this range, a small error of the model makes the loop unstable; above it, no loop is fast enough",
+        unset="2.5; controllers of our own: vector margin 0.5",
+    ),
+    Limit(
+        "phase-margin",
+        "least phase margin over the 95 % region of the model",
+        "deg",
+        5.0,
+        85.0,
+        "below this range, the loop hardly decays; above it, none with an integral has as much",
+        unset="45; controllers of our own: vector margin 0.5",
+        mistakes=(RADIANS,),
+    ),
     Limit(
         "plan-next",
         "propose next manoeuvres of this length, ranked by the reduction of uncertainty",

@@ -20,12 +20,13 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from gcs_autotune.craft import Actuate, Command, DepthTarget, HeadingTarget, Observation
-from gcs_autotune.errors import GuardTripped
+from gcs_autotune.errors import GuardTripped, NotInformative
 from gcs_autotune.manoeuvres.envelope import Envelope, Watch
 from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre, Outcome
 from gcs_autotune.trial import Channel, Trial
 
 if TYPE_CHECKING:
+    from gcs_autotune.identify.relay import PredictedCycle
     from gcs_autotune.models import SingleDof
 
 __all__ = ["DEEP", "SPEED_TIME", "NominalPlant", "Plant", "PlantState", "Preview", "fly_on", "preview"]
@@ -35,6 +36,10 @@ TICK, INSIDE = 0.1, 5
 choice.
 """
 LONGEST = 3600.0
+RELAYS = ("relay", "wall-relay")
+"""Manoeuvres whose limit cycle can be predicted."""
+ANGULAR = ("K", "M", "N")
+"""Forces whose relays are on an angle."""
 LOOP_RATE = 0.5
 """Turn rate per heading error of the simulated heading loop [1/s]. Project choice."""
 DEEP = 10.0
@@ -124,7 +129,35 @@ class Preview:
         turned, fastest = math.degrees(self.turned), math.degrees(float(np.max(np.abs(self.trial["r"].values))))
         at = f" at up to {fastest:.0f} deg/s" if fastest >= 1.0 else ""
         deep = f", {self.deep:.1f} m of depth" if self.deep >= 0.1 else ""
-        return f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning{at} (predicted from {self.craft.source})"
+        swings = self._swings()
+        return (
+            f"{self.seconds:.0f} s{way}{deep}, {turned:.0f} deg of turning{at}{swings} "
+            f"(predicted from {self.craft.source})"
+        )
+
+    def cycle(self) -> PredictedCycle | None:
+        """Return the limit cycle that the first harmonic predicts for a relay on a known model; None if there is none.
+
+        Output and hysteresis are those at which the simulated relay ended.
+        """
+        meta, force = self.trial.meta, str(self.trial.meta.get("force", ""))
+        motion = self.craft.yaw if force == "N" else self.craft.others.get(force)
+        if meta.get("manoeuvre") not in RELAYS or self.craft.assumed or motion is None:
+            return None
+        from gcs_autotune.identify.relay import predict_cycle  # takes a second
+
+        try:
+            return predict_cycle(motion, float(meta["C"]), float(meta["x_a"]), sample_time=TICK)
+        except NotInformative:
+            return None
+
+    def _swings(self) -> str:
+        """Return the predicted limit cycle in words; empty without one."""
+        cycle, force = self.cycle(), str(self.trial.meta.get("force", ""))
+        if cycle is None:
+            return ""
+        size = f"{math.degrees(cycle.X_m):.3g} deg" if force in ANGULAR else f"{cycle.X_m:.2g} m"
+        return f", limit cycle at {100.0 * cycle.C:.0f} % output: amplitude {size}, period {cycle.period:.3g} s"
 
 
 class Plant(Protocol):

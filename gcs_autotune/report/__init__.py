@@ -10,6 +10,7 @@ tune       the report of a tune, and its run directory
 study      the report of an identification or experiment
 flight     the report of a manoeuvre, and of its preview
 diagnosis  the report of what a simulation gets wrong
+designed   the report of gains designed at the desk
 summaries  reports of the commands that write no page
 =========  ======================================================================
 """
@@ -17,6 +18,7 @@ summaries  reports of the commands that write no page
 from __future__ import annotations
 
 from gcs_autotune.observer import SilentObserver
+from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRelay, designed_document
 from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
@@ -62,6 +64,9 @@ from gcs_autotune.report.tune.wording import proof_command
 
 __all__ = [
     "MODEL_FILE",
+    "DesignedGains",
+    "DesignedOwn",
+    "DesignedRelay",
     "Document",
     "FlightModel",
     "FlightStory",
@@ -82,6 +87,7 @@ __all__ = [
     "TuneStory",
     "beside_telemetry",
     "correlation_plot",
+    "designed_document",
     "diagnosis_document",
     "distance_figures",
     "effects_document",

@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
 from gcs_autotune.workflow.experiment import experiment
@@ -35,6 +36,7 @@ __all__ = [
     "PLAN_FILE",
     "CommonSettings",
     "Connection",
+    "DeskSettings",
     "DiagnosisSettings",
     "Finding",
     "FlightPlan",
@@ -47,6 +49,7 @@ __all__ = [
     "SuppliedGains",
     "TuneSettings",
     "Unattended",
+    "design_at_desk",
     "examine",
     "experiment",
     "fetch_onboard_log",

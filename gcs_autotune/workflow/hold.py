@@ -72,7 +72,7 @@ from gcs_autotune.workflow.supplied_model import SuppliedModel, supplied_for
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of
 
-__all__ = ["HoldSettings", "hold"]
+__all__ = ["SUPPLIED", "HoldSettings", "hold", "range_of"]
 
 RANGE = 0.9
 """Largest output that our own loops use [fraction of full]; the relays' too."""
@@ -188,7 +188,7 @@ class Prepared:
 
     def design(self, context: TuneContext, step: float) -> OwnDesign:
         """Return the loop whose *step* [rad or m] does not saturate the actuator, computed while the link is served."""
-        limits, omega_0 = _range_of(self.known.actuator), context.settings.omega_0
+        limits, omega_0 = range_of(self.known.actuator), context.settings.omega_0
         return self._designed(context, self.known.model, self.uncertainty, step, limits, omega_0)
 
     def design_from(self, context: TuneContext, relay: Trial, dof: str, step: float) -> OwnDesign:
@@ -469,7 +469,7 @@ def _model(context: TuneContext, given: SuppliedModel | None) -> tuple[Known, Un
     return known_of(identified, context.axis), uncertainty, link
 
 
-def _range_of(actuator: Actuator) -> tuple[float, float]:
+def range_of(actuator: Actuator) -> tuple[float, float]:
     """Return the smallest and the largest force of our own loops: those of :data:`RANGE` of full output."""
     low, high = actuator.static(np.array([-RANGE, RANGE]))
     return float(low), float(high)

@@ -40,8 +40,10 @@ from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.supplied_model import SuppliedModel
 
 __all__ = [
+    "SHARE_OF_TOP",
     "Known",
     "Proof",
+    "cruise_pair",
     "known_of",
     "proof_about_rest",
     "proof_of_speed",
@@ -214,10 +216,10 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     step = StepSettings("u", size, duration, base=top - size, steady_band=SPEED_BAND, enough=enough, least_enough=least)
     if top < NEAR * kept:
         throttle = throttle_of(known.actuator.output_for(holding(model, top)), present)
-    return Proof(step, top - size, _cruise_pair(known, throttle, present))
+    return Proof(step, top - size, cruise_pair(known, throttle, present))
 
 
-def _cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) -> dict[str, float]:
+def cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) -> dict[str, float]:
     """Return the whole percent nearest to *throttle*, and the speed the boat holds at it.
 
     The speed is the model's steady speed. The present pair is kept if it is the same.

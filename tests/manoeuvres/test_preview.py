@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs_autotune.craft import Actuate, DepthTarget, HeadingTarget
-from gcs_autotune.manoeuvres import SPEED_TIME, Envelope, NominalPlant, OpenLoopProgramme, preview
+from gcs_autotune.manoeuvres import SPEED_TIME, Envelope, NominalPlant, OpenLoopProgramme, Relay, RelaySettings, preview
 from gcs_autotune.manoeuvres.preview import _pushed, _steered
 from gcs_autotune.models import SingleDof
 from gcs_autotune.workflow.excursion import Ahead
@@ -131,3 +131,20 @@ def test_a_craft_that_is_driven_up_to_the_surface_is_told_of() -> None:
     assert seen.refusal == "the craft would surface from 2.0 m. Start deeper, or use less output"
     assert preview(held(Z=-0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=15.0).trouble == ""
     assert preview(held(Z=0.5), up, Envelope(depth_excursion=20.0), floats=False, depth=0.1).trouble == ""
+
+
+def relay_of(output: float) -> Relay:
+    return Relay(RelaySettings("psi", "N", output=output, hysteresis=math.radians(10.0)))
+
+
+def test_the_preview_of_a_relay_tells_its_limit_cycle_if_the_model_is_known() -> None:
+    seen = preview(relay_of(0.4), NominalPlant(YAW, 0.0, "a test"), FREE)
+    cycle = seen.cycle()
+    assert cycle is not None
+    switched = [mark.t for mark in seen.trial.marks if mark.kind == "switch"]
+    settled = seen.trial["psi"].between(switched[-5], switched[-1]).values
+    assert cycle.X_m == pytest.approx(0.5 * float(np.ptp(settled)), rel=0.10)
+    assert cycle.period == pytest.approx(0.5 * (switched[-1] - switched[-5]), rel=0.10)
+    size = f"limit cycle at 40 % output: amplitude {math.degrees(cycle.X_m):.3g} deg, period {cycle.period:.3g} s"
+    assert size in seen.told()
+    assert preview(relay_of(0.4), NominalPlant(YAW, 0.0, "a guess", assumed=True), FREE).cycle() is None

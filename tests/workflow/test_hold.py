@@ -11,6 +11,8 @@ import pytest
 from gcs_autotune.errors import NoGainsMeetSpec, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import load_model
 from gcs_autotune.manoeuvres import Envelope
+from gcs_autotune.models import SingleDof
+from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import HeldDistance, HeldLine, HeldLoop, HeldPosition, hold_document, to_html
 from gcs_autotune.workflow import HoldSettings, Unattended, hold
 
@@ -51,6 +53,15 @@ def test_every_vehicle_follows_the_model_function_that_it_was_given(vehicle: str
     said = " ".join(harness.said)
     assert said.index("with our own controller") < said.index("State before the run: mode")
     assert "write no parameter" in said
+
+
+def test_a_supplied_model_replaces_the_experiments(tmp_path: Path) -> None:
+    file = tmp_path / "craft.json"
+    file.write_text(json_text(SingleDof("yaw", "1", 0.5, 1.0).to_dict()), encoding="utf-8")
+    harness = SitlHarness(tmp_path, "blueboat")
+    found = held(harness, "heading", omega_0=0.5, given=load_model(file))
+    assert found.design.model.alpha == 0.5
+    assert not list((harness.directory / "trials").glob("*relay*"))
 
 
 @pytest.mark.slow

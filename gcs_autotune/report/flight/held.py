@@ -36,6 +36,7 @@ __all__ = [
     "PositionFigures",
     "distance_figures",
     "figures_on",
+    "gains_of_own",
     "hold_document",
     "position_figures",
 ]
@@ -370,8 +371,8 @@ def _distance_document(held: HeldDistance, heading: str, when: str) -> Document:
         verdict=Verdict(text, "good" if held.follows else "bad"),
         sections=(
             Section("distance", "Distance", (Table(("figure", "flown", "unit"), "lrl", rows), *_kept(held))),
-            Section("controller", "Distance loop", (_gains(held.design), _margins(held.design))),
-            Section("angle", "Angle loop", (_gains(held.yaw), _margins(held.yaw))),
+            Section("controller", "Distance loop", (gains_of_own(held.design), _margins(held.design))),
+            Section("angle", "Angle loop", (gains_of_own(held.yaw), _margins(held.yaw))),
         ),
         facts=held.to_dict(),
     )
@@ -418,7 +419,7 @@ def _line_document(held: HeldLine, heading: str, when: str) -> Document:
         verdict=Verdict(text, "good" if held.follows else "bad", (f"{held.guidance.capitalize()} control.",)),
         sections=(
             Section("line", "Line", (Table(("figure", "flown", "unit"), "lrl", rows), *_track(held))),
-            Section("controller", "Heading loop", (_gains(held.design),)),
+            Section("controller", "Heading loop", (gains_of_own(held.design),)),
             Section("margins", "Margins of the heading loop", (_margins(held.design),)),
         ),
         facts=held.to_dict(),
@@ -463,7 +464,7 @@ def _loop_document(held: HeldLoop, heading: str, when: str) -> Document:
         when=format_moment(when),
         verdict=Verdict(text, "good" if held.follows else "bad", sentences),
         sections=(
-            Section("controller", "Controller", (_gains(held.design),)),
+            Section("controller", "Controller", (gains_of_own(held.design),)),
             Section("margins", "Margins", (_margins(held.design),)),
             Section("step", "Step", (_figures(held), *_step(held))),
         ),
@@ -471,7 +472,8 @@ def _loop_document(held: HeldLoop, heading: str, when: str) -> Document:
     )
 
 
-def _gains(design: OwnDesign) -> Table:
+def gains_of_own(design: OwnDesign) -> Table:
+    """Return the gains of a controller of our own."""
     law, wanted = design.law, design.wanted
     rows = [
         ("structure", law.structure.name, ""),

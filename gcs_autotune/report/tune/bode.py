@@ -66,13 +66,18 @@ def loop_margins(loops: Sequence[OpenLoop]) -> LoopMargins:
     return LoopMargins(stable, gain, gain_at, phase, phase_at, narrowest)
 
 
-def draw_bode(loops: tuple[Sequence[OpenLoop], Sequence[OpenLoop]], margins: Sequence[LoopMargins]) -> Figure:
-    """Plot magnitude and phase of *loops* with old and new gains. The loop with the smallest phase margin is bold.
+def draw_bode(
+    loops: Sequence[Sequence[OpenLoop]],
+    margins: Sequence[LoopMargins],
+    labels: Sequence[str] = ("present gains", "new gains"),
+) -> Figure:
+    """Plot magnitude and phase of *loops*, a group for each set of gains. The loop with the smallest phase margin is
+    bold.
 
     margins : results of :func:`loop_margins` with the old and the new gains.
     """
     figure, (top, bottom) = new_axes((1.8, 1.5))
-    read = tuple(zip(loops, (BEFORE, AFTER), ("present gains", "new gains"), margins, strict=True))
+    read = tuple(zip(loops, (BEFORE, AFTER)[-len(loops) :], labels, margins, strict=True))
     crossings = [w for *_, m in read for w in (m.gain_at, m.phase_at) if math.isfinite(w)] or [1.0]
     low, high = min(crossings) / 10.0**DECADES, max(crossings) * 10.0**DECADES
     for group, colour, label, found in read:

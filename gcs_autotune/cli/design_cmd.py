@@ -1,0 +1,154 @@
+"""``gcs-autotune design``: gains from a model at the desk, and the limit cycle of a relay before it is flown."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from datetime import datetime
+from pathlib import Path
+
+from gcs_autotune.axes import AXES
+from gcs_autotune.cli.command import Command, add_number, check_axis_limits, check_files
+from gcs_autotune.cli.hold_cmd import LAWS
+from gcs_autotune.cli.tune_cmd import FUNCTIONS
+from gcs_autotune.cli.writing import fresh, on_replacing, put_out
+from gcs_autotune.errors import BadFile, UsageError
+
+__all__ = ["COMMAND"]
+
+LOOPS = ("heading", "yaw", "speed", "depth", "line", "relay")
+"""Names of ``workflow.desk_design.TASKS``, listed here because importing that takes a second."""
+FIRMWARES = ("ardurover", "ardusub")
+MOTIONS = {"yaw": "heading", "heave": "depth", "surge": "surge", "sway": "surge"}
+"""Motions that a relay can excite -> the axis whose limits its hysteresis has."""
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "model",
+        type=Path,
+        metavar="MODEL",
+        help="model file of identify --save, tune or diagnose, the JSON output of identify, or a run directory",
+    )
+    parser.add_argument(
+        "--for",
+        required=True,
+        choices=LOOPS,
+        dest="loop",
+        help="what to design: a loop, or relay for the limit cycle that a relay will cause",
+    )
+    what = parser.add_argument_group("controller")
+    what.add_argument(
+        "--own",
+        action="store_true",
+        help="design the controller that `hold` flies (heading, depth), instead of the autopilot's; line is always own",
+    )
+    what.add_argument("--firmware", choices=FIRMWARES, help="autopilot (default: ardurover, for depth ardusub)")
+    what.add_argument(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="the vehicle's present parameters (NAME,VALUE lines) (default: those of the run directory, or the "
+        "firmware's defaults)",
+    )
+    what.add_argument("--guidance", choices=LAWS, default=LAWS[0], help="law that follows a line (default indirect)")
+    add_number(what, "approach", "DEG")
+    craft = parser.add_argument_group("craft")
+    add_number(craft, "full-scale", meaning="model input at full output, in the unit of the model, if not 1")
+    add_number(craft, "speed", "M_S", meaning="speed at which a boat was identified")
+    add_number(craft, "throttle", meaning="throttle of a speed loop (fraction of full throttle)")
+    asked = parser.add_argument_group("specification (default: the best loop that keeps its margins)")
+    asked.add_argument("--function", choices=FUNCTIONS, default="bessel", help="model function (default bessel)")
+    add_number(asked, "omega-0", "RAD_S")
+    add_number(asked, "settling-time", "S")
+    add_number(asked, "gain-margin")
+    add_number(asked, "phase-margin", "DEG")
+    add_number(asked, "step")
+    relay = parser.add_argument_group("relay")
+    relay.add_argument("--dof", choices=tuple(MOTIONS), help="degree of freedom of a relay (default yaw)")
+    add_number(relay, "relay-output", "C")
+    add_number(relay, "relay-hysteresis", "X_A")
+    add_number(relay, "control-rate", "HZ")
+    out = parser.add_argument_group("output")
+    out.add_argument("--page", type=Path, metavar="FILE", help="file for the report page (default design-LOOP.html)")
+    out.add_argument("--no-page", action="store_true", help="write no report page")
+    out.add_argument("--save", type=Path, metavar="FILE", help="write the autopilot's gains to FILE (.param)")
+    out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
+
+
+def _run(args: argparse.Namespace) -> int:
+    _check(args)
+    check_files(args.model, args.parameters)
+    from gcs_autotune.mavlink import save_params
+    from gcs_autotune.report import DesignedGains, designed_document, to_html
+    from gcs_autotune.workflow import DeskSettings, design_at_desk
+
+    angular = AXES[args.axis].angular if args.axis in AXES else False
+
+    def inside(value: float | None) -> float | None:
+        return math.radians(value) if angular and value is not None else value
+
+    settings = DeskSettings(
+        source=args.model,
+        loop=args.loop,
+        own=args.own,
+        firmware=args.firmware or "",
+        parameters=args.parameters,
+        full_scale=args.full_scale,
+        speed=args.speed,
+        throttle=args.throttle,
+        step=inside(args.step),
+        kind=args.function,
+        omega_0=args.omega_0,
+        settling_time=args.settling_time,
+        gain_margin=args.gain_margin,
+        phase_margin=None if args.phase_margin is None else math.radians(args.phase_margin),
+        guidance=args.guidance,
+        approach=math.radians(args.approach),
+        dof=args.dof or "",
+        relay_output=args.relay_output,
+        relay_hysteresis=inside(args.relay_hysteresis),
+        control_rate=args.control_rate,
+    )
+    designed = design_at_desk(settings)
+    lines = []
+    if args.save is not None:
+        if not isinstance(designed, DesignedGains):
+            raise UsageError("--save writes gains of the autopilot. A controller of our own runs with `hold --model`")
+        lines.append(f"Gains: {args.save}{on_replacing(args.save)}")
+        save_params(args.save, designed.values, comment=f"{args.loop} loop, designed from {designed.source}, not flown")
+    document = designed_document(designed, datetime.now().isoformat(timespec="seconds"))
+    if args.page is not None or not (args.no_page or args.json):
+        page: Path = args.page or fresh(Path(f"design-{args.loop}.html"))
+        lines.append(f"Report: {page}{on_replacing(page)}")
+        try:
+            page.write_text(to_html(document), encoding="utf-8")
+        except OSError as error:
+            raise BadFile(f"{page} cannot be written: {error.strerror}") from error
+    put_out(document, *lines, as_json=args.json)
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Check that the options are consistent, before the slow imports."""
+    args.axis = MOTIONS[args.dof or "yaw"] if args.loop == "relay" else "heading" if args.loop == "line" else args.loop
+    if args.loop == "relay":
+        check_axis_limits(args, ("relay-hysteresis",))
+    else:
+        check_axis_limits(args, ("step",))
+        wrong = next((n for n in ("dof", "relay_output", "relay_hysteresis") if getattr(args, n) is not None), "")
+        if wrong:
+            raise UsageError(f"--{wrong.replace('_', '-')} applies only to --for relay")
+    if args.omega_0 is not None and args.settling_time is not None:
+        raise UsageError("use either --omega-0 or --settling-time, not both")
+    if args.save is not None and (args.own or args.loop in ("line", "relay")):
+        raise UsageError("--save writes gains of the autopilot. Leave it out for a relay or a controller of our own")
+
+
+COMMAND = Command(
+    description="Design gains for a loop of ArduPilot, or for a controller of our own, from a model. It prints gains, "
+    "closed-loop poles, margins, and the step and the disturbance response over the 95 % region of the model. With "
+    "--for relay it predicts the limit cycle of a relay. Nothing is written to a vehicle.",
+    add_arguments=_add_arguments,
+    run=_run,
+)

@@ -1,0 +1,467 @@
+"""The report of ``design``: gains of a loop with its analysis, or the limit cycle of a relay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_autotune.control import DirectLine, LineOfHeading, OwnDesign
+from gcs_autotune.design import Change, DiskMargin, LoopAnalysis, LoopResponse, Margins, OpenLoop, Proposal
+from gcs_autotune.models import SingleDof
+from gcs_autotune.report.flight.held import gains_of_own
+from gcs_autotune.report.toolkit.canvas import AFTER, BAND, BEFORE, FAINT, INK, WANTED, legend, new_axes
+from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Figure, Note, Section, Table, Verdict, notes
+from gcs_autotune.report.toolkit.wording import (
+    format_factor,
+    format_moment,
+    format_number,
+    format_quantity,
+    format_seconds,
+    sentence,
+)
+from gcs_autotune.report.tune.bode import draw_bode, loop_margins
+from gcs_autotune.report.tune.tables import gains_table, metrics_table
+from gcs_autotune.report.tune.wording import safety
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Drawing
+
+    from gcs_autotune.identify.relay import PredictedCycle
+
+__all__ = ["DesignedGains", "DesignedOwn", "DesignedRelay", "designed_document"]
+
+MOST_POLES = 6
+"""Most poles shown, the slowest first. The others are those of filters and of the approximated delay."""
+NEAR = 2.5
+"""Range of the Nyquist plot around the origin."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesignedGains:
+    """Gains for a loop of the autopilot, not written to any vehicle.
+
+    ``source``: name of the model; ``speed`` [m/s] of a boat. ``gains``: all of the loop, changed or not, and
+    ``present_from`` where the present ones come from. ``before`` and ``after``: the loop
+    with the present and the new gains. ``notes``: what the data do not determine.
+    """
+
+    firmware: str
+    source: str
+    speed: float | None
+    gains: tuple[Change, ...]
+    present_from: str
+    proposal: Proposal
+    before: LoopAnalysis
+    after: LoopAnalysis
+    notes: tuple[str, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All gains of the loop by the vehicle's parameter names."""
+        return {gain.parameter: gain.new for gain in self.gains}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "schema": 1,
+            "designed": "autopilot",
+            "firmware": self.firmware,
+            "model": self.source,
+            "present": self.present_from,
+            "gains": self.values,
+            "proposal": self.proposal.to_dict(),
+            "before": _plain(self.before),
+            "after": _plain(self.after),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesignedOwn:
+    """A controller of our own for *axis*, and for a line the law above it (``guidance``, ``line``)."""
+
+    axis: str
+    source: str
+    design: OwnDesign
+    analysis: LoopAnalysis
+    guidance: str = ""
+    line: DirectLine | LineOfHeading | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        law, wanted = self.design.law, self.design.wanted
+        return {
+            "schema": 1,
+            "designed": "own",
+            "axis": self.axis,
+            "model": self.source,
+            "structure": law.structure.name,
+            "gains": {"K_P": law.K_P, "K_I": law.K_I, "K_D": law.K_D},
+            "wanted": {"kind": wanted.kind, "omega_0": wanted.omega_0},
+            "loop": _plain(self.analysis),
+            **({"guidance": self.guidance, "line": dict(_numbers(self.line))} if self.line is not None else {}),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesignedRelay:
+    """The limit cycle that a relay switched at *rate* [Hz] causes on *model* with normalised input."""
+
+    source: str
+    model: SingleDof
+    rate: float
+    cycle: PredictedCycle
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data: amplitude and mean in rad or m, period in s."""
+        return {
+            "schema": 1,
+            "designed": "relay",
+            "model": self.source,
+            "dof": self.model.dof,
+            **asdict(self.cycle),
+            "period": self.cycle.period,
+        }
+
+
+Designed = DesignedGains | DesignedOwn | DesignedRelay
+
+
+def designed_document(designed: Designed, when: str = "") -> Document:
+    """Return the report of a design."""
+    if isinstance(designed, DesignedRelay):
+        return _relay_document(designed, when)
+    return _own_document(designed, when) if isinstance(designed, DesignedOwn) else _gains_document(designed, when)
+
+
+# --- the autopilot's loop -----------------------------------------------------------------------------------------
+
+
+def _gains_document(d: DesignedGains, when: str) -> Document:
+    proposal, wanted = d.proposal, d.proposal.wanted
+    text = (
+        f"New gains for the {proposal.axis} loop; nothing was written."
+        if proposal.changes
+        else f"The present gains of the {proposal.axis} loop stay: no others are better."
+    )
+    at = f" at {d.speed:.2g} m/s" if d.speed else ""
+    follow = (
+        f"{wanted.kind.capitalize()} model function of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law})."
+    )
+    labels = ("present", "new") if proposal.changes else ("present",)
+    analyses = (d.before, d.after)[: len(labels)]
+    return Document(
+        title=f"Design: {proposal.axis} loop of {d.firmware} from '{d.source}'{at}",
+        when=format_moment(when),
+        verdict=Verdict(text, "good" if d.after.worst_margins.stable else "bad", (safety(proposal),)),
+        sections=(
+            Section(
+                "gains",
+                "Gains",
+                (Note(f"Old values: {d.present_from}."), gains_table(d.gains), Note(follow), *_remarks(d)),
+                facts=IN_RESULT,
+            ),
+            Section(
+                "step",
+                "Predicted step",
+                (metrics_table(proposal.before.metrics, proposal.after.metrics),),
+                facts=IN_RESULT,
+            ),
+            *_loop_sections(dict(zip(labels, analyses, strict=True)), proposal.axis),
+        ),
+        facts=d.to_dict(),
+    )
+
+
+def _remarks(d: DesignedGains) -> Iterator[Note]:
+    yield from notes(tuple(map(sentence, d.notes)))
+    for text in d.proposal.notes:
+        yield Note(sentence(text), detail=True)
+
+
+# --- our own ------------------------------------------------------------------------------------------------------
+
+
+def _own_document(d: DesignedOwn, when: str) -> Document:
+    what = "line" if d.line is not None else d.axis
+    found = d.analysis
+    line: tuple[Section, ...] = ()
+    if d.line is not None:
+        rows = tuple((name, format_number(value, 4)) for name, value in _numbers(d.line))
+        line = (
+            Section(
+                "line", f"Line: {d.guidance} control", (Table(("quantity", "value [SI]"), "lr", rows),), facts=IN_RESULT
+            ),
+        )
+    return Document(
+        title=f"Design: controller of our own for {what} from '{d.source}'",
+        when=format_moment(when),
+        verdict=Verdict(
+            f"A {d.design.wanted.kind.capitalize()} loop of {format_number(d.design.wanted.omega_0, 3)} rad/s.",
+            "good" if found.worst_margins.stable else "bad",
+            (f"What keeps the loop from being faster: {d.design.limited_by}.",),
+        ),
+        sections=(
+            Section(
+                "controller",
+                "Controller",
+                (gains_of_own(d.design), *notes(tuple(map(sentence, d.notes)))),
+                facts=IN_RESULT,
+            ),
+            *line,
+            *_loop_sections({"loop": found}, d.axis),
+        ),
+        facts=d.to_dict(),
+    )
+
+
+def _numbers(law: object) -> list[tuple[str, float]]:
+    """Return the numbers of a line law by name; those of its turn-rate loop too."""
+    found = [(name, getattr(law, name)) for name in getattr(law, "__slots__", ())]
+    inner = [(f"turn rate {n}", getattr(v, n)) for _, v in found for n in ("K_P", "K_I") if hasattr(v, "K_P")]
+    return [(name, value) for name, value in (*found, *inner) if isinstance(value, float)]
+
+
+# --- what both have -----------------------------------------------------------------------------------------------
+
+
+def _loop_sections(analyses: Mapping[str, LoopAnalysis], axis: str) -> tuple[Section, ...]:
+    """Return poles, margins and responses of a loop with each set of gains; the last set is the proposed one."""
+    last = list(analyses.values())[-1]
+    several = len(analyses) > 1
+    return (
+        Section(
+            "responses",
+            "Step and disturbance",
+            (_disturbance_table(analyses), Figure("responses", _RESPONSES, partial(_draw_responses, analyses, axis))),
+            facts=IN_RESULT,
+        ),
+        Section(
+            "margins",
+            "Margins",
+            (_margins_table(analyses), Note(_DISK, kind="quiet"), *_frequency(analyses)),
+            facts=IN_RESULT,
+        ),
+        Section(
+            "poles",
+            "Poles of the closed loop" + (", new gains" if several else ""),
+            (_poles_table(last.poles),),
+            facts=IN_RESULT,
+        ),
+    )
+
+
+_RESPONSES = (
+    "A step, then a constant force of 5 % of full output. Band: range over the 95 % region of the model. Below: the "
+    "output."
+)
+_DISK = (
+    "Disk margins: gain and phase may change by this much at the same time. The worst case is the worst model in the "
+    "95 % region."
+)
+
+
+def _margins_table(analyses: Mapping[str, LoopAnalysis]) -> Table:
+    columns = [(label, found.margins, found.disk) for label, found in analyses.items()]
+    label, last = list(analyses.items())[-1]
+    columns.append((f"{label}, worst case", last.worst_margins, last.worst_disk))
+    cells = [_margin_cells(margins, disk) for _, margins, disk in columns]
+    rows = tuple((name, *row) for name, *row in zip(_MARGINS, *cells, strict=True))
+    return Table(("margin", *(name for name, *_ in columns)), "l" + "r" * len(columns), rows)
+
+
+_MARGINS = ("stable", "gain margin", "phase margin", "delay margin", "disk margin, gain", "disk margin, phase")
+
+
+def _margin_cells(margins: Margins, disk: DiskMargin) -> tuple[str, ...]:
+    if not margins.stable:
+        return ("NO", *[""] * (len(_MARGINS) - 1))
+    return (
+        "yes",
+        _ratio(margins.gain),
+        format_quantity(margins.phase, "rad"),
+        format_seconds(margins.delay),
+        _ratio(disk.gain),
+        format_quantity(disk.phase, "rad"),
+    )
+
+
+def _ratio(factor: float) -> str:
+    return f"{format_factor(factor)} ({20.0 * math.log10(factor):.1f} dB)" if factor <= 100.0 else format_factor(factor)
+
+
+def _poles_table(poles: NDArray[np.complex128]) -> Table:
+    slowest = sorted((p for p in poles if p.imag >= 0.0), key=abs)[:MOST_POLES]
+    rows = tuple(
+        (
+            f"{format_number(p.real, 3)}" + (f" ± {format_number(p.imag, 3)} j" if p.imag > 0.0 else ""),
+            format_number(abs(p), 3),
+            format_number(-p.real / abs(p), 2) if abs(p) > 0.0 else "",
+        )
+        for p in slowest
+    )
+    return Table(("pole [rad/s]", "frequency [rad/s]", "damping ratio"), "rrr", rows, "The slowest ones are shown.")
+
+
+def _disturbance_table(analyses: Mapping[str, LoopAnalysis]) -> Table:
+    rows = []
+    for label, found in analyses.items():
+        r = found.response
+        rows.append((label, *(_percent(deviation, r.step) for deviation in _deviations(r))))
+    heads = ("deviation by 5 % of full output", "model [% of step]", "worst case [% of step]")
+    return Table(heads, "lrr", tuple(rows))
+
+
+def _deviations(r: LoopResponse) -> tuple[float, float]:
+    """Return the largest deviation by the push: of the model, and of the worst one in its region."""
+    pushed = r.t >= r.push_at
+    start = float(r.position[pushed][0])
+    worst = max(float(np.max(r.high[pushed])) - start, start - float(np.min(r.low[pushed])))
+    return float(np.max(np.abs(r.position[pushed] - start))), worst
+
+
+def _percent(value: float, step: float) -> str:
+    return format_number(100.0 * value / abs(step), 3) if math.isfinite(value) else "diverges"
+
+
+def _draw_responses(analyses: Mapping[str, LoopAnalysis], axis: str) -> Drawing:
+    figure, (upper, lower) = new_axes((2.4, 1.2))
+    colours = (BEFORE, AFTER)[-len(analyses) :]
+    for (label, found), colour in zip(analyses.items(), colours, strict=True):
+        r = found.response
+        if colour == AFTER:
+            upper.fill_between(r.t, _shown(r, r.low), _shown(r, r.high), color=BAND, lw=0.0)
+        upper.plot(r.t, _shown(r, r.position), color=colour, lw=1.3, label=label)
+        lower.plot(r.t, 100.0 * np.clip(r.output, -1.0, 1.0), color=colour, lw=0.9)
+    upper.axhline(100.0, color=WANTED, lw=1.0, label="target")
+    upper.set_ylabel(f"{axis} [% of step]")
+    lower.set_ylabel("output [%]")
+    lower.set_xlabel("time [s]")
+    legend(upper, 3)
+    return figure
+
+
+def _shown(r: LoopResponse, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return positions in percent of the step, limited to what a figure can show."""
+    shown: NDArray[np.float64] = np.clip(100.0 * position / r.step, -100.0, 300.0)
+    return shown
+
+
+def _frequency(analyses: Mapping[str, LoopAnalysis]) -> Iterator[Figure]:
+    loops = [(found.loop,) for found in analyses.values()]
+    found = [loop_margins(group) for group in loops]
+    yield Figure("bode", "Bode plot of the open loop.", partial(draw_bode, loops, found, tuple(analyses)))
+    caption = "Nyquist plot of the open loop. The loop with the last gains stays outside the shaded disk."
+    yield Figure("nyquist", caption, partial(_draw_nyquist, analyses))
+
+
+def _draw_nyquist(analyses: Mapping[str, LoopAnalysis]) -> Drawing:
+    from matplotlib.patches import Circle
+
+    figure, (axes,) = new_axes((3.6,))
+    disk = list(analyses.values())[-1].disk
+    if disk.size > 0.0:
+        centre, radius = -0.5 * (disk.gain + 1.0 / disk.gain), 0.5 * (disk.gain - 1.0 / disk.gain)
+        axes.add_patch(Circle((centre, 0.0), radius, color=BAND, lw=0.0))
+    axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color=FAINT, lw=0.8))
+    for (label, found), colour in zip(analyses.items(), (BEFORE, AFTER)[-len(analyses) :], strict=True):
+        _curve(axes, found.loop, colour, label)
+    _square(axes, NEAR)
+    return figure
+
+
+def _curve(axes: Axes, loop: OpenLoop, colour: str, label: str) -> None:
+    value = loop.response(np.logspace(-3.0, 2.7, 2000))
+    near = np.abs(value) < 3.0 * NEAR
+    axes.plot(value.real[near], value.imag[near], color=colour, lw=1.3, label=label)
+
+
+def _square(axes: Axes, reach: float) -> None:
+    axes.plot([-1.0], [0.0], "+", color=INK, ms=8.0)
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach, reach)
+    axes.set_aspect("equal")
+    axes.set_xlabel("real part")
+    axes.set_ylabel("imaginary part")
+    legend(axes, 3)
+
+
+def _plain(found: LoopAnalysis) -> dict[str, Any]:
+    r = found.response
+    own, worst = _deviations(r)
+    return {
+        "poles": [[float(p.real), float(p.imag)] for p in sorted(found.poles, key=abs)],
+        **{
+            name: {slot: getattr(thing, slot) for slot in thing.__slots__}
+            for name, thing in (
+                ("margins", found.margins),
+                ("worst_margins", found.worst_margins),
+                ("disk_margin", found.disk),
+                ("worst_disk_margin", found.worst_disk),
+            )
+        },
+        "response": {"step": r.step, "push": r.push, "push_at": r.push_at, "deviation": own, "worst": worst},
+    }
+
+
+# --- a relay ------------------------------------------------------------------------------------------------------
+
+
+def _relay_document(d: DesignedRelay, when: str) -> Document:
+    cycle, unit = d.cycle, d.model.axis.position_unit
+    rows = (
+        ("relay output", f"{100.0 * cycle.C:.0f} %"),
+        ("hysteresis", format_quantity(cycle.x_a, unit)),
+        ("switched at", f"{d.rate:g} Hz"),
+        ("amplitude X_m", format_quantity(cycle.X_m, unit)),
+        *((("mean deviation", format_quantity(cycle.x_0, unit)),) if cycle.x_0 else ()),
+        ("period", format_seconds(cycle.period)),
+        ("largest rate", format_quantity(cycle.X_m * cycle.omega, f"{unit}/s")),
+    )
+    text = (
+        f"The relay causes a limit cycle with an amplitude of {format_quantity(cycle.X_m, unit)} and a period of "
+        f"{format_seconds(cycle.period)}."
+    )
+    how = "Predicted from the first harmonic. The error is a few percent, at most about 15 %."
+    caption = "Nyquist plot of the craft, and -1/N(X) of the relay. Their intersection is the limit cycle."
+    return Document(
+        title=f"Design: relay on {d.model.dof} of '{d.source}'",
+        when=format_moment(when),
+        verdict=Verdict(text, "good", (how,)),
+        sections=(
+            Section(
+                "relay",
+                "Limit cycle",
+                (Table(("quantity", "value"), "lr", rows), Figure("goldfarb", caption, partial(_draw_goldfarb, d))),
+                facts=IN_RESULT,
+            ),
+        ),
+        facts=d.to_dict(),
+    )
+
+
+def _draw_goldfarb(d: DesignedRelay) -> Drawing:
+    cycle = d.cycle
+    figure, (axes,) = new_axes((3.6,))
+    omega = cycle.omega * np.logspace(-0.6, 1.5, 800)
+    process = cycle.process(d.model, omega)
+    least = max(cycle.x_a + abs(cycle.x_0), 1e-3 * cycle.X_m)
+    inverse = cycle.inverse(np.linspace(least, 2.0 * cycle.X_m, 200)[1:])
+    axes.plot(process.real, process.imag, color=AFTER, lw=1.3, label="craft G(jω)")
+    axes.plot(inverse.real, inverse.imag, color=BEFORE, lw=1.3, label="relay -1/N(X)")
+    (at,) = cycle.process(d.model, np.array([cycle.omega]))
+    axes.plot([at.real], [at.imag], "o", color=INK, ms=4.0, label="limit cycle")
+    axes.set_xlim(-2.5 * abs(at), 0.5 * abs(at))
+    axes.set_ylim(-2.5 * abs(at), 0.5 * abs(at))
+    axes.set_aspect("equal")
+    axes.set_xlabel("real part [rad or m per output]")
+    axes.set_ylabel("imaginary part")
+    legend(axes, 3)
+    return figure

@@ -1,0 +1,144 @@
+"""``gcs-autotune design``: gains, margins and relays from a model at the desk."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_autotune.api import example_run, save_trial
+from gcs_autotune.cli import main
+from gcs_autotune.mavlink import load_params
+from gcs_autotune.models import SingleDof
+
+YAW = SingleDof("yaw", "1", 2.0, 1.5, 0.5, 0.01, 0.3)
+HEAVE = SingleDof("heave", "N", 200.0, 150.0, 50.0, 0.0, 0.1)
+
+
+def written(path: Path, model: SingleDof) -> Path:
+    path.write_text(json.dumps(model.to_dict()), encoding="utf-8")
+    return path
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+    assert main(["design", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    assert main(["design", *map(str, arguments), "--no-page"]) != 0
+    return capsys.readouterr().err
+
+
+def test_gains_for_ardurover_are_printed_with_the_defaults_saved_and_shown_on_a_page(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    model = written(tmp_path / "boat.json", YAW)
+    assert main(["design", str(model), "--for", "heading", "--speed", "1.5", "--save", "new.param"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    for words in ("Old values: the firmware's defaults", "disk margin, phase", "new, worst case", "pole [rad/s]"):
+        assert words in out
+    assert "10 % in inertia and 20 % in drag is assumed" in out
+    gains = load_params(tmp_path / "new.param")
+    assert set(gains) == {*(f"ATC_STR_RAT_{n}" for n in ("FF", "P", "I", "D")), "ATC_STR_ANG_P"}
+    assert gains["ATC_STR_RAT_FF"] > 0.5
+    page = (tmp_path / "design-heading.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 3
+
+
+def test_present_gains_come_from_a_file_under_the_vehicles_own_names(capsys, tmp_path):
+    model, held = written(tmp_path / "boat.json", YAW), tmp_path / "present.param"
+    held.write_text("ATC_STR_RAT_FF,1.25\nATC_STR_ANG_P,1.5\n", encoding="utf-8")
+    found = told(capsys, model, "--for", "heading", "--speed", "1.5", "--settling-time", "8", "--parameters", held)
+    changes = {change["parameter"]: change for change in found["proposal"]["changes"]}
+    assert changes["ATC_STR_RAT_FF"]["old"] == 1.25
+    assert found["present"] == "present.param, defaults for ATC_STR_RAT_P, ATC_STR_RAT_I, ATC_STR_RAT_D"
+    assert found["before"]["disk_margin"]["size"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("loop", "model", "options"),
+    [
+        ("depth", HEAVE, ("--full-scale", "100", "--omega-0", "0.8")),
+        ("yaw", YAW, ("--speed", "1.5", "--omega-0", "1.5")),
+        ("speed", SingleDof("surge", "1", 2.0, 0.3, 0.15, 0.0, 0.1), ("--throttle", "0.6", "--omega-0", "0.8")),
+    ],
+)
+def test_every_loop_of_the_autopilot_keeps_its_margins_over_the_region(capsys, tmp_path, loop, model, options):
+    found = told(capsys, written(tmp_path / "craft.json", model), "--for", loop, *options)
+    worst = found["after"]["worst_margins"]
+    assert worst["stable"] and worst["phase"] > math.radians(44.0) and worst["gain"] > 2.4
+    assert all(real < 0.0 for real, _ in found["after"]["poles"])
+
+
+def test_a_speed_loop_gets_the_measured_pair_of_throttle_and_speed(capsys, tmp_path):
+    model = SingleDof("surge", "1", 2.0, 0.3, 0.15)
+    found = told(capsys, written(tmp_path / "craft.json", model), "--for", "speed", "--throttle", "0.6")
+    kept = model.steady_velocity(0.6)
+    assert (found["gains"]["CRUISE_THROTTLE"], found["gains"]["CRUISE_SPEED"]) == (60.0, pytest.approx(kept, rel=0.01))
+
+
+def test_our_own_loop_keeps_the_required_margin_and_is_slower_for_it(capsys, tmp_path):
+    model = written(tmp_path / "boat.json", YAW)
+    fast = told(capsys, model, "--for", "heading", "--own")
+    wide = told(capsys, model, "--for", "heading", "--own", "--gain-margin", "3.5")
+    assert wide["loop"]["margins"]["gain"] > 3.5 > fast["loop"]["margins"]["gain"]
+    assert wide["wanted"]["omega_0"] < fast["wanted"]["omega_0"]
+    line = told(capsys, model, "--for", "line", "--speed", "1.5")
+    assert line["wanted"] == fast["wanted"]
+    assert {"K_psi", "K_r", "K_d", "K_I"} < set(line["line"])
+
+
+def test_the_relay_of_example_6_3_is_predicted(capsys, tmp_path):
+    example = SingleDof("yaw", "1", math.degrees(0.3 / 50.0), math.degrees(1.0 / 50.0))  # 50/(s(0.3s+1)) in degrees
+    model = written(tmp_path / "example.json", example)
+    found = told(
+        capsys, model, "--for", "relay", "--relay-output", "1", "--relay-hysteresis", "20.28", "--control-rate", "100"
+    )
+    assert math.degrees(found["X_m"]) == pytest.approx(24.47, rel=0.02)
+    assert found["period"] == pytest.approx(2.8, rel=0.03)
+    late = told(
+        capsys, model, "--for", "relay", "--relay-output", "1", "--relay-hysteresis", "16", "--control-rate", "5"
+    )
+    assert math.degrees(late["X_m"]) == pytest.approx(24.47, rel=0.10)
+    assert late["period"] == pytest.approx(2.8, rel=0.10)
+
+
+def test_a_run_directory_supplies_model_speed_and_present_gains(capsys, tmp_path):
+    run = example_run()
+    (tmp_path / "trials").mkdir()
+    about = {"manoeuvre": "relay", "purpose": "identification", "dof": "yaw", "speed": 1.2}
+    save_trial(replace(run, meta=about), tmp_path / "trials" / "01-relay.csv")
+    (tmp_path / "parameters_before.param").write_text("ATC_STR_ANG_P,3\n", encoding="utf-8")
+    found = told(capsys, tmp_path, "--for", "heading", "--omega-0", "1")
+    assert found["present"].startswith("parameters_before.param, defaults for ATC_STR_RAT_FF")
+    old = {change["parameter"]: change["old"] for change in found["proposal"]["changes"]}
+    assert (old["ATC_STR_ANG_P"], old["ATC_STR_RAT_P"]) == (3.0, 0.2)
+    assert found["model"] == tmp_path.name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--for", "heading"), "Use --speed"),
+        (("--for", "depth"), "not heave"),
+        (("--for", "speed", "--own"), "Use heading, depth or line"),
+        (("--for", "line"), "Use --speed"),
+        (("--for", "heading", "--own", "--omega-0", "9"), "The fastest that is possible is"),
+        (("--for", "heading", "--own", "--save", "x.param"), "--save writes gains of the autopilot"),
+        (("--for", "heading", "--relay-output", "0.3"), "--relay-output applies only to --for relay"),
+        (("--for", "heading", "--omega-0", "1", "--settling-time", "3"), "not both"),
+        (("--for", "relay", "--relay-output", "0.02", "--dof", "heave"), "not heave"),
+        (("--for", "relay", "--relay-hysteresis", "90"), "out of range"),
+    ],
+)
+def test_what_cannot_be_designed_is_rejected_with_what_to_do(capsys, tmp_path, arguments, words):
+    assert words in refused(capsys, written(tmp_path / "boat.json", YAW), *arguments)
+
+
+def test_a_relay_weaker_than_the_constant_force_is_rejected(capsys, tmp_path):
+    model = written(tmp_path / "boat.json", replace(YAW, delta=0.2))
+    assert "Use a larger output" in refused(capsys, model, "--for", "relay", "--relay-output", "0.1")
