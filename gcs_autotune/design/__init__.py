@@ -8,6 +8,16 @@ returns nearly the same gains in a fifth of the time, while experiments are stil
 from __future__ import annotations
 
 from gcs_autotune.design.actuator import USED, Actuator
+from gcs_autotune.design.authority import (
+    Authority,
+    AuthorityFigure,
+    Circle,
+    CraftModels,
+    FlownModel,
+    Missing,
+    authority_of,
+)
+from gcs_autotune.design.autopilot_limits import ParameterLimit, limits_for
 from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
@@ -30,11 +40,18 @@ __all__ = [
     "SHORTER",
     "USED",
     "Actuator",
+    "Authority",
+    "AuthorityFigure",
     "Change",
+    "Circle",
+    "CraftModels",
+    "FlownModel",
     "Hunting",
     "Law",
     "Margins",
+    "Missing",
     "OpenLoop",
+    "ParameterLimit",
     "Prediction",
     "Proposal",
     "ProvisionalGains",
@@ -44,6 +61,7 @@ __all__ = [
     "Spec",
     "StepMetrics",
     "Verdict",
+    "authority_of",
     "combine",
     "crossings",
     "design",
@@ -52,6 +70,7 @@ __all__ = [
     "in_fractions",
     "is_better",
     "is_followed",
+    "limits_for",
     "over_windows",
     "provisional",
     "pulse_of",

@@ -20,6 +20,7 @@ from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
+from gcs_autotune.report.flight.authority import authority_document
 from gcs_autotune.report.flight.document import (
     FlightModel,
     FlightStory,
@@ -80,6 +81,7 @@ __all__ = [
     "TerminalObserver",
     "TrialSummary",
     "TuneStory",
+    "authority_document",
     "beside_telemetry",
     "correlation_plot",
     "diagnosis_document",

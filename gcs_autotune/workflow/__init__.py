@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
 from gcs_autotune.workflow.experiment import experiment
@@ -47,6 +48,7 @@ __all__ = [
     "SuppliedGains",
     "TuneSettings",
     "Unattended",
+    "authority",
     "examine",
     "experiment",
     "fetch_onboard_log",
