@@ -58,7 +58,9 @@ def _run(args: argparse.Namespace) -> int:
         replaced = on_replacing(args.save)
         rules = "\n".join(f"{row.name}: {row.rule}" for row in limits)
         save_params(args.save, {row.name: row.value for row in limits}, comment=f"gcs-autotune authority\n{rules}")
-        lines.append(f"Parameters: {args.save}{replaced}. To write them: gcs-autotune params restore {args.save}")
+        lines.append(
+            f"Parameters: {args.save}{replaced}. To write them: gcs-autotune params restore {args.save} --connect URI"
+        )
     if args.page is not None:
         replaced = on_replacing(args.page)
         try:

@@ -3,6 +3,8 @@
 :func:`design` returns a :class:`Proposal`; :func:`design_from` does so from a model with effects. :func:`provisional`
 returns nearly the same gains in a fifth of the time, while experiments are still being flown. :func:`step_metrics` and
 :func:`is_better` measure and compare the flown steps by the same criteria. Controllers of our own are in ``control``.
+
+:func:`authority_of` computes what a craft can do, and :func:`limits_for` the limits that its autopilot should have.
 """
 
 from __future__ import annotations

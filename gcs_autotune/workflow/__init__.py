@@ -7,7 +7,8 @@
   ``nominal_plant`` and compute the required space as an ``excursion``. ``announcement`` reports all of it.
 * ``tunable_loop`` defines the sequence of every tune. The autopilot's loops in ``autopilot_loop`` use
   ``identification``, ``stop_rule``, ``proof`` and ``designing``.
-* ``restore`` restores a vehicle after an interrupted run. ``study`` and ``diagnosis`` need only records, not a vehicle.
+* ``restore`` restores a vehicle after an interrupted run. ``study``, ``diagnosis`` and ``authority`` need
+  only records, not a vehicle.
 """
 
 from __future__ import annotations
