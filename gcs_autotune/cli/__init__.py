@@ -54,7 +54,7 @@ COMMANDS: Mapping[str, Verb] = {
     "hold": Verb("hold heading or depth with a controller of our own, in manual mode", "hold_cmd"),
     "authority": Verb("compute from models what a craft can do, and the limits ArduPilot should have", "authority_cmd"),
     "recheck": Verb(
-        "check the tune of the heading, depth or speed loop by set-points; drives no actuator directly",
+        "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",
     ),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),

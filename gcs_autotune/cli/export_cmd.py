@@ -45,7 +45,7 @@ def _run(args: argparse.Namespace) -> int:
     try:
         path.write_text(written.text, encoding="utf-8")
     except OSError as error:
-        raise BadFile(f"{path} cannot be written: {error.strerror}") from error
+        raise BadFile(f"{path} cannot be written: {error.strerror}. Choose another --out") from error
     for what in written.left:
         sys.stderr.write(f"Not exported: {visible(what)}\n")
     sys.stdout.write(f"{visible(str(path))}{replaced}\n")

@@ -81,7 +81,7 @@ def _fetch(args: argparse.Namespace) -> int:
     try:
         path.write_bytes(data)
     except OSError as error:
-        raise BadFile(f"{path} cannot be written: {error.strerror}") from error
+        raise BadFile(f"{path} cannot be written: {error.strerror}. Choose another --out") from error
     sys.stdout.write(
         f"{visible(str(path))}{replaced}: {len(data)} bytes. Next: gcs-autotune identify {visible(str(path))}\n"
     )

@@ -18,7 +18,7 @@ __all__ = ["COMMAND"]
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "file", type=Path, metavar="FILE", help="CSV with name[unit] heads: n[rpm],T[N] or pwm[us],T[kgf]"
+        "file", type=Path, metavar="FILE", help="CSV file with column heads n[rpm],T[N] or pwm[us],T[kgf]"
     )
     parser.add_argument(
         "--command", dest="column", metavar="COLUMN", help="column of the command (default: n, command, pwm ...)"

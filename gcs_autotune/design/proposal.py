@@ -61,8 +61,11 @@ SAME = 1e-3
 class ProvisionalGains:
     """Gains for the present model.
 
-    ``wanted``: the reference model. ``gains``: under canonical names. ``itae`` [s^2]: their predicted ITAE, evaluated
-    like flown steps. ``spread``: as in :class:`Proposal`. ``span`` [s]: simulated time of the search.
+    - ``wanted``: the reference model.
+    - ``gains``: under canonical names.
+    - ``itae`` [s^2]: their predicted ITAE, evaluated like flown steps.
+    - ``spread``: as in :class:`Proposal`.
+    - ``span`` [s]: simulated time of the search.
     """
 
     wanted: ReferenceModel
@@ -382,7 +385,7 @@ def _changes(law: Law, axis: Axis, before: GainCandidate, after: GainCandidate, 
 
 def _reason(law: Law, gain: Gain, after: GainCandidate, is_refined: bool) -> str:
     if gain.parameter in law.measured:
-        return f"{gain.meaning}: measured, the speed at this throttle"
+        return f"{gain.meaning}: set to the speed measured at this throttle"
     if gain.parameter in law.fixed and after.settings[gain.parameter] == law.fixed[gain.parameter]:
         return f"{gain.meaning}: not needed, since the identified model has no lag"
     wanted, new = after.wanted, after.settings[gain.parameter]

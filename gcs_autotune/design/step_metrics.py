@@ -221,7 +221,9 @@ def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval:
 def _checked(*signals: Array) -> list[Array]:
     arrays = [np.asarray(s, dtype=np.float64) for s in signals]
     if len({a.shape for a in arrays}) != 1 or arrays[0].ndim != 1:
-        raise NotInformative("time, target, position and output of a step must be equally long")
+        raise NotInformative(
+            "time, target, position and output of a step must be one-dimensional and have the same number of samples"
+        )
     if not np.all(np.isfinite(np.array(arrays))):
         raise NotInformative("the step contains samples that are not finite. Drop them first")
     if len(arrays[0]) < MIN_SAMPLES:

@@ -176,8 +176,8 @@ def _tails(series: list[Array], name: str) -> Test:
     joined = np.concatenate(series)
     if len(joined) < FEWEST_FOR_TAILS or scipy_stats().kurtosis(joined) <= 0.0:
         return Test("heavy tails", name, 1.0)
-    found = scipy_stats().kurtosistest(joined, alternative="greater")
-    return Test("heavy tails", name, float(found.pvalue), float(scipy_stats().kurtosis(joined)))
+    result = scipy_stats().kurtosistest(joined, alternative="greater")
+    return Test("heavy tails", name, float(result.pvalue), float(scipy_stats().kurtosis(joined)))
 
 
 def _line(series: list[Array], name: str) -> Test:
@@ -197,7 +197,7 @@ def _line(series: list[Array], name: str) -> Test:
 
 def generic_terms(form: Form) -> dict[str, str]:
     """Return generic forces: name of the derivative -> description."""
-    found: dict[str, str] = {}
+    terms: dict[str, str] = {}
     for dof in form.dofs:
         d = DOFS[dof]
         f, nu = d.force, d.velocity
@@ -227,8 +227,8 @@ def generic_terms(form: Form) -> dict[str, str]:
                 term_of(name, tuple(form.inputs))
             except BadFile:
                 continue
-            found[name] = words
-    return found
+            terms[name] = words
+    return terms
 
 
 def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
@@ -291,12 +291,12 @@ def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
     return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
-def explains_all(problem: Problem, found: SearchStep[Fitted]) -> bool:
+def explains_all(problem: Problem, step: SearchStep[Fitted]) -> bool:
     """Return whether some candidate of a step leaves only noise on the fitted runs.
 
     Its prediction of held-out data is not considered.
     """
-    return any(leaves_nothing(problem, j.fit) for j in found.judged if j.evidence > 0.0)
+    return any(leaves_nothing(problem, j.fit) for j in step.judged if j.evidence > 0.0)
 
 
 TRIALS = 30
@@ -320,7 +320,7 @@ LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] 
 
 def nonparametric_rivals(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
     """Return descriptions of the generic laws that are likelier than the causes of *fitted* that they replace."""
-    found = []
+    rivals = []
     for own in fitted.effects:
         if own.slug not in LAWS:
             continue
@@ -333,5 +333,5 @@ def nonparametric_rivals(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
         start = np.array([values.get(n, 0.0) for n in form.parameters])
         fit = other.fit(start, rest, fitted.initial, trials=TRIALS, shift=fitted.shift) if names else None
         if fit is not None and fit.cost < fitted.cost - ALIKE:
-            found.append(words)
-    return tuple(found)
+            rivals.append(words)
+    return tuple(rivals)

@@ -334,14 +334,14 @@ def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | Non
     """
     begin, fit = candidate.begin, problem.fit
     theta, effects, initial = problem.moved(begin, candidate.adapted)
-    found = fit(theta, (*effects, candidate.effect), initial, trials=ROUGH, shift=begin.shift)
-    if found is None or found.cost > begin.cost:
+    fitted = fit(theta, (*effects, candidate.effect), initial, trials=ROUGH, shift=begin.shift)
+    if fitted is None or fitted.cost > begin.cost:
         for own in (candidate.effect, *candidate.also):
             again = fit(begin.theta, (*begin.effects, own), begin.initial, trials=ROUGH, shift=begin.shift)
-            found = again if found is None or (again is not None and again.cost < found.cost) else found
-            if found is not None and found.cost <= begin.cost:
+            fitted = again if fitted is None or (again is not None and again.cost < fitted.cost) else fitted
+            if fitted is not None and fitted.cost <= begin.cost:
                 break
-    return found
+    return fitted
 
 
 def fitted_to_the_end(problem: Problem, candidate: EffectCandidate, rough: Fitted) -> Fitted:

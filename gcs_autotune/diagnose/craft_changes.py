@@ -55,7 +55,13 @@ CHANGES: Sequence[CraftChange] = (
     CraftChange(
         "thrust", (-1.0, -1.0, 0.0), "gain-drift", "stronger thruster, fuller battery", "weak thruster, flat battery"
     ),
-    CraftChange("trim", (0.0, 0.0, 1.0), "input-bias", "trim to the positive side", "trim to the negative side"),
+    CraftChange(
+        "trim",
+        (0.0, 0.0, 1.0),
+        "input-bias",
+        "larger constant force in the positive direction",
+        "larger constant force in the negative direction",
+    ),
 )
 
 

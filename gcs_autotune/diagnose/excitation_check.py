@@ -107,13 +107,13 @@ def _check_commands(runs: Sequence[Trial], form: Form) -> None:
 def _changes(channels: Sequence[Channel]) -> tuple[int, int]:
     """Return the number of large moves of an input, and the number of levels it stays at, over all runs."""
     low = min(float(c.values.min()) for c in channels)
-    swing = max(float(c.values.max()) for c in channels) - low
-    if not swing > 0.0:
+    span = max(float(c.values.max()) for c in channels) - low
+    if not span > 0.0:
         return 0, 1
     moves = 0
     spent = np.zeros(BINS)
     for c in channels:
-        share = (c.values - low) / swing
+        share = (c.values - low) / span
         at = np.minimum((BINS * share).astype(int), BINS - 1)
         spent += np.bincount(at, minlength=BINS)
         moves += _moves(share)

@@ -186,14 +186,14 @@ def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[
     """
     total = sum(len(r.judged) for r in before)
     size = max(FEWEST, total // BLOCKS)
-    found = []
+    folds = []
     for old, new in zip(before, after, strict=True):
         count = max(1, len(old.judged) // size)
         for a, b in zip(np.array_split(old.judged, count), np.array_split(new.judged, count), strict=True):
             good = np.isfinite(a) & np.isfinite(b)
             sole = np.isfinite(a) & ~np.isfinite(b)
             if good.any():
-                found.append(
+                folds.append(
                     (
                         old.signal,
                         float(np.sum(a[good] ** 2) + np.sum(a[sole] ** 2)),
@@ -201,7 +201,7 @@ def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[
                         int(good.sum()),
                     )
                 )
-    return found, size
+    return folds, size
 
 
 def p_value(

@@ -79,16 +79,16 @@ def check_clock(run: Trial) -> None:
         return
     step = min(steps)
     if step >= SLOW:
-        told = (
+        spacing = (
             f"{step:.4g} s apart and the run lasts {run.duration / 3600.0:.3g} h. The time seems to be in milliseconds"
         )
         head = "t[ms]"
         if step >= 1e4:
-            told, head = told.replace("milliseconds", "microseconds"), "t[us]"
+            spacing, head = spacing.replace("milliseconds", "microseconds"), "t[us]"
     else:
-        told = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s. The time seems to be in seconds already"
+        spacing = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s. The time seems to be in seconds already"
         head = "t[s]"
-    raise BadFile(f"the samples of run '{run.name}' are {told}. Rename the time column to {head}")
+    raise BadFile(f"the samples of run '{run.name}' are {spacing}. Rename the time column to {head}")
 
 
 def _confirmed(run: Trial) -> bool:
@@ -103,8 +103,8 @@ def _confirmed(run: Trial) -> bool:
         speed = np.interp(grid, rate.t, rate.values)
         angle = np.unwrap(position.values) if dof.angular else position.values
         moved = np.diff(np.interp(grid, position.t, angle)) / np.diff(grid)
-        size, told = float(np.std(moved)), float(np.std(speed))
-        if told > 0.0 and 1.0 / CONFIRMED < size / told < CONFIRMED:
+        size, rate_std = float(np.std(moved)), float(np.std(speed))
+        if rate_std > 0.0 and 1.0 / CONFIRMED < size / rate_std < CONFIRMED:
             return True
     return False
 
@@ -137,7 +137,7 @@ def _tears(x: Array) -> list[float]:
     """
     d = np.diff(x)
     large = np.flatnonzero(np.abs(d) > TORN)
-    found = []
+    jumps = []
     for group in np.split(large, np.flatnonzero(np.diff(large) > 1) + 1):
         if not 0 < len(group) <= NEIGHBOURS:
             continue
@@ -148,10 +148,10 @@ def _tears(x: Array) -> list[float]:
             continue
         turn = any(abs(float(steps.sum()) / whole - 1.0) < SAME for whole in TURNS)
         if len(group) == 1 and not turn:
-            found.append(float(steps[0]))
+            jumps.append(float(steps[0]))
         elif len(group) > 1 and turn and abs(float(np.sign(d[group]).sum())) == len(group):
-            found.append(float(steps.max()))
-    return found
+            jumps.append(float(steps.max()))
+    return jumps
 
 
 def check_roles(run: Trial) -> None:
@@ -202,17 +202,17 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
     BadFile, MissingChannel
         No run can be used; the error is that of the first run.
     """
-    found: list[Trial] = []
+    usable: list[Trial] = []
     doubts: list[Doubt] = []
     failures: list[tuple[str, DataError]] = []
     for run in runs:
         try:
-            found += _usable(run, doubts)
+            usable += _usable(run, doubts)
         except DataError as error:
             failures.append((run.name, error))
-    if not found:
+    if not usable:
         raise failures[0][1]
-    return found, [*doubts, *(left_out(name, failure) for name, failure in failures)]
+    return usable, [*doubts, *(left_out(name, failure) for name, failure in failures)]
 
 
 def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:

@@ -108,20 +108,20 @@ class LeastSquares:
         return rough
 
     def _rough(self, listed: Sequence[EffectCandidate]) -> list[Attempt]:
-        def told(done: int, total: int) -> None:
+        def report(done: int, total: int) -> None:
             self.question.say(self.stage + ": fitting", done, total)
 
-        told(0, len(listed))
-        fits = self.question.executor.map(partial(fitted_roughly, self.problem), listed, told)
+        report(0, len(listed))
+        fits = self.question.executor.map(partial(fitted_roughly, self.problem), listed, report)
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
         """Fit the roughly fitted candidates to convergence."""
 
-        def told(done: int, total: int) -> None:
+        def report(done: int, total: int) -> None:
             self.question.say(self.stage + ": final fits", done, total)
 
-        fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, told)
+        fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, report)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def rebased(self, ends: Sequence[Attempt]) -> LeastSquares:
@@ -136,12 +136,12 @@ class LeastSquares:
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, self.present), default=self.present)
         silent = replace(self, question=replace(self.question, progress=None))
 
-        def told(done: int, total: int) -> None:
+        def report(done: int, total: int) -> None:
             self.question.say(self.stage + ": held-out runs", done, total)
 
         executor = SerialExecutor() if self.quick else self.question.executor
         score = partial(_score_of, silent, correlation_of(best))
-        return ordered(list(executor.map(score, [(c.effect, fit) for c, fit in ends], told)))
+        return ordered(list(executor.map(score, [(c.effect, fit) for c, fit in ends], report)))
 
     def score(self, effect: EffectInstance, fit: Fitted, common: float | None = None) -> CandidateScore[Fitted]:
         """Return the score of a fit.

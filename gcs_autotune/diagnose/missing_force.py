@@ -93,7 +93,7 @@ def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
     d, n = DOFS[search.dof], len(bank.states)
     rate = bank.states.index(d.velocity)
     found = []
-    gain = float(search.fit.theta[0])
+    gain = search.fit.gain
     for track, path, var, original in zip(
         bank.tracks, smoothed.trajectories, smoothed.variances, search.problem.segments, strict=True
     ):
@@ -162,8 +162,8 @@ def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> Missing
         curve = means(np.concatenate([p[0] for p in others]), np.concatenate([p[1] for p in others]))
         at = np.clip(np.searchsorted(edges, own_x, side="right") - 1, 0, len(edges) - 2)
         constant = float(np.mean(np.concatenate([p[1] for p in others])))
-        told = np.where(np.isfinite(curve[at]), curve[at], constant)
-        left += float(np.sum((own_y - told) ** 2))
+        predicted = np.where(np.isfinite(curve[at]), curve[at], constant)
+        left += float(np.sum((own_y - predicted) ** 2))
         whole += float(np.sum((own_y - constant) ** 2))
     # Between runs, for samples of one run are not independent; what one alone has seen has no band.
     each = np.array([means(p[0], p[1]) for p in pieces])
@@ -218,38 +218,38 @@ def words_of_noise(search: NoiseSearch) -> str:
 
 def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
     """Return a description of the missing force, and why causes that fit the runs were rejected."""
-    found = []
+    lines = []
     if missing is not None:
         kind = "moment" if DOFS[missing.dof].angular else "force"
         share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of the command (rms)"
-        found.append(
+        lines.append(
             f"a drifting {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) acts in "
             f"{missing.dof} and is not in the model. Its correlation time is {missing.memory:.3g} "
             f"s{_sure_of(missing)}"
         )
         if missing.waves is not None:
-            found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
-        told = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
-        for curve in told[:2]:
+            lines.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
+        dependencies = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
+        for curve in dependencies[:2]:
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
-            found.append(
+            lines.append(
                 f"{100.0 * curve.share:.0f} % of the drifting force depends on {AXES.get(curve.over, curve.over)}, "
                 f"as predicted by {curve.predicted_by}. It is {curve.force[low]:+.3g} +- {curve.band[low]:.2g} at "
                 f"{curve.x[low]:.3g}{x} and {curve.force[high]:+.3g} +- {curve.band[high]:.2g} at "
                 f"{curve.x[high]:.3g}{x}"
             )
-        if not told:
+        if not dependencies:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
-            found.append(
+            lines.append(
                 f"the drifting force depends on no recorded quantity{others}. It comes from waves, wind, current or "
                 "a quantity that was not recorded"
             )
     accepted = {key_of(a.effect) for a in search.accepted}
     last = {key_of(a.effect): a for step in search.steps for a in step.judged}  # beside all accepted before it
     short = {k: a for k, a in last.items() if a.gained > a.needed and (a.unsound or not a.holds)}
-    found += [_shortfall_of(a) for k, a in short.items() if k not in accepted]
-    return tuple(found)
+    lines += [_shortfall_of(a) for k, a in short.items() if k not in accepted]
+    return tuple(lines)
 
 
 def _sure_of(missing: MissingForce) -> str:
@@ -264,12 +264,12 @@ def _sure_of(missing: MissingForce) -> str:
 
 def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
     unit = SIGNALS[signal][0]
-    swing = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
+    amplitude = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
     kind = "moment" if DOFS[missing.dof].angular else "force"
     return (
-        f"{AXES.get(signal, signal)} also oscillates by {swing} with a period of {waves.period:.2g} s, as from waves "
-        f"or a loose sensor mount. The {kind} behind it is {waves.force:.2g} {_of(missing)}. Both sizes are standard "
-        "deviations. This is not counted as a cause"
+        f"{AXES.get(signal, signal)} also oscillates by {amplitude} with a period of {waves.period:.2g} s, as from "
+        f"waves or a loose sensor mount. The {kind} behind it is {waves.force:.2g} {_of(missing)}. Both sizes are "
+        "standard deviations. This is not counted as a cause"
     )
 
 

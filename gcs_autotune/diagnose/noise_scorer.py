@@ -299,7 +299,7 @@ def _is_brief(problem: NoisyProblem, effect: EffectInstance, fit: NoisyFit) -> b
     """
     time, short = lasts(effect, problem.data_summary), BRIEF * problem.data_summary.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
-    if time < short or (math.isfinite(time) and 1.0 < abs(float(fit.theta[1])) * short):
+    if time < short or (math.isfinite(time) and 1.0 < abs(fit.damping) * short):
         return True
     return time < problem.interval and answers_heading(problem, fit)
 
@@ -321,7 +321,7 @@ def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
     one, two = np.concatenate(pushed), np.concatenate(turned)
     if len(one) < FEWEST_TO_COMPARE or not np.ptp(two) > 0.0:
         return False
-    sense = math.copysign(1.0, float(fit.theta[0]))
+    sense = math.copysign(1.0, fit.gain)
     return sense * float(scipy_stats().spearmanr(one, two).statistic) * math.sqrt(len(one)) < -AGAINST
 
 

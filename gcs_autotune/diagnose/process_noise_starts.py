@@ -197,7 +197,7 @@ def _limits(form: Form) -> Limits:
 def _inertia_shown(look: tuple[NoisyProblem, NoisyFit]) -> float:
     """Return the craft's time constant in units of the sampling interval of the thinned runs."""
     problem, plain = look
-    return 1.0 / (abs(float(plain.theta[1])) * problem.interval + 1e-12)
+    return 1.0 / (abs(plain.damping) * problem.interval + 1e-12)
 
 
 def _thinned(
@@ -327,7 +327,7 @@ def _gain_at(problem: NoisyProblem, pace: float) -> float:
 
     Changes from one sample to the next are compared, because a drifting force accumulates in the position.
     """
-    told, drawn = 0.0, 0.0
+    projection, power = 0.0, 0.0
     for segment in problem.segments:
         own = next(iter(segment.signals.values()))
         push = np.zeros(len(segment.t_in))
@@ -344,8 +344,8 @@ def _gain_at(problem: NoisyProblem, pace: float) -> float:
         if own.name == problem.dof.position:
             path = pace * (np.append(0.0, np.cumsum(force[:-1] * held)) - velocity)
         model, measured = np.diff(path[np.searchsorted(t, own.t)]), np.diff(own.values)
-        told, drawn = told + float(model @ measured), drawn + float(model @ model)
-    return told / drawn if drawn > 0.0 else 0.0
+        projection, power = projection + float(model @ measured), power + float(model @ model)
+    return projection / power if power > 0.0 else 0.0
 
 
 def errs_after_commands(problem: NoisyProblem, fit: NoisyFit) -> bool:

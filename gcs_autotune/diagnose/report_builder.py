@@ -176,7 +176,7 @@ def _reversed(state: SearchState) -> list[Doubt]:
         # A free run of rough water knows the gain badly; the filter's has its own error.
         gain = f"k_{DOFS[weather.dof].force}"
         if gain in std:
-            values[gain], std[gain] = float(weather.fit.theta[0]), math.sqrt(max(weather.fit.covariance[0, 0], 0.0))
+            values[gain], std[gain] = weather.fit.gain, math.sqrt(max(weather.fit.covariance[0, 0], 0.0))
     doubt = reversed_input(form, values, std)
     return [] if doubt is None else [doubt]
 
@@ -184,7 +184,7 @@ def _reversed(state: SearchState) -> list[Doubt]:
 def _weightless(state: SearchState) -> list[Doubt]:
     """Return a doubt for each degree of freedom that responds to its commands faster than the record can show."""
     model, interval = state.fitted.model.base, state.problem.data_summary.interval
-    found = []
+    doubts = []
     for i, dof in enumerate(model.form.dofs):
         d = DOFS[dof]
         damping = f"{d.force}_{d.velocity}"
@@ -203,7 +203,7 @@ def _weightless(state: SearchState) -> list[Doubt]:
             swapped = (
                 f" (or {memory:.2g} s, the correlation time of the disturbance; these runs do not distinguish the two)"
             )
-            found.append(
+            doubts.append(
                 Doubt(
                     "no-inertia",
                     f"these runs show no inertia in {dof}. The time constant is "
@@ -213,7 +213,7 @@ def _weightless(state: SearchState) -> list[Doubt]:
                     "have no inertia in this motion",
                 )
             )
-    return found
+    return doubts
 
 
 def _by_interval(state: SearchState) -> list[Doubt]:
@@ -341,7 +341,7 @@ def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[D
 
     Example: a heading in degrees, or a turn rate divided by 57.3. The runs show only that the two columns disagree.
     """
-    found = []
+    doubts = []
     for step in state.steps:
         won = step.accepted
         if won is None or not any((e.slug, e.place) == (won.effect.slug, won.effect.place) for e in order):
@@ -349,8 +349,8 @@ def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[D
         same = [j for j in step.judged if j.effect.slug == won.effect.slug and j.effect.place != won.effect.place]
         alike = [j.effect for j in same if abs(j.fit.cost - won.fit.cost) < ALIKE]
         if alike:
-            found.append(_elsewhere(won.effect, alike))
-    return found
+            doubts.append(_elsewhere(won.effect, alike))
+    return doubts
 
 
 def _elsewhere(effect: EffectInstance, alike: Sequence[EffectInstance]) -> Doubt:

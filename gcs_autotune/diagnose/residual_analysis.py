@@ -32,9 +32,9 @@ LAGS = 60
 def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test]]:
     """Return a description of the residuals, and the tests that support it."""
     tests = tests_of(problem, fitted)
-    told = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
+    significant = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
     lines: dict[str, None] = {}
-    for test in told:
+    for test in significant:
         lines.setdefault(_words(test), None)
     return Signature(tuple(list(lines)[:MOST]), whiteness_of(tests)), tests
 

@@ -90,7 +90,7 @@ def dense(passage: Passage) -> Passage:
     """
     t = np.union1d(passage.t_in, passage.stamps)
     at = np.maximum(np.searchsorted(passage.t_in, t, side="right") - 1, 0)
-    return replace(passage, t_in=t, commands={name: told[at] for name, told in passage.commands.items()})
+    return replace(passage, t_in=t, commands={name: levels[at] for name, levels in passage.commands.items()})
 
 
 def _ago(seconds: float) -> Bend:
@@ -223,7 +223,7 @@ def _finer(passage: Passage, longest: float) -> Passage:
     within = np.arange(len(starts)) - np.repeat(np.cumsum(counts) - counts, counts)
     t = np.append(starts + within * np.repeat(steps / counts, counts), passage.t_in[-1:])
     at = np.append(np.repeat(np.arange(len(steps)), counts), len(steps))
-    return replace(passage, t_in=t, commands={name: told[at] for name, told in passage.commands.items()})
+    return replace(passage, t_in=t, commands={name: levels[at] for name, levels in passage.commands.items()})
 
 
 def _midway(x: Array) -> Array:

@@ -346,8 +346,8 @@ class MissingForce:
             name: [low, high if math.isfinite(high) else None]
             for name, (low, high) in (("size95", self.size95), ("memory95", self.memory95))
         }
-        told = {"memory": self.memory, "share": self.share, **intervals}
-        return {**own, **told, "curves": curves, "days": days, "waves": waves}
+        optional = {"memory": self.memory, "share": self.share, **intervals}
+        return {**own, **optional, "curves": curves, "days": days, "waves": waves}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -166,5 +166,5 @@ def improves_prediction(state: SearchState, whole: Sequence[Segment]) -> bool:
 
 def _error(state: SearchState, fitted: Fitted, whole: Sequence[Segment]) -> dict[str, float] | None:
     problem = state.problem.on(whole)
-    found = problem.states(fitted.theta, fitted.effects, problem.first_states(whole))
-    return None if found is None else rms_of(found.rests)
+    states = problem.states(fitted.theta, fitted.effects, problem.first_states(whole))
+    return None if states is None else rms_of(states.rests)

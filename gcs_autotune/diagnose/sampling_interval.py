@@ -99,7 +99,7 @@ def stands(problem: NoisyProblem, fit: NoisyFit) -> bool:
     The time constant must not be below the record's sampling interval. The drifting force must be smaller than the
     commanded force.
     """
-    gain, damping = abs(float(fit.theta[0])), abs(float(fit.theta[1]))
+    gain, damping = abs(fit.gain), abs(fit.damping)
     if damping * problem.data_summary.interval > 1.0:
         return False
     return fit.noise.size < OF_THE_COMMAND * gain * commanded(problem)
@@ -123,7 +123,7 @@ def prediction_horizon(problem: NoisyProblem, fit: NoisyFit) -> float | None:
         correlation = np.fft.irfft(power)[: len(x)]
         below = np.flatnonzero(correlation < correlation[0] / math.e)
         times += [float(below[0]) * problem.data_summary.interval] if len(below) else []
-    settled = 3.0 / max(abs(float(fit.theta[1])), 1e-3)
+    settled = 3.0 / max(abs(fit.damping), 1e-3)
     goal = max(settled, LEGS * float(np.median(times))) if times else settled
     return _nearest(problem, goal)
 
@@ -134,7 +134,7 @@ def horizons(problem: NoisyProblem, fit: NoisyFit) -> tuple[float, ...]:
     Effects that act at once (saturation, backlash) are visible within the first time constant. Later the drifting force
     hides them.
     """
-    found = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(float(fit.theta[1])), 1e-3)))
+    found = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(fit.damping), 1e-3)))
     return tuple(dict.fromkeys(s for s in found if s is not None))
 
 
@@ -161,7 +161,7 @@ def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float |
     again = problem.fit(fit.theta, fit.effects, fit.noise, rounds=rounds)
     if again is None or seconds is None:
         return again
-    before, after = (1.0 / max(abs(float(f.theta[1])), 1e-9) for f in (fit, again))
+    before, after = (1.0 / max(abs(f.damping), 1e-9) for f in (fit, again))
     if 1.0 / OTHER_CRAFT < after / before < OTHER_CRAFT:
         return again
     best, least = again, math.inf if after < problem.data_summary.interval else rms_ahead(problem, again, seconds)
@@ -169,7 +169,7 @@ def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float |
     pace, slowest = min(before, after) / PACES, min(max(before, after) * PACES, longest)
     while pace <= 1.001 * slowest:
         if pace >= problem.data_summary.interval:
-            fixed = _at_pace(problem, fit, math.copysign(1.0 / pace, float(fit.theta[1])))
+            fixed = _at_pace(problem, fit, math.copysign(1.0 / pace, fit.damping))
             error = math.inf if fixed is None else rms_ahead(problem, fixed, seconds)
             if fixed is not None and error < least:
                 best, least = fixed, error
@@ -182,8 +182,8 @@ def _at_pace(problem: NoisyProblem, fit: NoisyFit, damping: float) -> NoisyFit |
     name = problem.form.free[1]
     limits = Limits({**problem.limits.low, name: damping}, {**problem.limits.high, name: damping})
     held = NoisyProblem(problem.form, problem.segments, problem.data_summary, limits)
-    share = damping / float(fit.theta[1] or damping)
-    starts = [np.array([fit.theta[0] * k, damping]) for k in (1.0, share)]
+    share = damping / (fit.damping or damping)
+    starts = [np.array([fit.gain * k, damping]) for k in (1.0, share)]
     fits = [held.fit(start, fit.effects, fit.noise, rounds=PACED) for start in starts]
     return max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
 
@@ -255,9 +255,9 @@ def judged_at(
     if seconds is None:
         return begun, None, ""
     first = _look(problem, plain, slugs, price, seconds)
-    found = _closest(begun, at, slugs, price, seconds, widest)
-    if found is not None and found.error < BETTER * first.error:
-        return (found.problem, found.plain), found.best, _moved(first, found, seconds)
+    chosen = _closest(begun, at, slugs, price, seconds, widest)
+    if chosen is not None and chosen.error < BETTER * first.error:
+        return (chosen.problem, chosen.plain), chosen.best, _moved(first, chosen, seconds)
     if all(steady):
         return begun, None, ""
     far = wider[int(np.argmin(steady)) // 2]
@@ -274,15 +274,15 @@ def _pairs(fit: NoisyFit) -> list[tuple[float, float]]:
 
 
 def _told(fit: NoisyFit) -> str:
-    return f"a damping of {abs(float(fit.theta[1])):.2g} 1/s"
+    return f"a damping of {abs(fit.damping):.2g} 1/s"
 
 
-def _moved(first: Look, found: Look, seconds: float) -> str:
-    term = found.best.effects[0].slug if found.best.effects else "no added term"
+def _moved(first: Look, chosen: Look, seconds: float) -> str:
+    term = chosen.best.effects[0].slug if chosen.best.effects else "no added term"
     return (
         f"with samples {first.problem.interval:.2g} s apart, the plain model has {_told(first.plain)} and the best "
-        f"model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {found.problem.interval:.2g} s or "
-        f"more apart, the best model ({term}) has {_told(found.best)} and its error is {found.error:.2g}. The longer "
+        f"model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {chosen.problem.interval:.2g} s or "
+        f"more apart, the best model ({term}) has {_told(chosen.best)} and its error is {chosen.error:.2g}. The longer "
         "interval is used"
     )
 

@@ -161,7 +161,7 @@ def _without_names(state: SearchState) -> SearchState:
     doubt = Doubt(
         NO_MODEL,
         "no model of the craft fits these runs with process noise modelled, from any starting point, and the residual "
-        "is more than noise" + (f"; {names} is therefore not identified" * bool(names)),
+        "is more than noise" + (f". {names} is therefore not identified" * bool(names)),
         "check columns, units and clocks first. Then record in calmer water, or use slower and larger commands",
     )
     return replace(
@@ -198,7 +198,7 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
     if other is None:
         return False
     price = other.price(other.unknowns - search.fit.unknowns)
-    if search.fit.theta[0] < 0.0 < other.theta[0]:
+    if search.fit.gain < 0.0 < other.gain:
         # Of a command with its sign wrong all along the filter had turned the gain round, which explains as much.
         return other.total - price > search.fit.total - 0.5 * ALIKE
     # Where this search names nothing, the other's name is the luckiest of all that were tried.

@@ -256,14 +256,14 @@ def _ambiguous(run: str, period: float) -> Doubt:
     )
 
 
-def _offsets(found: Sequence[tuple[str, float, float]]) -> list[Number]:
+def _offsets(offsets: Sequence[tuple[str, float, float]]) -> list[Number]:
     """Return one row for all runs if their clocks have the same offset, otherwise one row for each run."""
     what = "the simulation's time stamps relative to those of these runs"
-    weights = np.array([std**-2.0 for _, _, std in found])
-    mean = float(np.average([o for _, o, _ in found], weights=weights)) if found else 0.0
-    if len(found) > 1 and all(abs(o - mean) < 3.0 * std for _, o, std in found):
-        return [_row("clock offset", "s", what, mean, min(std for _, _, std in found), 0.0)]
-    return [_row(f"clock offset of '{name}'", "s", what, o, std, 0.0) for name, o, std in found]
+    weights = np.array([std**-2.0 for _, _, std in offsets])
+    mean = float(np.average([o for _, o, _ in offsets], weights=weights)) if offsets else 0.0
+    if len(offsets) > 1 and all(abs(o - mean) < 3.0 * std for _, o, std in offsets):
+        return [_row("clock offset", "s", what, mean, min(std for _, _, std in offsets), 0.0)]
+    return [_row(f"clock offset of '{name}'", "s", what, o, std, 0.0) for name, o, std in offsets]
 
 
 def _elsewhere(name: str, by: float, *, by_commands: bool) -> Doubt:
@@ -381,8 +381,8 @@ def _scaled(command: MatchedCommand, run: str) -> Doubt:
         "command-scaled",
         f"{command.theirs} in the simulation of '{run}' changes {command.factor:.4g} times as much as {command.ours} "
         "of the run",
-        "if the units differ, write it in the unit of the run. The gain was compared for the command as it is in the "
-        "file",
+        "if the units differ, write the command in the unit of the run. The gain was compared for the command as it "
+        "is in the file",
     )
 
 
@@ -574,12 +574,12 @@ def _slope(pairs: Sequence[_Pair], scale: float, filters: Sequence[Array]) -> tu
     level = np.column_stack([(which == k).astype(float) for k in range(len(pairs))])
     slope = t - np.array([pairs[k].t.mean() for k in owners])
     table = np.column_stack([slope, level])
-    found = np.linalg.lstsq(w[:, None] * table, w * d, rcond=None)[0]
-    left = w * (d - table @ found)
+    solution = np.linalg.lstsq(w[:, None] * table, w * d, rcond=None)[0]
+    left = w * (d - table @ solution)
     freedom = max(len(d) - table.shape[1], 1)
     raised = max(1.0, float(left @ left) / freedom)
     variance = raised * float(np.linalg.pinv((w[:, None] * table).T @ (w[:, None] * table))[0, 0])
-    return float(found[0]), math.sqrt(max(variance, 0.0))
+    return float(solution[0]), math.sqrt(max(variance, 0.0))
 
 
 def _reclocked(trial: Trial, scale: float) -> Trial:
@@ -593,7 +593,7 @@ def _reclocked(trial: Trial, scale: float) -> Trial:
 
 def _factors(simulations: Sequence[Trial], runs: Sequence[Trial]) -> dict[str, tuple[float, float]]:
     """Return for each signal the factor between simulation and run, if it indicates a wrong sign or unit."""
-    found: dict[str, tuple[float, float]] = {}
+    factors: dict[str, tuple[float, float]] = {}
     for name in MOTIONS:
         pairs = _pairs(simulations, runs, [name])
         if not pairs:
@@ -614,8 +614,8 @@ def _factors(simulations: Sequence[Trial], runs: Sequence[Trial]) -> dict[str, t
         degrees = SIGNALS[name][0].startswith("rad") and unit
         factor = math.copysign((DEGREES if abs(times) > 1.0 else 1.0 / DEGREES) if degrees else 1.0, times)
         if factor != 1.0:
-            found[name] = (factor, std / gain**2 if unit else 0.0)
-    return found
+            factors[name] = (factor, std / gain**2 if unit else 0.0)
+    return factors
 
 
 def _divided(trial: Trial, factors: Mapping[str, tuple[float, float]]) -> Trial:

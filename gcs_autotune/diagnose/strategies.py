@@ -107,7 +107,7 @@ def _one_more(state: SearchState, judged: SearchStep[Fitted] | None) -> SearchSt
 
     judged : the step, if it is already scored.
     """
-    stage = f"search for cause {len(state.steps) + 1}"
+    stage = f"cause {len(state.steps) + 1}"
     white = whiteness_of(tests_of(state.problem, state.fitted))
     if judged is None:
         some = [s for s in state.question.slugs if EFFECTS[s].is_disturbance] if state.steps and white > DONE else None
@@ -249,6 +249,7 @@ def backward_elimination(state: SearchState) -> SearchState:
     A cause accepted early may have represented two others. The newest cause is compared again only if an earlier one
     has changed since.
     """
+    state = plain_constants(state) or state
     newest, won = state.steps[-1].accepted, state.fitted
     last = None if newest is None else (newest.effect.slug, newest.effect.place)
     for key in sorted(((e.slug, e.place) for e in state.causes), key=lambda k: k == last):
@@ -271,13 +272,51 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
         return state.with_model(without)
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
     state, again = state.step(f"check whether {slug} is still needed", without, slugs=slugs, quick=True, most=RIVALS)
-    rival = next((j for j in again.judged if j.effect.slug != slug), None)
-    if rival is None:
-        return state
-    likelihood = (kept.cost - rival.fit.cost) / correlation_of(kept)
-    if likelihood - bic_penalty(rival.fit, kept) > ALIKE:
-        return state.with_model(rival.fit, rival.unseen)
+    rivals = [j for j in again.judged if j.effect.slug != slug and not EFFECTS[j.effect.slug].happens_at]
+    fits = [_likelier_fit(state.problem, kept, rest, j) for j in rivals]
+    rival = min(fits, key=lambda f: f.cost + bic_penalty(f, kept), default=kept)
+    likelihood = (kept.cost - rival.cost) / correlation_of(kept)
+    if likelihood - bic_penalty(rival, kept) > ALIKE:
+        return state.with_model(rival)
     return state
+
+
+def _likelier_fit(
+    problem: Problem, kept: Fitted, rest: tuple[EffectInstance, ...], rival: CandidateScore[Fitted]
+) -> Fitted:
+    """Return the fit of *rival*, or the one started at the values of *kept*, whichever is better.
+
+    Without the cause in question the other values may have moved far. A rival fitted from there may stay there.
+    """
+    again = problem.fit(kept.theta, (*rest, rival.effect), kept.initial, trials=12, shift=kept.shift)
+    return again if again is not None and again.cost < rival.fit.cost else rival.fit
+
+
+CONSTANT = "input-bias"
+"""Slug of the plainest of the causes that act like a constant force."""
+
+HEADING_DEPENDENT = frozenset({"wind-moment", "tether-pull"})
+"""Slugs of causes that are constant forces to runs of few headings."""
+
+
+def plain_constants(state: SearchState) -> SearchState | None:
+    """Replace all forces that depend on the heading by one constant, if the runs do not refute it.
+
+    They are one family of laws with the constant. Two of them may cancel but for a constant.
+    """
+    dependent = [e for e in state.causes if e.slug in HEADING_DEPENDENT and CONSTANT in state.question.slugs]
+    if not dependent:
+        return None
+    now, data, place = state.fitted, state.problem.data_summary, dependent[0].place
+    others = tuple(e for e in now.effects if e not in dependent)
+    if place not in EFFECTS[CONSTANT].places(data):
+        return None
+    if all((e.slug, e.place) != (CONSTANT, place) for e in others):
+        others = (*others, EffectInstance(CONSTANT, place, dict(EFFECTS[CONSTANT].starts(place, data)[0])))
+    fit = state.problem.fit(now.theta, others, now.initial, trials=12, shift=now.shift)
+    if fit is None or (fit.cost - now.cost) / correlation_of(now) - bic_penalty(now, fit) > ALIKE:
+        return None
+    return state.with_model(fit)
 
 
 def drop_explained_moments(state: SearchState) -> SearchState | None:

@@ -60,8 +60,8 @@ class TimeOffset(Effect):
 
     slug = "time-offset"
     family = "data errors"
-    meaning = "two clocks that disagree stamped the commands and the motion"
-    plain = "Two clocks that disagree stamped the commands and the motion in your recording."
+    meaning = "commands and motion have time stamps from two clocks that disagree"
+    plain = "The commands and the motion in your recording have time stamps from two clocks that disagree."
     parameters = (Quantity("offset", "s", "delay of the signals' time stamps"),)
     yields_to = ("input-delay",)
     grows_with = ("offset",)

@@ -164,12 +164,14 @@ class CoriolisCoupling(Effect):
     plain = "Your {craft} slides outwards and loses speed in a turn, but {simulation} does not."
     parameters = (
         Quantity(
-            "X_vr", "force s^2/(m rad)", "surge force per product of sway velocity and yaw rate; the mass in sway"
+            "X_vr",
+            "force s^2/(m rad)",
+            "surge force per product of sway velocity and yaw rate (equal to the mass in sway)",
         ),
         Quantity(
             "Y_ur",
             "force s^2/(m rad)",
-            "sway force per product of surge velocity and yaw rate; minus the mass in surge",
+            "sway force per product of surge velocity and yaw rate (minus the mass in surge)",
         ),
         Quantity("N_uv", "moment s^2/m^2", "yaw moment per product of surge and sway velocity (Munk)"),
     )
@@ -237,7 +239,7 @@ class SwayYawCoupling(Effect):
     parameters = (
         Quantity("Y_r", "force s/rad", "sway force per yaw rate"),
         Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),
-        Quantity("Y_rdot", "force s^2/rad", "sway force per yaw acceleration, minus the mass matrix's entry"),
+        Quantity("Y_rdot", "force s^2/rad", "sway force per yaw acceleration (minus the entry of the mass matrix)"),
     )
     shown_by = "sway residual against yaw rate, and yaw residual against sway, also without speed ahead"
     mistaken_for = ("coriolis-coupling", "channel-swap", "steady-current")

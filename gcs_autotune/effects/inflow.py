@@ -52,7 +52,9 @@ class SpeedDependentSteering(ActuatorEffect):
     meaning = "the faster the water flows past the rudder, the harder the rudder turns the craft"
     plain = "Your {craft} steers harder the faster it goes, but {simulation} steers the same at any speed."
     parameters = (
-        Quantity("share", "1", "fraction of the steering force proportional to speed squared; the rest is constant"),
+        Quantity(
+            "share", "1", "fraction of the steering force that is proportional to speed squared (the rest is constant)"
+        ),
     )
     grows_with = ("share",)
     shown_by = "yaw residual per command, against speed: the craft turns too little when slow, too much when fast"
@@ -155,7 +157,9 @@ class PropellerWash(ActuatorEffect):
     meaning = "the more water the propeller pushes over the rudder, the harder the rudder turns the craft"
     plain = "The rudder of your {craft} turns it harder when the propeller pushes harder, unlike in {simulation}."
     parameters = (
-        Quantity("share", "1", "fraction of the steering force proportional to thrust squared; the rest is constant"),
+        Quantity(
+            "share", "1", "fraction of the steering force that is proportional to thrust squared (the rest is constant)"
+        ),
     )
     grows_with = ("share",)
     shown_by = "yaw residual per command, against the thrust command: the craft turns too little at low thrust"

@@ -110,12 +110,12 @@ class CompassDeviation(Effect):
     parameters = (
         Quantity("B", "rad", "part proportional to the sine of the heading"),
         Quantity("C", "rad", "part proportional to the cosine of the heading"),
-        Quantity("A", "rad", "constant part, from a misaligned compass; only if a track is recorded"),
+        Quantity("A", "rad", "constant part, from a misaligned compass (only if a track is recorded)"),
     )
     grows_with = ("B", "C")
     shown_by = "heading residual against heading: one wave per turn, although the gyro fits"
     mistaken_for = ("wind-moment", "steady-current", "tether-pull")
-    separated_by = "two slow full turns, one each way"
+    separated_by = "two slow full turns, one each way. The error of a compass repeats at the same headings"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return the heading, if it is measured; with it the velocities, if both are."""

@@ -55,9 +55,12 @@ Factor = tuple[str, bool]
 class ProductTerm:
     """A force or moment per product of velocities.
 
-    ``derivative``: its SNAME name. ``row``: the force. ``factors``: its velocities, moduli first. ``words``: a
-    description. ``source``: its reference. ``damps``: whether it takes energy out of its own motion, so that its sign
-    is known.
+    - ``derivative``: its SNAME name.
+    - ``row``: the force.
+    - ``factors``: its velocities, moduli first.
+    - ``words``: a description.
+    - ``source``: its reference.
+    - ``damps``: whether it takes energy out of its own motion, so that its sign is known.
     """
 
     derivative: str
@@ -364,7 +367,7 @@ class SpeedDamping(NamedProduct):
     slug = "speed-damping"
     derivative = "N_|u|r"
     meaning = "turning gets harder with speed, ahead or astern, because yaw damping grows with the flow"
-    plain = "The resistance of your {craft} to turning changes with its speed, unlike that of {simulation}."
+    plain = "Your {craft}'s turning resistance grows with speed; {simulation}'s does not."
     parameters = (
         Quantity("N_|u|r", "moment s^2/(m rad)", "yaw moment per product of speed (ahead or astern) and turn rate"),
     )

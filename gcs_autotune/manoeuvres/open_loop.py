@@ -372,7 +372,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _steered(
         "s-manoeuvre",
-        "constant thrust, steering to one side and the other; then the same astern (ROVs, and with --astern)",
+        "constant thrust, steering to one side, then to the other; with thrust astern also (ROVs, and with --astern)",
         _s_flown,
         ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, sine(3.0), "N", 0.6)),
         ("S-manoeuvre with changing throttle", "X N", _s_throttle),

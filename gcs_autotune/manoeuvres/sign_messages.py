@@ -57,7 +57,8 @@ def moved(stretch: Pulse, signal: str, force: str) -> str:
     size = f"{abs(math.degrees(stretch.moved)):.1f} deg" if angular else f"{abs(stretch.moved):.2f} m"
     way = ("to starboard", "to port") if angular else ("down", "up")
     return (
-        f"{stretch.command:+.2f} of full {force} moved the craft {size} {way[0 if stretch.moved > 0.0 else 1]} in "
+        f"{stretch.command:+.2f} of full {force} output moved the craft {size} {way[0 if stretch.moved > 0.0 else 1]} "
+        "in "
         f"{stretch.seconds:.1f} s"
     )
 
@@ -101,7 +102,7 @@ def _drifting(seen: PulseResponse, signal: str) -> str:
 def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
     """Return the message of outputs that do not follow the command."""
     who = named(outlets)
-    asked = f"commanded {stretch.command:+.2f} of full {force}, but the outputs show {stretch.output:+.2f}"
+    asked = f"commanded {stretch.command:+.2f} of full {force} output, but the outputs show {stretch.output:+.2f}"
     if stretch.obeyed <= -_NOTHING:
         return f"{asked}, the opposite direction. Check RCn_REVERSED and the function of {who}"
     if stretch.obeyed < _NOTHING:
@@ -142,7 +143,9 @@ def turns_by_itself(rate: float, speed: float, noise: float, throttle: float) ->
 def gained(seen: Pulse) -> str:
     """Return a sentence on the effect of a thrust pulse; ``moved`` is the speed gained [m/s]."""
     way = "ahead" if seen.moved > 0.0 else "astern"
-    return f"{seen.command:+.2f} of full X gave the craft {abs(seen.moved):.2f} m/s {way} in {seen.seconds:.1f} s"
+    return (
+        f"{seen.command:+.2f} of full X output gave the craft {abs(seen.moved):.2f} m/s {way} in {seen.seconds:.1f} s"
+    )
 
 
 def does_not_drive(seen: Pulse, outlets: Sequence[Outlet]) -> str:
@@ -159,7 +162,8 @@ def turns_on_thrust(turn: float, seconds: float, command: float, crooked: str) -
     """Return the message of a craft that turns under thrust alone; *turn* [rad]."""
     side = "starboard" if turn > 0.0 else "port"
     return (
-        f"{command:+.2f} of full X without steering turned the craft {abs(math.degrees(turn)):.0f} deg to {side} in "
+        f"{command:+.2f} of full X output without steering turned the craft {abs(math.degrees(turn)):.0f} deg to "
+        f"{side} in "
         f"{seconds:.1f} s instead of driving it straight ahead: {crooked}"
     )
 

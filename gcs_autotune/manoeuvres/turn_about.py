@@ -48,7 +48,7 @@ class TurnAbout(Manoeuvre):
         while True:
             turned = abs(now.psi - psi)
             if turned >= s.angle:
-                self._end("completed", "turned about")
+                self._end("completed", "turned around")
             elif now.t - start > s.patience:
                 self._end("stopped", f"turned only {math.degrees(turned):.0f} deg in {s.patience:.0f} s")
             now = yield Actuate(X=s.throttle, N=s.output)

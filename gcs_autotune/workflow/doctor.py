@@ -173,7 +173,7 @@ def _disk(folder: Path) -> Finding:
     told = f"{free / 1e9:.1f} GB free at {there}, disk write in {1000.0 * took:.0f} ms"
     if free < LEAST_DISK:
         return Finding(
-            "disk", "wrong", told, "free some disk space: the journal that restores a vehicle is stored there"
+            "disk", "wrong", told, "free some disk space: the journal needed to restore the vehicle is stored there"
         )
     if took > LEAST_SYNC:
         return Finding("disk", "note", told, "the disk is slow. Use another one")

@@ -19,7 +19,7 @@ from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TURNING", "Itinerary", "Leg", "MissionLog", "Pace", "legs_of_experiment", "legs_of_tune", "pace_of"]
 
-TURNING = "turning about"
+TURNING = "turning around"
 DIVE, HOLD = 20.0, 10.0
 """Seconds of a dive, and of the hold before a step that is flown for a fixed time."""
 SETTLE, GAINS = 6.0, ("present", "new")

@@ -213,7 +213,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}. The minimum is {POORLY_DAMPED}."
         return verdict("undecided", text, "neutral", note)
     if then is None:
-        well = " well" if zeta - zeta_std > WELL_DAMPED else ""
+        well = " well" if zeta - zeta_std > WELL_DAMPED else " sufficiently"
         text = f"Good: the {axis} loop is{well} damped. There is no earlier tune to compare with."
         return verdict("good", text, "good", note)
     return verdict("good", f"Good: the {axis} loop is as good as after its tune.", "good", note)

@@ -117,7 +117,7 @@ def restore_run(
     journal = Journal.resume(path)
     try:
         state = Journal.read(path)
-        observer.say(f"journal {path}: {_owed(state)} still to be restored on {state.vehicle.get('firmware', '?')}")
+        observer.say(f"journal {path}: {_owed(state)}")
         with connect(connection, operator, observer) as session:
             changes = _Restoring(session, state, operator, observer, journal).run()
         journal.close()
@@ -128,7 +128,11 @@ def restore_run(
 
 
 def _owed(state: JournalState) -> str:
-    return ", ".join(state.debts) or "no parameter, possibly the mode or the armed state"
+    """Return in words what is still to be restored."""
+    firmware = state.vehicle.get("firmware", "?")
+    if state.debts:
+        return f"still to be restored on {firmware}: {', '.join(state.debts)}"
+    return f"all parameters are restored on {firmware}. The mode or the armed state may still need restoring"
 
 
 class _Restoring:
@@ -364,8 +368,8 @@ def _check_identity(session: Session, state: JournalState, parameters: Parameter
     strange = difference(state.vehicle, state.fingerprint, session.vehicle, parameters)
     if strange:
         raise WrongVehicle(
-            f"the vehicle on this link is not the one in the journal ({strange}). Nothing was written. Correct "
-            "--connect. For the same hull with another board use `gcs-autotune params restore` with the run's "
+            f"the vehicle on this link is not the one recorded in the journal ({strange}). Nothing was written. "
+            "Check --connect. If the autopilot board was replaced, run `gcs-autotune params restore` with the run's "
             "parameters_before.param"
         )
 

@@ -224,7 +224,7 @@ class ManoeuvreRunner:
             return False
         turn = TurnAboutSettings(throttle)
         turn = replace(turn, output=self._sequencer.home_side(now) * turn.output)
-        self.attempt(TurnAbout(turn), "turning about", replace(self._envelope, heading_excursion=math.inf))
+        self.attempt(TurnAbout(turn), "turning around", replace(self._envelope, heading_excursion=math.inf))
         return True
 
     def come_to_rest(self, stage: str, axis: AxisKind) -> None:

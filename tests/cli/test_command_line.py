@@ -271,7 +271,7 @@ def test_restore_refuses_another_vehicle(capsys, tmp_path):
     (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in journal))
     code, _, err = run(capsys, "restore", tmp_path, "--yes")
     assert code == 4
-    assert "another vehicle" in err
+    assert "not the one" in err
     assert Journal.open_debts(tmp_path / "journal.jsonl") == {"ATC_STR_RAT_P": 0.1}
 
 
@@ -393,7 +393,7 @@ def test_identify_states_intervals_by_profile_likelihood_and_names_what_was_not_
     assert code == 0, err
     (sentence,) = json.loads(out)["intervals"]
     assert sentence.startswith(("alpha_r is between 0.04", "alpha_r is between 0.039"))
-    assert "Rise of the deviance" in page.read_text()
+    assert "Deviance (-2 log-likelihood) over each parameter" in page.read_text()
     assert run(capsys, "identify", path, "--profile", "alpha_q", *options)[0] == 2
 
 

@@ -358,7 +358,7 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     monkeypatch.setattr(WithProcessNoise, "unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
     problem = SimpleNamespace(data_summary=data, interval=0.1)
-    told = {"theta": [1.0, -damping], "effects": (effect,), "errors_of": lambda _: {}}
+    told = {"gain": 1.0, "damping": -damping, "effects": (effect,), "errors_of": lambda _: {}}
     fits = [SimpleNamespace(unknowns=n, total=t, samples=0, free_effects=(), **told) for n, t in ((5, 0), (6, 20))]
     before = [on_unseen(0.0), on_unseen(0.0)]
     scorer = WithProcessNoise(*cast(Any, (problem, (), fits[0], fits[0], 15, nobody)), left_out=cast(Any, before))
@@ -454,7 +454,7 @@ def test_bursts_that_wait_for_a_command_are_the_models_own_errors(late: float, o
     commands = np.where(np.arange(0.0, 200.0, 10.0) // 10.0 % 2 == 0, 1.0, -1.0)[:, None]
     segment = SimpleNamespace(input_names=("N",), inputs=commands, t_in=np.arange(0.0, 200.0, 10.0))
     problem = SimpleNamespace(segments=(segment,), form=SimpleNamespace(inputs={"N": ()}), interval=0.2)
-    fit = SimpleNamespace(theta=np.array([1.0, -2.0]), innovations=((t, e, np.ones(len(t))),))
+    fit = SimpleNamespace(theta=np.array([1.0, -2.0]), gain=1.0, damping=-2.0, innovations=((t, e, np.ones(len(t))),))
     assert errs_after_commands(cast(NoisyProblem, problem), cast(NoisyFit, fit)) is own
 
 

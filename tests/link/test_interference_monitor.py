@@ -596,7 +596,7 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle)
     [
         ({"RC_OPTIONS": 34}, "RC_OPTIONS is 34: its bit 1"),
         ({"RC_OVERRIDE_TIME": 0}, "RC_OVERRIDE_TIME is 0"),
-        ({"RC7_OPTION": 46}, "RC7_OPTION is 46: that switch disables overrides"),
+        ({"RC7_OPTION": 46}, "RC7_OPTION is 46: this transmitter switch disables overrides"),
         ({"MAV_OPTIONS": 1}, "MAV_OPTIONS bit 0 is set"),
         ({}, "its parameters show no reason"),
     ],
@@ -624,7 +624,7 @@ def test_outputs_that_do_not_follow_are_found_before_anything_is_flown(boat: Scr
         ),
     )
     said = refused(craft)
-    assert "+5% was sent, RC_CHANNELS shows our overrides, but SERVO_OUTPUT_RAW shows it (+0% in MANUAL)" in said
+    assert "+5% was sent, RC_CHANNELS shows the overrides, but SERVO_OUTPUT_RAW shows +0% in MANUAL" in said
     assert "safety switch" in said
     craft.session.pause(0.1)
     assert boat.overrides == {}

@@ -118,7 +118,7 @@ def test_a_vehicle_that_comes_back_from_another_port_is_known_by_its_board(
     assert craft.session.liveness.silence < 1.0
     assert [n for n in craft.session.notes if "50123" in n] == [
         f"the vehicle now sends from 10.0.0.1:50123, not {HOME} (restarted?): its board reports no id, "
-        "its firmware is the same"
+        "but its firmware is the same"
     ]
 
 

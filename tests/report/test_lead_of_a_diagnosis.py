@@ -24,7 +24,7 @@ HINT = Hint(
     parameters={"bias": Value(1.1, "N m", 0.3)},
     gained=5.96,
     unseen=(0.6, 2.6, 2.5),
-    held_out="each of 3 runs left out in turn",
+    held_out="each of 3 runs held out in turn",
     chance=0.04,
     lacks="weak",
     alike=(),
@@ -63,7 +63,7 @@ def test_every_effect_has_a_sentence_for_the_owner_of_the_boat(slug: str) -> Non
 def test_the_lead_says_what_differs_and_how_far_the_prediction_errs_with_and_without_it() -> None:
     told = with_gain(ahead(math.radians(35.2), math.radians(8.1), 0.18, 0.3))
     assert lead_sentence(told) == (
-        "The resistance of your boat to turning changes with its speed, unlike that of a plain simulation. "
+        "Your boat's turning resistance grows with speed; a plain simulation's does not. "
         "With this cause in the simulation, the predicted heading 5 s ahead is wrong by 8.1 degrees instead of 35."
     )
 
@@ -115,7 +115,7 @@ def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_a
     told = replace(unexplained(), hints=(HINT,))
     words = {note.label: note.text for note in hint_notes(told, HINT)}
     assert words["What it would mean"].startswith("A constant push acts on your boat in turning")
-    assert "by 6. Held-out data: +5.7 (each of 3 runs left out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
+    assert "by 6. Held-out data: +5.7 (each of 3 runs held out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
     assert (
         "1 of 25 such searches" in words["Evidence"]
         and "An improvement of at least 10 is required" in words["Evidence"]

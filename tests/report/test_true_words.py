@@ -17,7 +17,7 @@ from gcs_autotune.design import Margins
 from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, Parameter, Trace, fit, is_of_one_axis, validate
-from gcs_autotune.identify.doubts import delay_fitted
+from gcs_autotune.identify.doubts import FittedDelay, doubts_about
 from gcs_autotune.identify.signals.whiteness import remainder_of
 from gcs_autotune.report import Document, MethodOutcome, RunRow, Study, format_factor, study_document, to_html
 from gcs_autotune.report.diagnosis.wording import verdict_of as diagnosis_verdict_of
@@ -226,8 +226,7 @@ def test_damping_that_fits_best_but_pushes_is_said_to_be_why_another_was_chosen(
 
 def test_a_delay_is_told_to_what_is_known_of_it_and_what_speaks_for_it_has_a_name() -> None:
     solution: Any = SimpleNamespace(free=("delay",), value=lambda name: 0.16108)
-    doubt = delay_fitted(solution, 7.6)
-    assert doubt is not None
+    (doubt,) = doubts_about(FittedDelay(solution, 7.6))
     assert "a delay of 0.16 s" in doubt.cause
     assert "BIC" in doubt.cause and "lowers BIC" in doubt.cause and "evidence" not in doubt.cause
 

@@ -94,7 +94,7 @@ def parameter(name, value=None):
 
 
 ON_SHORE = {
-    "no heartbeat": (NoVehicle, "no autopilot's heartbeat", {"meddling": lambda t, m: ()}),
+    "no heartbeat": (NoVehicle, "no HEARTBEAT of an autopilot", {"meddling": lambda t, m: ()}),
     "arming refused": (ArmingRefused, r"[Bb]attery", {"parameters": {"BATT_ARM_VOLT": 60.0}}),
     "parameter missing": (ParameterMissing, "ATC_STR_RAT_FF", {"meddling": parameter("ATC_STR_RAT_FF")}),
     "overrides never expire": (PreconditionFailed, "RC_OVERRIDE_TIME", {"parameters": {"RC_OVERRIDE_TIME": -1.0}}),

@@ -158,7 +158,7 @@ def test_a_boat_turns_about_only_where_the_room_asks(
     monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(stage))
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
     assert runner.turn_around(0.5, ahead, last=last) is turns
-    assert turned == ["turning about"] * turns
+    assert turned == ["turning around"] * turns
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlH
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"step": 0.25}, "step None there, 0.25 here"), ({"axis": "yaw"}, "axis heading there, yaw here")],
+    [({"step": 0.25}, "step None then, 0.25 now"), ({"axis": "yaw"}, "axis heading then, yaw now")],
 )
 def test_other_settings_are_refused_before_the_link_is_opened(
     ended_early: SitlHarness, tmp_path: Path, changes: dict[str, Any], words: str

@@ -181,9 +181,9 @@ def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> li
     if is_skid(settings):
         at = "the speed" if speed is None else f"{speed:.2f} m/s"
         return [
-            f"the gains are valid only at {at} and the throttle of the identification runs. With two thrusters, the "
+            f"the gains are valid only at {at} and the throttle of the identification runs. With skid steering, the "
             "autopilot does not scale steering with speed. Steering gets stronger with throttle if thrust grows with "
-            "the square of the pulse. In that case set MOT_THST_EXPO to linearise the thrust"
+            "the square of the motor output. In that case set MOT_THST_EXPO to linearise the thrust"
         ]
     if vectored_angle(settings) > 0.0:
         known = settings.get(THROTTLE, 0.0) > 0.0

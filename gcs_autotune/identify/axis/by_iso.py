@@ -14,7 +14,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, Structure
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.doubts import Findings, doubts_about
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, run_freely
 from gcs_autotune.identify.method import Method
@@ -28,18 +28,23 @@ __all__ = ["METHOD", "fit_by_iso"]
 Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.05
-"""Relative error of the balance of first harmonics. It is the largest in Miskovic2010, Examples 7.1-7.3 and Table 6.2.
+"""Relative error that IS-O makes by balancing first harmonics only, added to the standard errors for linear drag.
+
+Source: the largest error in Miskovic2010, Examples 7.1-7.3 and Table 6.2.
 """
 
 SYSTEMATIC_QUADRATIC = 0.12
-"""Relative error of the balance of first harmonics with quadratic drag, which flattens the velocity. Simulations gave 9
-to 19 %, most for a narrow relay."""
+"""Relative error that IS-O makes by balancing first harmonics only, added to the standard errors for quadratic drag.
+
+Quadratic drag flattens the velocity. Simulations gave 9 to 19 %, most for a narrow relay.
+"""
 
 
 def fit_by_iso(case: Case) -> AxisFit:
-    """Identify *case* by IS-O (identification by self-oscillation).
+    """Return the fit of one degree of freedom in *case* by IS-O (identification by self-oscillation).
 
-    A standard error combines the spread between the limit cycles with :data:`SYSTEMATIC`.
+    A standard error combines the spread between the limit cycles with :data:`SYSTEMATIC`, or with
+    :data:`SYSTEMATIC_QUADRATIC` for quadratic drag.
 
     Raises
     ------
@@ -62,7 +67,7 @@ def fit_by_iso(case: Case) -> AxisFit:
     runs = [run_freely(model, record)[0] for record in case.records]
     motion = Motion(tuple(runs), fit_percent_of(runs), rms_of(runs))
     findings = Findings(case, model, structure, table.parameters, decision, motion.rms, motion.fit_percent)
-    doubts = [*collect(findings), _first_harmonic(), *([_undecided()] if undecided else [])]
+    doubts = [*doubts_about(findings), _first_harmonic(), *([_undecided()] if undecided else [])]
     main = case.records[0].main.name
     return fit_of(
         case,

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.limits import OPTIONS, horizon_of, limits_of
-from gcs_autotune.identify.coupled.local import Delayed, LocalFit, fit_with_delay, local_fit
+from gcs_autotune.identify.coupled.local import Delayed, fit_with_delay, local_fit
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import delay_fitted
+from gcs_autotune.identify.doubts import FittedDelay, Gains, doubts_about
 from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, solution_extra
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.outlier_run import outlier_run
@@ -24,7 +24,6 @@ from gcs_autotune.identify.problems.quick_fit import quanta_of
 from gcs_autotune.identify.problems.solution import solve
 from gcs_autotune.identify.problems.stamp_correction import corrected
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.solution_doubts import reversed_input, solution_doubts
 from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["METHOD", "fit_coupled_by_output_error", "outcome", "with_known_delay"]
@@ -33,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def fit_coupled_by_output_error(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by output error, with a delay if the evidence is strong.
+    """Return the output-error fit of *case*, with a delay if the evidence for one is strong.
 
     Raises
     ------
@@ -79,7 +78,7 @@ def _finished(chosen: Delayed, limits: Limits, *, robust: bool) -> Delayed:
 
 
 def with_known_delay(form: Form, delay: float | None) -> Form:
-    """Return *form* with the delay fixed at this value [s].
+    """Return *form* with its delay fixed at *delay* [s], or unchanged if *delay* is None.
 
     A zero delay is added only if the form has a delay parameter.
     """
@@ -93,7 +92,7 @@ def outcome(
 ) -> Fit[CoupledModel]:
     """Return the :class:`Fit` of *chosen* with its doubts.
 
-    extra : entries to add to those of the solution.
+    extra : entries to add to ``Fit.extra``.
     """
     solution, records = chosen.local.solution, chosen.local.records
     form = solution.form
@@ -127,23 +126,12 @@ def _doubts(chosen: Delayed, limits: Limits) -> list[Doubt]:
     solution, records = chosen.local.solution, chosen.local.records
     std = np.sqrt(np.maximum(np.diag(solution.raised_covariance), 0.0)).tolist()
     values = dict(zip(solution.form.parameters, solution.theta.tolist(), strict=True))
-    of_its_own = (
-        _pieces(chosen.local),
-        reversed_input(solution.form, values, dict(zip(solution.names, std, strict=True))),
-        delay_fitted(solution, chosen.evidence),
+    return doubts_about(
+        solution,
+        chosen.local,
+        Gains(solution.form, values, dict(zip(solution.names, std, strict=True))),
+        FittedDelay(solution, chosen.evidence),
         outlier_run(solution, records, limits),
-    )
-    return [*solution_doubts(solution), *(d for d in of_its_own if d is not None)]
-
-
-def _pieces(local: LocalFit) -> Doubt | None:
-    if not local.pieces:
-        return None
-    longest = max(float(np.ptp(r.stamps)) for r in local.records)
-    return Doubt(
-        "short-horizon",
-        f"no model of this form follows a whole run. It was fitted to pieces of {longest:.0f} s each",
-        "check for a missing term, a run of another vehicle, or a course-unstable craft",
     )
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubts import EffectTest, doubts_about
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
 from gcs_autotune.identify.fit_builder import Motion, Table, fit_of, solution_extra, table_of
 from gcs_autotune.identify.problems.base_model import fit_base, given_base
@@ -18,24 +19,20 @@ from gcs_autotune.identify.problems.problem import Problem
 from gcs_autotune.identify.problems.quick_fit import quanta_of
 from gcs_autotune.identify.problems.solution import Solution, solution_of, solve
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.solution_doubts import effect_doubts, solution_doubts
 from gcs_autotune.models import CoupledModel, unit_of
 
 __all__ = ["fit_with_effects", "with_effects"]
 
 
 def fit_with_effects(case: Case) -> Fit[CoupledModel | ExtendedModel]:
-    """Fit all parameters of the base model and of the effects of *case* together.
+    """Return the fit of all parameters of the base model and of the effects of *case* together.
 
     Each run has its own initial states. Unlike in other fits, units and signs are not corrected first, because they may
     be among the requested effects.
 
     Raises
-    ------
-    NotInformative
-        No such model can be simulated on these runs.
-    UsageError
-        The runs cannot show a requested effect.
+    ------ NotInformative No such model can be simulated on these runs. UsageError A requested effect cannot be
+    identified from these runs.
     """
     form, start = case.the_form, case.start
     if start is None:
@@ -90,10 +87,7 @@ def _outcome(case: Case, problem: Problem, fitted: Fitted, solution: Solution) -
         table,
         Motion.of_solution(problem.segments, solution),
         structure=" + ".join((solution.form.name, *(f"{e.slug}@{e.place}" for e in solution.effects))),
-        doubts=[
-            *solution_doubts(solution),
-            *effect_doubts(problem, fitted, table.parameters, solution.correlation),
-        ],
+        doubts=doubts_about(solution, EffectTest(problem, fitted, table.parameters, solution.correlation)),
         extra={
             "signals": list(solution.noise),
             "inputs": dict(known.inputs),
@@ -132,7 +126,10 @@ def _table(data_summary: DataSummary, solution: Solution) -> Table:
 
 
 FIRST_TRIALS = 12
-"""Maximum number of steps of the first descent from each start. Only the best one is then fitted until convergence."""
+"""Maximum number of steps of the first descent from each start.
+
+Project choice. Only the best descent is continued until convergence.
+"""
 
 LAST_TRIALS = 60
 
@@ -144,11 +141,8 @@ def with_effects(problem: Problem, fitted: Fitted, specs: Sequence[EffectSpec]) 
     starts once the others are present.
 
     Raises
-    ------
-    UsageError
-        The runs cannot show one of the effects.
-    NotInformative
-        The motion with an effect diverges from every start.
+    ------ UsageError One of the effects cannot be identified from these runs. NotInformative The motion with an effect
+    diverges from every start.
     """
     for spec in specs:
         fitted = _best(problem, fitted, fitted.effects, spec)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.doubts import Findings, doubts_about
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
@@ -30,10 +30,13 @@ from gcs_autotune.models import Nomoto1, SingleDof
 __all__ = ["METHOD", "OPTIONS", "fit_by_frequency", "frequency_doubts"]
 
 DECADE_PART = 3.0
-"""Minimum ratio of highest to lowest measured frequency to determine a slope: half a decade."""
+"""Minimum ratio of the highest to the lowest measured frequency from which a slope can be determined: half a decade."""
 
 MISFIT = 0.05
-"""Fraction of the motion, beyond noise, that the model may leave unexplained. Above it a misfit is reported."""
+"""Fraction of the motion, beyond noise, that the model may leave unexplained.
+
+Above it a misfit is reported. Project choice.
+"""
 
 
 def frequency_doubts(response: FrequencyResponse, first: NomotoFit, second: NomotoFit | None) -> list[Doubt]:
@@ -117,8 +120,8 @@ OPTIONS = (
 def fit_by_frequency(case: Case) -> AxisFit:
     """Fit Nomoto's first-order model (linear drag) to the empirical frequency response of *case*.
 
-    ``extra`` contains the response, which ``FrequencyResponse.from_dict`` reads. It also contains ``nomoto`` and
-    ``nomoto_2`` with their standard errors, and the order that the evidence prefers.
+    ``extra`` contains the response in the format that ``FrequencyResponse.from_dict`` reads. It also contains the
+    models ``nomoto`` and ``nomoto_2`` with their standard errors, and the order that the Bayesian criterion prefers.
 
     Raises
     ------
@@ -140,7 +143,7 @@ def fit_by_frequency(case: Case) -> AxisFit:
     states: list[Status] = ["fitted", "fitted", "absent", "fitted", _delay_status(case, model)]
     table = axis_table(model, covariance, states)
     motion = _motion(model, case)
-    doubts = collect(Findings(case, model, "linear", table.parameters, None, motion.rms, motion.fit_percent))
+    doubts = doubts_about(Findings(case, model, "linear", table.parameters, None, motion.rms, motion.fit_percent))
     main = case.records[0].main.name
     return fit_of(
         case,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.doubts import Findings, doubts_about
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.result import AxisFit, Status
 from gcs_autotune.models import SingleDof
@@ -32,10 +32,9 @@ def axis_answer(
     doubts: Sequence[Doubt],
     extra: Mapping[str, Any],
 ) -> AxisFit:
-    """Return the fit of the model, with its free run on the records.
+    """Return the fit of one degree of freedom with the parameters *theta*, and its free run on the records.
 
-    theta (4,), covariance (4, 4), fitted (4,) : for alpha, beta, beta_quadratic and Delta. The delay is that of the
-        case.
+    theta (4,), covariance (4, 4), fitted (4,) : for alpha, beta, beta_quadratic and Delta. The delay is that of *case*.
     """
     record = case.records[0]
     alpha, beta, quadratic, delta = (float(v) for v in theta)
@@ -58,7 +57,7 @@ def axis_answer(
         table,
         motion,
         structure=structure,
-        doubts=(*collect(findings), *motion.doubts, *doubts),
+        doubts=(*doubts_about(findings), *motion.doubts, *doubts),
         extra=extra,
         axis=AxisDetails(record.main.name),
     )

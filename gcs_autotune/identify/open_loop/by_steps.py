@@ -2,10 +2,10 @@
 
 Each step has two residuals that are zero for the right model. One is the balance at the steady velocity, ``tau + Delta
 - (beta + beta_nn*|k_ss|)*k_ss``. The other is the lag ``(eta_0 - eps_v) - lag(model)``, or the time to the knee. For
-one step, one drag and no Delta this equals Miskovic2010, table 4.1, once the response has settled.
+  one step, one drag and no Delta the result equals Miskovic2010, table 4.1, if the response has settled.
 
 With quadratic drag and little force the response never settles completely, because the velocity decays as one over the
-time. The model's response is therefore read over the same seconds as the record's, so that both contain the same
+time. The model's response is therefore evaluated over the same interval as the record, so that both contain the same
 transient.
 """
 
@@ -37,11 +37,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepModel:
-    """Model fitted to the step responses.
+    """Model fitted to the readings of all steps.
 
-    ``theta`` (4,): alpha, beta, beta_quadratic and Delta. ``fitted``: which of them were fitted. ``covariance`` (4, 4):
-    multiplied by chi2/spare if this exceeds 1, because the steps then differ by more than their noise. ``chi2``: sum of
-    squared residuals, each divided by its standard error. ``spare``: number of readings minus number of parameters.
+    - ``theta`` (4,): alpha, beta, beta_quadratic and Delta.
+    - ``fitted`` (4,): whether each element of ``theta`` was fitted.
+    - ``covariance`` (4, 4): covariance of ``theta``. It is multiplied by chi2/spare if this exceeds 1, because the
+      steps then differ by more than their noise.
+    - ``chi2``: sum of the squares of the residuals, each divided by its standard error.
+    - ``spare``: number of readings minus number of parameters.
     """
 
     structure: Structure
@@ -53,19 +56,19 @@ class StepModel:
 
     @property
     def scatter(self) -> float:
-        """Ratio of the differences between steps to their noise, at least 1."""
+        """Ratio of the differences between steps to the noise of the readings, at least 1."""
         return math.sqrt(max(self.chi2 / self.spare, 1.0)) if self.spare > 0 else 1.0
 
 
 def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepModel:
-    """Fit one model to all readings.
+    """Return one model with the drag *structure*, fitted to all *readings*.
 
-    ``Delta`` is fitted if there are enough levels of input. With a single level it is taken as 0, as in Miskovic2010.
+    ``Delta`` is fitted if the steps end at enough different inputs. With a single input value, ``Delta`` is 0 as in
+    Miskovic2010.
 
     Raises
-    ------
-    NotInformative
-        No reading determines the inertia, or there are too few levels for the requested drags.
+    ------ NotInformative No reading determines the inertia, or there are too few input values for the drags of
+    *structure*.
     """
     if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
@@ -133,17 +136,18 @@ def _inertia(readings: Sequence[StepReading], theta: Array) -> float:
 
 def _dynamics(r: StepReading, theta: Array) -> float | None:
     """Return the lag, or the time to the knee, that a model predicts; None if the reading has neither."""
-    drags = (float(theta[1]), float(theta[2]))
-    force = r.tau + float(theta[3])
+    inertia, linear, quadratic, constant = theta.tolist()
+    drags, force = (linear, quadratic), r.tau + constant
     if r.has_lag:
-        return lag(float(theta[0]), drags, force, r.nu_0.value)
-    return time_to(float(theta[0]), drags, force, r.nu_0.value, r.level) if r.has_knee else None
+        return lag(inertia, drags, force, r.nu_0.value)
+    return time_to(inertia, drags, force, r.nu_0.value, r.level) if r.has_knee else None
 
 
 POINTS, TOP = 240, 20.0
-"""Settings of the integration of a response.
+"""Settings for the integration of a response. Project choice.
 
-POINTS: number of steps. TOP: limit of the velocity, as a multiple of the largest one in the reading.
+- ``POINTS``: number of steps.
+- ``TOP``: limit of the velocity, as a multiple of the largest one in the reading.
 """
 
 
@@ -202,10 +206,12 @@ def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> A
     read : the same values read off the model's response.
     """
 
-    def drag(nu: float) -> float:
-        return float((theta[1] + theta[2] * abs(nu)) * nu)
+    _, linear, quadratic, constant = theta.tolist()
 
-    asked = r.tau + float(theta[3]) if math.isnan(read[0]) else drag(read[0])
+    def drag(nu: float) -> float:
+        return float((linear + quadratic * abs(nu)) * nu)
+
+    asked = r.tau + constant if math.isnan(read[0]) else drag(read[0])
     balance = asked - drag(r.k_ss.value)
     predicted = read[1] if r.has_lag and math.isfinite(read[1]) else _dynamics(r, theta)
     if predicted is None:
@@ -215,15 +221,16 @@ def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> A
 
 def _whitener(r: StepReading, theta: Array) -> Array:
     """Return the matrix that makes the residuals of a step uncorrelated, with unit variance."""
-    std, slope = r.k_ss.std, abs(theta[1] + 2.0 * theta[2] * abs(r.k_ss.value))
-    least = 1e-9 * max(abs(r.tau), float(np.max(np.abs(theta[1:3]))) * abs(r.k_ss.value), 1e-12)
-    force = (slope * std) ** 2 + 2.0 * (theta[2] * std**2) ** 2 + least**2
+    _, linear, quadratic, _ = theta.tolist()
+    std, slope = r.k_ss.std, abs(linear + 2.0 * quadratic * abs(r.k_ss.value))
+    least = 1e-9 * max(abs(r.tau), max(abs(linear), abs(quadratic)) * abs(r.k_ss.value), 1e-12)
+    force = (slope * std) ** 2 + 2.0 * (quadratic * std**2) ** 2 + least**2
     predicted = _dynamics(r, theta)
     if predicted is None:
         return np.array([[1.0 / math.sqrt(force)]])
     reading = r.lag if r.has_lag else r.knee
     variance = reading.std**2 + (_sensitivity(r, theta) * r.nu_0.std) ** 2 + (1e-9 * abs(predicted)) ** 2
-    sign = math.copysign(1.0, theta[1] + theta[2])
+    sign = math.copysign(1.0, linear + quadratic)
     shared = -sign * slope * r.shared if r.has_lag else 0.0
     covariance = np.array([[force, shared], [shared, variance]])
     result: Array = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -233,30 +240,32 @@ def _whitener(r: StepReading, theta: Array) -> Array:
 def _sensitivity(r: StepReading, theta: Array) -> float:
     """Return the derivative of the predicted lag, or time to the knee, by the velocity at the step."""
     h = max(abs(r.k_ss.value) * 1e-4, 1e-9)
-    drags, force = (float(theta[1]), float(theta[2])), r.tau + float(theta[3])
+    inertia, linear, quadratic, constant = theta.tolist()
+    drags, force = (linear, quadratic), r.tau + constant
     if r.has_lag:
-        low, high = (lag(float(theta[0]), drags, force, r.nu_0.value + d) for d in (-h, h))
+        low, high = (lag(inertia, drags, force, r.nu_0.value + d) for d in (-h, h))
     else:
-        low, high = (time_to(float(theta[0]), drags, force, r.nu_0.value + d, r.level) for d in (-h, h))
+        low, high = (time_to(inertia, drags, force, r.nu_0.value + d, r.level) for d in (-h, h))
     return (high - low) / (2.0 * h)
 
 
 MOVES = 3.0
-"""Number of standard errors by which a velocity must differ from zero to count as motion."""
+"""Number of standard errors by which a velocity must differ from zero to count as motion. Project choice."""
 
 CLOSE = 2.0
-"""Difference of the Bayesian criterion below which the choice between two structures counts as undecided."""
+"""Difference of the Bayesian information criterion below which the choice between two structures counts as undecided.
+
+Source: Kass1995.
+"""
 
 
 def fit_by_steps(case: Case) -> AxisFit:
-    """Identify one degree of freedom from steps of its input.
+    """Return the fit of one degree of freedom from steps of its input.
 
     ``extra["steps"]`` contains the readings. ``extra["table_4_1"]`` contains the result of each single step from rest.
 
     Raises
-    ------
-    NotInformative
-        No step is long enough to be read.
+    ------ NotInformative No step is long enough to be evaluated, or the steps do not determine the requested structure.
     """
     everything = read_steps(case.records)
     readings = [r for r in everything if r.settled]

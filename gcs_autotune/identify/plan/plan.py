@@ -88,7 +88,7 @@ class _PlanData(Struct, forbid_unknown_fields=True, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Selection of runs by manoeuvre (``meta["manoeuvre"]``) or by patterns of their names.
+    """Selection of runs by their manoeuvre (``meta["manoeuvre"]``) or by patterns of their names.
 
     Manoeuvres have the names used by ``fly``, or any other. Case, hyphens and underscores are ignored. A run whose
     ``meta["dof"]`` is not in ``dofs`` is not selected.
@@ -99,16 +99,16 @@ class Chosen:
     dofs: tuple[str, ...] = ()
 
     def of(self, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-        """Return the selected trials in their original order."""
+        """Return the selected *trials* in their original order."""
         return tuple(t for t in trials if self._means(t))
 
     def _means(self, trial: Trial) -> bool:
         if self.runs:
             return any(fnmatch.fnmatchcase(trial.name, pattern) for pattern in self.runs)
-        told, dof = trial.meta.get("manoeuvre"), trial.meta.get("dof")
+        manoeuvre, dof = trial.meta.get("manoeuvre"), trial.meta.get("dof")
         if dof in DOFS and dof not in self.dofs:
             return False
-        return told is not None and any(same_name(told, name) for name in self.manoeuvres)
+        return manoeuvre is not None and any(same_name(manoeuvre, name) for name in self.manoeuvres)
 
     def __str__(self) -> str:
         of = " or ".join(f"'{name}'" for name in self.manoeuvres)
@@ -117,11 +117,15 @@ class Chosen:
 
 @dataclass(frozen=True, slots=True)
 class PlanStep:
-    """One kind of experiment and the parameters it identifies.
+    """One kind of experiment, and the parameters it identifies.
 
-    ``isolated``, ``shared``, ``local``: the free parameters of ``form``, in this order. ``held``: parameters that an
-    earlier step identified and this step keeps fixed. ``validate``: number of runs kept for local validation.
-    ``delay``: [s].
+    - ``form``: the form to fit. Its free parameters are ``isolated``, ``shared`` and ``local``, in this order.
+    - ``isolated``: parameters that act in this step only.
+    - ``shared``: parameters that act in other steps too.
+    - ``local``: parameters of this step that other steps do not use.
+    - ``held``: parameters that an earlier step identified and this step keeps fixed.
+    - ``validate``: number of runs that are used for validation only.
+    - ``delay`` [s]: known delay.
     """
 
     name: str
@@ -137,9 +141,9 @@ class PlanStep:
     delay: float = 0.0
 
     def global_name(self, name: str) -> str:
-        """Return the name of a parameter among all steps.
+        """Return the name of the parameter *name* among all steps.
 
-        Names of local parameters are prefixed with the name of the step.
+        A local parameter is prefixed with the name of its step.
         """
         return f"{self.name}: {name}" if name in self.local else name
 
@@ -157,7 +161,8 @@ class Final:
 class Plan:
     """A plan with its steps in order.
 
-    ``known``: constants of the craft. ``start``: a-priori values. Both are by name, in SI units.
+    - ``known``: name -> value of constants of the craft, in SI units.
+    - ``start``: name -> a-priori value of a parameter, in SI units.
     """
 
     name: str
@@ -170,16 +175,16 @@ class Plan:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Parameters that the plan identifies, without local ones, in the order of first appearance."""
+        """Names of the parameters that the plan identifies, without local ones, in the order of first appearance."""
         return tuple(dict.fromkeys(n for s in self.steps for n in (*s.isolated, *s.shared)))
 
     def knowing(self, values: Mapping[str, float]) -> Plan:
-        """Return the plan with other constants of the craft (``m``, ``K_phi`` ...)."""
+        """Return the plan with *values* for the constants of the craft (``m``, ``K_phi`` ...)."""
         return plan_from({**self.data, "known": {**self.known, **values}}, f"plan '{self.name}'")
 
 
 def load_plan(path: Path | str) -> Plan:
-    """Return a plan: a shipped one by its name, or one from a TOML file.
+    """Return the plan with the name *path* if it is shipped with this package, else the plan in the TOML file *path*.
 
     Raises
     ------
@@ -195,77 +200,77 @@ def load_plan(path: Path | str) -> Plan:
 
 
 def plan_from(data: Mapping[str, Any], origin: str) -> Plan:
-    """Return the plan defined by *data*, the contents of a plan file.
+    """Return the plan defined by *data*, the contents of the plan file *origin*.
 
     Errors are those of :func:`load_plan`.
     """
-    told = conformed(data, _PlanData, origin)
-    steps = tuple(_step(step, told, origin) for step in told.step)
-    final = None if told.final is None else _final(told.final, steps, told.known, origin)
-    plan = Plan(told.name, told.title or told.name, told.known, told.start, steps, final, data)
+    parsed = conformed(data, _PlanData, origin)
+    steps = tuple(_step(step, parsed, origin) for step in parsed.step)
+    final = None if parsed.final is None else _final(parsed.final, steps, parsed.known, origin)
+    plan = Plan(parsed.name, parsed.title or parsed.name, parsed.known, parsed.start, steps, final, data)
     _check_order(plan, origin)
     return plan
 
 
-def _chosen(told: _Motion, where: str) -> Chosen:
-    manoeuvres = (told.manoeuvre,) if isinstance(told.manoeuvre, str) else tuple(told.manoeuvre)
-    chosen = Chosen(manoeuvres, tuple(told.runs), tuple(told.dofs))
+def _chosen(parsed: _Motion, where: str) -> Chosen:
+    manoeuvres = (parsed.manoeuvre,) if isinstance(parsed.manoeuvre, str) else tuple(parsed.manoeuvre)
+    chosen = Chosen(manoeuvres, tuple(parsed.runs), tuple(parsed.dofs))
     if not any(chosen.manoeuvres) and not chosen.runs:
         raise BadFile(f'{where}: select the runs with manoeuvre = "..." or runs = ["name*"]')
     return chosen
 
 
-def _step(told: _StepData, plan: _PlanData, origin: str) -> PlanStep:
-    where = f"{origin}, step '{told.name}'"
-    identified = (*told.isolated, *told.shared, *told.local)
-    both = [n for n in told.held if n in identified]
-    if both or not (told.isolated or told.shared):
+def _step(parsed: _StepData, plan: _PlanData, origin: str) -> PlanStep:
+    where = f"{origin}, step '{parsed.name}'"
+    identified = (*parsed.isolated, *parsed.shared, *parsed.local)
+    both = [n for n in parsed.held if n in identified]
+    if both or not (parsed.isolated or parsed.shared):
         raise BadFile(
             f"{where}: {', '.join(both)} cannot be both held and identified" if both else f"{where} identifies nothing"
         )
-    ashore = [n for n in told.held if n in plan.known]
+    ashore = [n for n in parsed.held if n in plan.known]
     form = form_from(
         {
-            "name": told.name,
-            "dofs": told.dofs,
-            "free": [*identified, *(n for n in told.held if n not in ashore)],
-            "known": {**{n: plan.known[n] for n in ashore}, **told.known},
-            "inputs": told.inputs,
-            "coriolis": told.coriolis,
-            "start": {n: v for n, v in {**plan.start, **told.start}.items() if n in identified or n in told.held},
+            "name": parsed.name,
+            "dofs": parsed.dofs,
+            "free": [*identified, *(n for n in parsed.held if n not in ashore)],
+            "known": {**{n: plan.known[n] for n in ashore}, **parsed.known},
+            "inputs": parsed.inputs,
+            "coriolis": parsed.coriolis,
+            "start": {n: v for n, v in {**plan.start, **parsed.start}.items() if n in identified or n in parsed.held},
         },
         where,
     )
     return PlanStep(
-        name=told.name,
-        chosen=_chosen(told, where),
+        name=parsed.name,
+        chosen=_chosen(parsed, where),
         form=form,
-        isolated=tuple(told.isolated),
-        shared=tuple(told.shared),
-        held=tuple(n for n in told.held if n not in ashore),
-        local=tuple(told.local),
-        signals=tuple(told.signals),
-        validate=told.validate,
-        method=told.method,
-        delay=told.delay,
+        isolated=tuple(parsed.isolated),
+        shared=tuple(parsed.shared),
+        held=tuple(n for n in parsed.held if n not in ashore),
+        local=tuple(parsed.local),
+        signals=tuple(parsed.signals),
+        validate=parsed.validate,
+        method=parsed.method,
+        delay=parsed.delay,
     )
 
 
-def _final(told: _Motion, steps: Sequence[PlanStep], known: Mapping[str, float], origin: str) -> Final:
+def _final(parsed: _Motion, steps: Sequence[PlanStep], known: Mapping[str, float], origin: str) -> Final:
     where = f"{origin}, final"
     found = dict.fromkeys(n for s in steps for n in (*s.isolated, *s.shared))
     form = form_from(
         {
             "name": "final",
-            "dofs": told.dofs,
+            "dofs": parsed.dofs,
             "free": [n for n in found if n not in known],
             "known": known,
-            "inputs": told.inputs,
-            "coriolis": told.coriolis,
+            "inputs": parsed.inputs,
+            "coriolis": parsed.coriolis,
         },
         where,
     )
-    return Final(_chosen(told, where), form, tuple(told.signals))
+    return Final(_chosen(parsed, where), form, tuple(parsed.signals))
 
 
 def _check_order(plan: Plan, origin: str) -> None:

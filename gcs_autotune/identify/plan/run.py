@@ -30,9 +30,9 @@ __all__ = ["PlanResult", "StepResult", "plan_doubts", "run_plan"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepResult:
-    """Result of one step.
+    """Result of one step of a plan.
 
-    ``unseen``: whether the validation used runs that were kept out of the fit.
+    ``unseen``: whether the validation used runs that were not fitted.
     """
 
     step: PlanStep
@@ -57,10 +57,13 @@ class StepResult:
 class PlanResult:
     """Result of a plan.
 
-    ``parameters``: after the joint fit of all runs. ``covariance`` (k, k): in their order. ``combined``: values before
-    the joint fit, from the steps' estimates weighted by information. ``agreements``: comparison of the steps per shared
-    parameter. ``model``: final form with the values. ``final``: its free run on runs that were not fitted. ``skipped``:
-    steps without runs.
+    - ``parameters``: estimates from the joint fit of all runs.
+    - ``covariance`` (k, k): covariance of ``parameters``, in the same order.
+    - ``combined``: name -> value before the joint fit, from the steps' estimates weighted by information.
+    - ``agreements``: comparison of the steps' estimates, one per shared parameter.
+    - ``model``: final form with the estimates.
+    - ``final``: free run of ``model`` on runs that were not fitted.
+    - ``skipped``: names of the steps without runs.
     """
 
     plan: Plan
@@ -107,31 +110,24 @@ class PlanResult:
 Array = NDArray[np.float64]
 
 SURE = 1e-3
-"""Probability of a false alarm, over all shared parameters, below which steps are reported to disagree."""
+"""Probability of a false alarm, over all shared parameters, below which steps are reported to disagree.
+
+Project choice.
+"""
 
 TOGETHER = 0.98
-"""Correlation above which two parameters are reported as correlated."""
+"""Correlation above which two parameters are reported as correlated. Project choice."""
 
 MISFIT = 1.3
-"""Misfit per sample of the joint fit above which the steps' equations are reported as contradictory."""
+"""Misfit per sample of the joint fit above which the steps' equations are reported as contradictory. Project choice."""
 
 
-def plan_doubts(
-    plan: Plan,
-    done: Sequence[StepResult],
-    rows: Sequence[Agreement],
-    joint: Joint | None,
-    parameters: Mapping[str, Parameter],
-    covariance: Array,
-    skipped: Sequence[str],
-    final: Validation | None,
-    unused: Sequence[str] = (),
-) -> tuple[Doubt, ...]:
-    """Return the doubts about the whole plan. Doubts about a step are in its fit.
+def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] = ()) -> tuple[Doubt, ...]:
+    """Return the doubts about the whole plan. Doubts about a single step are in the fit of that step.
 
-    unused : names of runs that belong to no step.
+    joint : the fit of all runs. unused : names of runs that belong to no step.
     """
-    found: list[Doubt] = []
+    plan, rows, found = result.plan, result.agreements, list[Doubt]()
     if unused:
         chosen = [*(s.chosen for s in plan.steps), *([] if plan.final is None else [plan.final.chosen])]
         manoeuvres = ", ".join(dict.fromkeys(name for c in chosen for name in c.manoeuvres))
@@ -143,25 +139,25 @@ def plan_doubts(
                 f'set "manoeuvre" in the side file to one of the plan\'s ({manoeuvres}), or list the runs in the plan',
             )
         )
-    if skipped:
-        missed = dict.fromkeys(n for s in plan.steps if s.name in skipped for n in (*s.isolated, *s.shared))
-        lost = [n for n in missed if n not in parameters]
+    if result.skipped:
+        missed = dict.fromkeys(n for s in plan.steps if s.name in result.skipped for n in (*s.isolated, *s.shared))
+        lost = [n for n in missed if n not in result.parameters]
         found.append(
             Doubt(
                 "steps-without-runs",
-                f"no runs for {', '.join(skipped)}" + (f". Not identified: {', '.join(lost)}" if lost else ""),
+                f"no runs for {', '.join(result.skipped)}" + (f". Not identified: {', '.join(lost)}" if lost else ""),
                 "fly these runs, and set the manoeuvre's name in the side file",
             )
         )
     for row in rows:
         if row.probability < SURE / len(rows):
-            told = ", ".join(
+            estimates = ", ".join(
                 f"{s}: {format_value(v, e)}" for s, v, e in zip(row.steps, row.values, row.stds, strict=True)
             )
             found.append(
                 Doubt(
                     "steps-disagree",
-                    f"{row.name} differs between steps by more than its standard errors ({told})",
+                    f"{row.name} differs between steps by more than its standard errors ({estimates})",
                     "look for a missing term in a step's equations, or a change of load or trim between the steps",
                 )
             )
@@ -178,8 +174,8 @@ def plan_doubts(
                 "check the steps that disagree",
             )
         )
-    found.extend(_together(parameters, covariance))
-    fitted_on = [s.step.name for s in done if not s.unseen]
+    found.extend(_together(result.parameters, result.covariance))
+    fitted_on = [s.step.name for s in result.steps if not s.unseen]
     if fitted_on:
         found.append(
             Doubt(
@@ -188,7 +184,7 @@ def plan_doubts(
                 "repeat",
             )
         )
-    if plan.final is not None and final is None:
+    if plan.final is not None and result.final is None:
         found.append(
             Doubt(
                 "no-final-validation",
@@ -220,18 +216,15 @@ def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Do
 
 
 def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
-    """Identify all parameters of the plan from *trials*.
+    """Identify all parameters of *plan* from *trials*, and return the result.
 
-    Each step starts at the earlier steps' estimates, combined by information. Held parameters are fixed at these
-    values. Then all steps' runs are fitted at once, and the whole model is simulated on the final runs.
+    Each step starts at the estimates of the earlier steps, combined by information. Parameters in ``held`` are fixed at
+    these values. Then all steps' runs are fitted at once, and the whole model is simulated on the final runs.
 
     Raises
-    ------
-    NotInformative
-        There is no run for any step, or a held parameter has no value. It has none if its step had no runs and the plan
-        contains no a-priori value.
-    MissingChannel, BadFile
-        A run of a step lacks a channel that its form needs.
+    ------ NotInformative There is no run for any step, or a parameter in ``held`` has no value. It has no value if its
+    step had no runs and the plan contains no a-priori value. MissingChannel, BadFile A run of a step lacks a channel
+    that its form needs.
     """
     done: list[StepResult] = []
     used: list[tuple[PlanStep, tuple[Trial, ...]]] = []
@@ -264,22 +257,22 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
     joint = fit_jointly(parts, values)
     parameters, covariance = _parameters(plan, done, values, joint, estimates)
     model, final = _finally(plan.final, parameters, trials)
-    rows = agreements(estimates)
     ends = () if plan.final is None else plan.final.chosen.of(trials)
     meant = [*ends, *(run for step in plan.steps for run in step.chosen.of(trials))]
     unused = [run.name for run in trials if not any(run is other for other in meant)]
-    return PlanResult(
+    found = PlanResult(
         plan=plan,
         steps=tuple(done),
         parameters=parameters,
         covariance=covariance,
         combined={n: values[n] for n in parameters},
-        agreements=rows,
+        agreements=agreements(estimates),
         model=model,
         final=final,
         skipped=tuple(skipped),
-        doubts=plan_doubts(plan, done, rows, joint, parameters, covariance, skipped, final, unused),
+        doubts=(),
     )
+    return replace(found, doubts=plan_doubts(found, joint, unused))
 
 
 def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple[StepResult, tuple[Trial, ...]]:

@@ -98,9 +98,10 @@ def excess_doubt(estimate: Estimate) -> Doubt | None:
     wrong = [(d, float(x)) for d, x, s in zip(equations.form.dofs, excess, share, strict=True) if x > FAR and s > SMALL]
     if not wrong:
         return None
-    told = ", ".join(f"{dof} {factor:.0f} times" for dof, factor in wrong)
+    excesses = ", ".join(f"{dof} {factor:.0f} times" for dof, factor in wrong)
     return Doubt(
         "beyond-noise",
-        f"the errors of the equations of motion exceed the signal noise ({told}), so the standard errors are too small",
+        f"the errors of the equations of motion exceed the signal noise ({excesses}), so the standard errors are "
+        "too small",
         "check for an unknown delay, a missing term, wind or current. Supply the delay, add terms, or use output-error",
     )

@@ -195,7 +195,8 @@ def _check_excitation(trial: Trial, drive: Channel, outputs: Sequence[Channel]) 
     most = max((len(c) for c in outputs), default=0)
     if most < MIN_SAMPLES:
         raise NotInformative(
-            f"run '{trial.name}' is too short. It has {most} output samples, but at least {MIN_SAMPLES} are needed"
+            f"run '{trial.name}' is too short. It has {most} output samples, but at least {MIN_SAMPLES} are needed. "
+            "Record longer"
         )
     overlap = drive.t[(drive.t <= outputs[0].t[-1])] if len(drive) else drive.t
     if len(overlap) == 0 or not _varies(drive.between(-np.inf, float(outputs[0].t[-1]))):

@@ -42,12 +42,16 @@ _ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 class Form:
     """The structure of a coupled model.
 
-    ``dofs``: in SNAME order. ``free``: the parameters to identify. ``known``: constants. Both have names of
-    :mod:`.derivatives`. ``inputs``: maps a channel to ``(force letter, gain)`` pairs. A gain is a number or a
-    parameter's name, preceded by ``-`` for the opposite sign. ``start``: start values of a search (optional).
-    ``optional``: inputs that are omitted if no run has their channel. ``normalised``: forces are normalised outputs, so
-    inertias and drags contain no newtons. ``per_inertia``: force letters of the equations that are divided by their
-    inertia, because no run determines a force there. Their terms are accelerations.
+    - ``dofs``: in SNAME order.
+    - ``free``: the parameters to identify.
+    - ``known``: constants. Both have names of :mod:`.derivatives`.
+    - ``inputs``: maps a channel to ``(force letter, gain)`` pairs. A gain is a number or a parameter's name, preceded
+      by ``-`` for the opposite sign.
+    - ``start``: start values of a search (optional).
+    - ``optional``: inputs that are omitted if no run has their channel.
+    - ``normalised``: forces are normalised outputs, so inertias and drags contain no newtons.
+    - ``per_inertia``: force letters of the equations that are divided by their inertia, because no run determines a
+      force there. Their terms are accelerations.
     """
 
     name: str
@@ -195,7 +199,10 @@ def _check(form: Form) -> None:
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     missing = gains - set(form.parameters)
     if missing:
-        raise BadFile(f"form '{form.name}': input gain {', '.join(sorted(missing))} is neither free nor known")
+        raise BadFile(
+            f"form '{form.name}': input gain {', '.join(sorted(missing))} is neither free nor known. Add it to "
+            "one of them"
+        )
     rows = {FORCES.index(DOFS[d].force) for d in form.dofs}
     for name in form.parameters:
         if name in RIGID_BODY or name in SPECIAL or name in gains:

@@ -69,11 +69,11 @@ from gcs_autotune.report.tune.wording import (
 __all__ = ["tune_document"]
 
 MOST_PARAMETERS = 24
-"""Most parameters listed without folding them. Project choice."""
+"""Largest number of parameters listed without folding them. Project choice."""
 
 
 def tune_document(story: TuneStory) -> Document:
-    """Return the report of a tune as far as it was completed. Its JSON form is ``summary.json``."""
+    """Return the report of a tune, as far as the tune was completed. Its JSON form is ``summary.json``."""
     fit = story.fit
     doubts = (*story.doubts, *(() if fit is None else doubt_sentences(fit.doubts)))
     return Document(
@@ -218,7 +218,7 @@ def _vehicle(story: TuneStory) -> Iterator[Section]:
 
 def _events(story: TuneStory) -> Iterator[Section]:
     rows = tuple(("" if math.isnan(t) else f"{t:.1f} s", text) for t, text in story.events)
-    clock = Note("Times are those of the vehicle's clock." if rows else "", kind="quiet")
+    clock = Note("All times are on the vehicle's clock." if rows else "", kind="quiet")
     yield Section("events", "Events", (Table(("", ""), "rl", rows), clock), detail=True, facts=IN_RESULT)
 
 
@@ -246,4 +246,4 @@ SECTIONS = (
     _parameters,
     _files,
 )
-"""The sections in their order. To add one, add a function here."""
+"""Functions that return the sections of the report, in their order. To add a section, add its function here."""
