@@ -65,6 +65,8 @@ LEFT, RIGHT = 73, 74
 """SERVOn_FUNCTION of the thrusters of a boat that steers by their difference."""
 CRUISE = 0.5
 """ArduRover's default CRUISE_THROTTLE [fraction of full]."""
+INDISTINCT = 2.0
+"""Standard errors of the constant force ahead below which it counts as zero."""
 CRAFT = ("actuator", "hydrodynamics")
 """Families of effects that belong to the craft."""
 CURVE, DEAD_ZONE, ASTERN = "quadratic-actuator", "dead-zone", "asymmetric-thrust"
@@ -131,6 +133,8 @@ class FlownModel:
 
     def craft_alone(self) -> FlownModel:
         """Return the model in calm water, with perfect sensors and without the constant force ahead of its runs."""
+        if 0.0 < abs(self.model.base["X_0"]) <= INDISTINCT * self.std("X_0"):
+            return self._without_force_ahead().craft_alone()
         base = self.model.base
         values = {n: v for n, v in base.values.items() if n not in ("V_x", "V_y")}
         values |= {n: 0.0 for n in ("X_0", "V_x", "V_y") if n in base.values}
@@ -140,6 +144,17 @@ class FlownModel:
             if EFFECTS[e.slug].family in CRAFT or (e.slug == "input-bias" and e.place == "yaw")
         )
         return replace(self, model=replace(self.model, base=replace(base, values=values), effects=effects))
+
+    def _without_force_ahead(self) -> FlownModel:
+        """Return the estimate under the condition that the constant force ahead is zero."""
+        k = self.names.index("X_0")
+        column = self.covariance[:, k] / self.covariance[k, k]
+        found, force = self, self.model.base["X_0"]
+        for name, slope in zip(self.names, column, strict=True):
+            found = found.shifted(name, -force * float(slope))
+        values = {**found.model.base.values, "X_0": 0.0}
+        model = replace(found.model, base=replace(found.model.base, values=values))
+        return replace(found, model=model, covariance=self.covariance - np.outer(column, self.covariance[k]))
 
     def shifted(self, name: str, by: float) -> FlownModel:
         """Return the model with one fitted parameter changed."""
@@ -694,11 +709,15 @@ def _missing(craft: CraftModels, figures: Mapping[str, AuthorityFigure]) -> Iter
             "gcs-autotune tune speed" if craft.rover else "gcs-autotune fly relay --force X",
         )
     elif not craft.surge.flew_astern():
+        why = "no run of its model contains it" if craft.surge.flown else f"{craft.surge.name} does not state its runs"
+        again = "Then identify all runs together with --effects asymmetric-thrust@X"
+        if not craft.coupled:
+            again = (
+                "Then fit it together with the speed run: gcs-autotune identify SPEED-RUN STOPPING-RUN --dof surge "
+                "--start SPEED-RUN/model.json --effects asymmetric-thrust@X --save FILE"
+            )
         yield Missing(
-            "Everything with thrust astern: no run of these models contains it.",
-            "gcs-autotune fly stopping --throttle 1 --astern 1. Then fit it together with the speed run: gcs-autotune "
-            "identify SPEED-RUN STOPPING-RUN --dof surge --start SPEED-RUN/model.json --effects asymmetric-thrust@X "
-            "--save FILE",
+            f"Everything with thrust astern: {why}.", f"gcs-autotune fly stopping --throttle 1 --astern 1. {again}"
         )
     if not craft.yaw:
         yield Missing("Everything about turning.", "gcs-autotune tune heading")

@@ -138,3 +138,16 @@ def test_an_actuator_effect_becomes_its_parameter(slug: str, values: dict[str, f
 def test_another_autopilot_gets_no_parameters() -> None:
     craft = CraftModels(surge(), (yaw(),), {}, throttle=0.5, rover=False)
     assert limits_for(authority_of(craft)) == ()
+
+
+def test_a_constant_force_that_is_not_distinct_from_zero_counts_as_zero_in_the_drag_too() -> None:
+    along = surge()
+    base = along.model.base
+    pushed = replace(base, values={**base.values, "X_0": 0.02, "X_u": -0.27})
+    joint = np.array([[0.02**2, -0.95 * 0.02 * 0.02], [-0.95 * 0.02 * 0.02, 0.02**2]])
+    model = replace(along.model, base=pushed)
+    along = replace(along, model=model, names=("X_u", "X_0"), covariance=joint)
+    top = found(RUDDER, along=along).figures["top-ahead"]
+    # -0.27 less -0.95 times the force, by one standard error each
+    assert top.value == pytest.approx(1.0 / 0.251, rel=0.01)
+    assert top.std == pytest.approx(1.0 / 0.251**2 * 0.02 * math.sqrt(1.0 - 0.95**2), rel=0.05)
