@@ -55,6 +55,7 @@ COMMANDS: Mapping[str, Verb] = {
     ),
     "fly": Verb("fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model", "fly_cmd"),
     "hold": Verb("hold heading or depth with a controller of our own, in manual mode", "hold_cmd"),
+    "authority": Verb("compute from models what a craft can do, and the limits ArduPilot should have", "authority_cmd"),
     "recheck": Verb(
         "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",

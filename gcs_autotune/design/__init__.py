@@ -4,12 +4,24 @@
 :func:`provisional` returns nearly the same gains in a fifth of the time, while experiments are still being flown.
 :func:`step_metrics` and :func:`is_better` measure and compare the flown steps by the same criteria. Controllers of this
 project are in ``control``.
+
+:func:`authority_of` computes what a craft can do, and :func:`limits_for` the limits that its autopilot should have.
 """
 
 from __future__ import annotations
 
 from gcs_autotune.design.actuator import USED, Actuator
 from gcs_autotune.design.analysis import DiskMargin, LoopAnalysis, LoopResponse, analyse_own, analyse_proposal
+from gcs_autotune.design.authority import (
+    Authority,
+    AuthorityFigure,
+    Circle,
+    CraftModels,
+    FlownModel,
+    Missing,
+    authority_of,
+)
+from gcs_autotune.design.autopilot_limits import ParameterLimit, limits_for
 from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
@@ -32,14 +44,21 @@ __all__ = [
     "SHORTER",
     "USED",
     "Actuator",
+    "Authority",
+    "AuthorityFigure",
     "Change",
+    "Circle",
+    "CraftModels",
     "DiskMargin",
+    "FlownModel",
     "Hunting",
     "Law",
     "LoopAnalysis",
     "LoopResponse",
     "Margins",
+    "Missing",
     "OpenLoop",
+    "ParameterLimit",
     "Prediction",
     "Proposal",
     "ProvisionalGains",
@@ -51,6 +70,7 @@ __all__ = [
     "Verdict",
     "analyse_own",
     "analyse_proposal",
+    "authority_of",
     "combine",
     "crossings",
     "design",
@@ -59,6 +79,7 @@ __all__ = [
     "in_fractions",
     "is_better",
     "is_followed",
+    "limits_for",
     "over_windows",
     "provisional",
     "pulse_of",

@@ -22,6 +22,7 @@ from gcs_autotune.report.designed import DesignedGains, DesignedOwn, DesignedRel
 from gcs_autotune.report.diagnosis.document import MODEL_FILE, diagnosis_document
 from gcs_autotune.report.diagnosis.lead import hint_notes, hint_title, lead_sentence
 from gcs_autotune.report.diagnosis.tables import effects_document
+from gcs_autotune.report.flight.authority import authority_document
 from gcs_autotune.report.flight.document import (
     FlightModel,
     FlightStory,
@@ -85,6 +86,7 @@ __all__ = [
     "TerminalObserver",
     "TrialSummary",
     "TuneStory",
+    "authority_document",
     "beside_telemetry",
     "correlation_plot",
     "designed_document",

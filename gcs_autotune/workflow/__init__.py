@@ -7,11 +7,13 @@
   ``nominal_plant`` and compute the required space as an ``excursion``. ``announcement`` reports all of it.
 * ``tunable_loop`` defines the sequence of every tune. The autopilot's loops in ``autopilot_loop`` use
   ``identification``, ``stop_rule``, ``proof`` and ``designing``.
-* ``restore`` restores a vehicle after an interrupted run. ``study`` and ``diagnosis`` need only records, not a vehicle.
+* ``restore`` restores a vehicle after an interrupted run. ``study``, ``diagnosis`` and ``authority`` need
+  only records, not a vehicle.
 """
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
@@ -49,6 +51,7 @@ __all__ = [
     "SuppliedGains",
     "TuneSettings",
     "Unattended",
+    "authority",
     "design_at_desk",
     "examine",
     "experiment",

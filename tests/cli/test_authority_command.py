@@ -1,0 +1,77 @@
+"""``authority``: prints a page and JSON from model files, saves parameters, rejects what does not belong together."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gcs_autotune.cli import main
+from gcs_autotune.mavlink import load_params
+
+SETTINGS = "SERVO1_FUNCTION,26\nCRUISE_THROTTLE,50\nMOT_SLEWRATE,0\n"
+
+
+def model(folder: Path, dof: str, **numbers: float | str) -> str:
+    """Write a model of one degree of freedom and return its path."""
+    data = {"schema": 1, "model": "single-dof", "dof": dof, "input_unit": "1", "alpha": 0.4, "beta": 0.25, **numbers}
+    path = folder / f"{dof}-{len(list(folder.iterdir()))}.json"
+    path.write_text(json.dumps({"beta_quadratic": 0.0, "delta": 0.0, "delay": 0.0, **data}))
+    return str(path)
+
+
+@pytest.fixture
+def words(tmp_path: Path) -> list[str]:
+    """Return the arguments of the models of a boat with a rudder."""
+    (tmp_path / "boat.param").write_text(SETTINGS)
+    models = [model(tmp_path, "surge"), model(tmp_path, "yaw", alpha=1.0, beta=1.5)]
+    return ["authority", *models, "--parameters", str(tmp_path / "boat.param")]
+
+
+def test_the_page_the_parameters_and_the_rules_are_written(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    saved, page = tmp_path / "limits.param", tmp_path / "boat.html"
+    assert main([*words, "--save", str(saved), "--page", str(page)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "The craft makes 2 m/s at 50 % throttle, turns at 38.2°/s at full steering and stops in 2.88 m" in told
+    assert "stopping --throttle 1 --astern 1" in told
+    assert "the file contains no covariance" in told
+    values = load_params(saved)
+    assert values["CRUISE_SPEED"] == pytest.approx(2.0, rel=0.01)
+    assert "# ATC_STR_RAT_MAX: 80 % of the turn rate" in saved.read_text()
+    assert "ATC_STR_RAT_MAX" in page.read_text()
+
+
+def test_json_has_every_figure_with_its_interval(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*words, "--json", "--throttle", "0.25"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["throttle"] == 0.25
+    assert told["figures"]["cruise-speed"]["value"] == pytest.approx(1.0, rel=0.01)
+    assert {"low", "high", "unit"} <= set(told["figures"]["top-ahead"])
+    assert {row["name"] for row in told["limits"]} >= {"ATC_STR_RAT_MAX", "WP_SPEED", "TURN_RADIUS"}
+
+
+def test_models_that_do_not_belong_together_are_rejected(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["authority", model(tmp_path, "surge"), *words[1:]]) == 2
+    assert "several models of surge" in capsys.readouterr().err
+    assert main(["authority", model(tmp_path, "yaw", alpha=1.0), *words[1:]]) == 2
+    assert "Give its run directory" in capsys.readouterr().err
+    assert main(["authority", model(tmp_path, "heave")]) == 2
+    assert "surge or yaw" in capsys.readouterr().err
+
+
+def test_a_directory_without_a_model_and_an_input_in_newtons_say_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run").mkdir()
+    assert main(["authority", str(tmp_path / "run")]) == 6
+    assert "gcs-autotune identify" in capsys.readouterr().err
+    newtons = model(tmp_path, "surge", input_unit="N", alpha=40.0, beta=25.0)
+    assert main(["authority", newtons]) == 2
+    assert "--full-scale" in capsys.readouterr().err
+    assert main(["authority", newtons, "--full-scale", "X=50", "--throttle", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["figures"]["top-ahead"]["value"] == pytest.approx(2.0, rel=0.01)
