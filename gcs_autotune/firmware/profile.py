@@ -119,6 +119,7 @@ class Firmware:
     of sticks that ``manual_mode`` listens to although we drive nothing with them to their channels where there is no
     such parameter: they are kept at neutral. ``from_one_end`` are the forces whose stick counts from RCn_TRIM, at
     RCn_MIN, to RCn_MAX, neutral in the middle, where there is none of the parameters of ``rc_map``.
+    ``mission_mode`` flies the stored mission; empty where ours knows none.
     ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
     ``fixed_outputs`` says how versions before SERVOn_FUNCTION were wired, None where none of ours ever was.
     ``unsuited`` are the settings of vehicles that cannot be worked with, looked at before anything else.
@@ -155,6 +156,7 @@ class Firmware:
     rc_map: Mapping[str, str] = field(default_factory=dict)
     idle: Mapping[str, int] = field(default_factory=dict)
     from_one_end: Sequence[str] = ()
+    mission_mode: str = ""
     fixed_outputs: FixedOutputs | None = None
     unsuited: Sequence[Unsuited] = ()
     failsafes: Sequence[Failsafe] = ()

@@ -17,6 +17,7 @@ from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
 from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
+from gcs_autotune.manoeuvres.fly_mission import FlyMission, ProofCourse
 from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.keep_distance import KeepDistance
@@ -58,6 +59,7 @@ __all__ = [
     "DiveSettings",
     "Ending",
     "Envelope",
+    "FlyMission",
     "FollowLine",
     "Guard",
     "KeepDistance",
@@ -71,6 +73,7 @@ __all__ = [
     "PlantState",
     "Preset",
     "Preview",
+    "ProofCourse",
     "Relay",
     "RelaySettings",
     "Sequencer",
