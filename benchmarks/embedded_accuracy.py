@@ -26,7 +26,7 @@ from benchmarks.results import Figure, headline
 from gcs_autotune.executor import executor_for
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Structure, fit_axis
-from gcs_autotune.identify.axis.uncertainty import cramer_rao
+from gcs_autotune.identify.cramer_rao import cramer_rao
 from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Sequencer
 from gcs_autotune.models import SingleDof

@@ -171,7 +171,7 @@ def main() -> None:
         count("hidden effects found in a group", named + alike, hidden),
         count("records without a false cause", clean, hidden + silent),
     ]
-    headline("flown_effects", "effects hidden in a simulated vehicle, flown and diagnosed", figures)
+    headline("flown_effects", "diagnosis of flown runs with an effect hidden in the simulated vehicle", figures)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from axis_plants import DEG, Relay, fly
 
 from benchmarks.results import Figure, headline
 from gcs_autotune.identify import fit_axis
-from gcs_autotune.identify.axis.uncertainty import cramer_rao
+from gcs_autotune.identify.cramer_rao import cramer_rao
 from gcs_autotune.models import SingleDof
 from gcs_autotune.trial import Channel, Trial
 

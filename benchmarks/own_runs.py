@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
 import tempfile
 import time
@@ -256,17 +257,41 @@ class Outcome:
     seconds: float = 0.0
 
 
+class RefusedBefore(AutotuneError):
+    """The vehicle refused the flight when it was first played; the message is the one it gave then."""
+
+
 def flown(case: Case, folder: Path) -> Path:
     """Fly *case* into a run directory of *folder*, and return it; one there already is used again.
 
     Raises
     ------
     AutotuneError
-        The vehicle cannot fly it.
+        The vehicle cannot fly it. The reason is kept, and a flight refused before is not flown again.
     """
     place = folder / case.name
     if (place / "flown").exists():
         return place
+    if (place / "refused").exists():
+        raise RefusedBefore((place / "refused").read_text(encoding="utf-8"))
+    shutil.rmtree(place, ignore_errors=True)  # of a flight that was stopped
+    try:
+        _fly(case, place)
+    except AutotuneError as error:
+        place.mkdir(parents=True, exist_ok=True)
+        (place / "refused").write_text(reason_of(error), encoding="utf-8")
+        raise
+    (place / "flown").touch()
+    return place
+
+
+def reason_of(error: Exception) -> str:
+    """Return the kind of an error and the first line of its message; the same for one that was kept."""
+    kind = "" if isinstance(error, RefusedBefore) else f"{type(error).__name__}: "
+    return f"{kind}{error}".splitlines()[0]
+
+
+def _fly(case: Case, place: Path) -> None:
     boat = open_vehicle(case.vehicle, seed=1).vehicle.data.is_boat
     link = MemoryLink(open_vehicle(case.vehicle, seed=case.seed, parameters={} if boat else QUICK))
     link.is_simulated = True
@@ -283,8 +308,6 @@ def flown(case: Case, folder: Path) -> Path:
             SilentObserver(),
             "",
         )
-    (place / "flown").touch()
-    return place
 
 
 def played(case: Case, folder: Path) -> Outcome:
@@ -298,7 +321,7 @@ def played(case: Case, folder: Path) -> Outcome:
             return _numbers(case, place, runs, began)
         diagnosis = diagnose(runs)
     except (AutotuneError, FileNotFoundError) as error:
-        return Outcome(case, f"{type(error).__name__}: {error}".splitlines()[0], refused=True)
+        return Outcome(case, reason_of(error), refused=True)
     seconds = time.process_time() - began
     told = json.loads(diagnosis.to_json())
     truth = truth_of(case.vehicle, diagnosis.base_model.base.form.dofs, runs)

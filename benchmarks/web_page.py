@@ -344,7 +344,7 @@ def main() -> None:
     spent = cost(args.seconds, args.viewers, in_browser=args.browser)
     stopped = stops(args.stops, args.viewers, in_browser=args.browser)
     size = Figure("page size", sizes / 1e3, "kB", most=300.0)
-    headline("web_page", "cost of the page of serve", [*stopped, *spent, size])
+    headline("web_page", "response time and processor load of the page of serve", [*stopped, *spent, size])
 
 
 if __name__ == "__main__":

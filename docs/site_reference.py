@@ -33,7 +33,7 @@ def plain(text: str) -> str:
 
 def commands() -> str:
     """Return the page of all commands and their options."""
-    lines = ["# Commands", "", "Made from the parsers: the same as `--help`.", ""]
+    lines = ["# Commands", "", "The texts are those of `--help`.", ""]
     for path, parser in _parsers(make_parser(), ()):
         lines += [f"{'#' * (1 + len(path))} {' '.join(path)}", "", plain(parser.description or ""), ""]
         for group in parser._action_groups:
@@ -75,9 +75,12 @@ def errors() -> str:
     lines += [f"| {code} | {plain(meaning)} |" for _, code, meaning in sorted(EXIT_CODES, key=lambda row: row[1])]
     lines += [
         "",
-        "Every failure is one line on standard error: what happened, to what, and what to do. The kinds below are also",
-        "the exceptions of the Python interface (`gcs_autotune.errors`). The exit code is that of the nearest family",
-        "above. `--verbose` adds where it came from.",
+        "Every error is one line on standard error. It states what happened, to what, and what to do. `--verbose` adds",
+        "where in the code it occurred.",
+        "",
+        "The list shows the kinds of errors. They are also the exceptions of the Python interface",
+        "(`gcs_autotune.errors`). An indented kind is a special case of the kind above it. If the table has no exit",
+        "code for a kind, the code of the kind above it applies.",
         "",
     ]
     lines += _family(AutotuneError, 0)
@@ -94,9 +97,9 @@ def parameters() -> str:
     lines = [
         "# Parameters written",
         "",
-        "A tune writes only the parameters of its axis, after asking, and with the old values in a journal on disk.",
-        "Ranges are ArduPilot's documented ones. Values outside are proposed only with `--beyond-ranges`. Some names",
-        "differ between firmware versions; the tool asks the vehicle for the names that it has.",
+        "A tune writes only the parameters of its axis. It asks first, and stores the old values in a journal on disk.",
+        "The ranges are ArduPilot's documented ones. Values outside are proposed only with `--beyond-ranges`. Some",
+        "names differ between firmware versions. The tool uses the names that the vehicle has.",
         "",
     ]
     others = {name: ", ".join(f"`{a.name}`" for a in aliases) for name, aliases in ALIASES.items()}
@@ -128,7 +131,7 @@ _FIELD = re.compile(r"(\w+) = \{((?:[^{}]|\{[^{}]*\})*)\}")
 def bibliography() -> str:
     """Return the page of sources, by the keys that docstrings and comments cite."""
     text = (Path(__file__).parent / "references.bib").read_text(encoding="utf-8")
-    lines = ["# Bibliography", "", "By the keys that docstrings, comments and pages cite.", ""]
+    lines = ["# Bibliography", "", "The keys are those used in docstrings, comments and pages.", ""]
     for key, body in _ENTRY.findall(text):
         fields = {name: _unbraced(value) for name, value in _FIELD.findall(body)}
         where = fields.get("journal") or fields.get("booktitle") or fields.get("publisher") or fields.get("school", "")
@@ -151,15 +154,18 @@ def effects() -> str:
     """Return the page of effects that a diagnosis looks for."""
     from gcs_autotune.effects import EFFECTS
 
-    lines = ["# Effects", "", "`diagnose` searches for these, and `identify --effects` fits them.", ""]
+    lines = ["# Effects", "", "`diagnose` searches for these effects, and `identify --effects` fits them.", ""]
     for effect in EFFECTS.values():
         numbers = ", ".join(f"`{q.name}` [{plain(q.unit)}]" for q in effect.parameters) or "none"
         lines += [
             f"## {effect.slug}",
             "",
-            f"{plain(effect.meaning)}. Parameters: {numbers}. Shown by: {plain(effect.shown_by)}. "
-            f"Mistaken for: {', '.join(effect.mistaken_for) or 'nothing'}; distinguished by: "
-            f"{plain(effect.separated_by)}.",
+            f"{plain(effect.meaning[:1].upper() + effect.meaning[1:])}.",
+            "",
+            f"* Parameters: {numbers}",
+            f"* Shown by: {plain(effect.shown_by)}",
+            f"* Easily mistaken for: {', '.join(effect.mistaken_for) or 'nothing'}",
+            f"* Distinguished by: {plain(effect.separated_by)}",
             "",
         ]
     return "\n".join(lines) + "\n"
@@ -225,13 +231,13 @@ def hide_and_find() -> str:
     lines = [
         "# Hide an effect, and find it",
         "",
-        "A simulated vehicle can hide any of these effects, to see how it shows and whether it would be found. The",
-        "tuner has no information about it: they meet on the wire only. `diagnose` without further options tries all",
-        "effects.",
+        "A simulated vehicle can hide any of these effects. You can then test whether `diagnose` identifies it. The",
+        "tuner is connected to the vehicle only by MAVLink, and has no information about the effect. `diagnose`",
+        "without further options tries all effects.",
         "",
-        "Sizes are for a craft of a few metres; smaller ones vanish in the noise. The",
-        "[benchmarks](../../benchmarks/README.md) show how often it is right, and a",
-        "[tutorial](../tutorials/wrong-simulation.md) finds a cause step by step.",
+        "The sizes are for a craft of a few metres. A much smaller effect is hidden by the noise. The",
+        "[benchmarks](../../benchmarks/README.md) show how often a diagnosis is right. A",
+        "[tutorial](../tutorials/wrong-simulation.md) identifies a cause step by step.",
         "",
     ]
     for effect in EFFECTS.values():
@@ -249,8 +255,9 @@ def hide_and_find() -> str:
             f"gcs-autotune diagnose runs/{effect.slug}",
             "```",
             "",
-            f"Shown by: {plain(effect.shown_by)}."
-            + (f" Mistaken for {others}; distinguished by {plain(effect.separated_by)}." if others else ""),
+            f"* Shown by: {plain(effect.shown_by)}",
+            *([f"* Easily mistaken for: {others}"] if others else []),
+            *([f"* Distinguished by: {plain(effect.separated_by)}"] if others else []),
             "",
         ]
     return "\n".join(lines) + "\n"

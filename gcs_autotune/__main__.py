@@ -1,4 +1,4 @@
-"""``python -m gcs_autotune``."""
+"""Entry point of ``python -m gcs_autotune``."""
 
 import sys
 

@@ -301,7 +301,7 @@ def _table(source: Any) -> dict[str, ArrayLike]:
 def _of_xarray(source: Any) -> dict[str, ArrayLike]:
     """Return the variables of an xarray Dataset along its one dimension."""
     if len(source.sizes) != 1:
-        raise BadFile(f"the Dataset must have one dimension (time); it has {', '.join(map(str, source.sizes))}")
+        raise BadFile(f"the Dataset must have one dimension (time). It has {', '.join(map(str, source.sizes))}")
     (along,) = source.sizes
     found: dict[str, ArrayLike] = {_head(n, v): v.to_numpy() for n, v in source.data_vars.items()}
     time = source.coords.get(along, None)

@@ -1,8 +1,9 @@
-"""What an axis is, in three tables of which each row reads the one below it, and nothing is repeated.
+"""The definition of an axis in three tables, each of which refers to the next one.
 
-``sname.DOFS`` has the names of a motion, :data:`EXCITATIONS` how it is identified, :data:`AXES` the loop on it.
+:data:`AXES` contains the control loop, :data:`EXCITATIONS` how its motion is identified, and ``sname.DOFS`` the names
+of that motion.
 
-The firmware profile (``Firmware.axes``) adds the law and the gains that each firmware has for an axis.
+The firmware profile (``Firmware.axes``) adds the control law and the gains of each firmware for an axis.
 """
 
 from __future__ import annotations
@@ -31,16 +32,17 @@ _PULSES = "a small pulse in each direction to check the response, then "
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """How one degree of freedom is identified. Chosen for craft of half a metre to a few metres.
+    """How one degree of freedom is identified. The numbers are project choices for craft of half a metre to a few
+    metres.
 
     Attributes
     ----------
-    least_hysteresis : of a relay on it [rad or m].
-    title : name of the oscillating motion, for people.
+    least_hysteresis : smallest hysteresis of a relay on it [rad or m].
+    title : name of the oscillating motion, for texts.
     check : announcement of the actuator check.
     check_reach, check_time : a pulse of the check ends at this fraction of ``least_hysteresis``, or after this time
-    [s]. by_throttle : throttle drives it, so a craft under way is identified by throttle steps.
-    below_surface : it can only be excited under water. turns : its force steers the craft.
+    [s]. by_throttle : whether throttle drives it, so that a craft under way is identified by throttle steps.
+    below_surface : whether it can only be excited under water. turns : whether its force steers the craft.
     """
 
     dof: str
@@ -55,12 +57,12 @@ class Excitation:
 
     @property
     def names(self) -> Dof:
-        """The names of its signals and parameters."""
+        """Names of its signals and parameters."""
         return DOFS[self.dof]
 
     @property
     def signal(self) -> str:
-        """The feedback signal of the relay; ``x`` is integrated speed ahead, ``y`` sideways."""
+        """Feedback signal of the relay: ``x`` is the integral of the speed ahead, ``y`` of the sideways speed."""
         return self.names.position
 
 
@@ -83,7 +85,7 @@ class AxisKind:
 
     Attributes
     ----------
-    dof : its degree of freedom. stepped : the signal of the step that proves its gains.
+    dof : name of its degree of freedom. stepped : the signal of the step that proves its gains.
     step, step_duration : size [SI, rad] and duration [s] of the step, each way; NaN if chosen for the craft.
     rates : messages that contain it, in addition to ATTITUDE, with the rates its experiments need [Hz].
     calmed : width of the centred mean that smooths the noisy stepped signal [s].
@@ -103,12 +105,12 @@ class AxisKind:
 
     @property
     def excitation(self) -> Excitation:
-        """How it is identified."""
+        """How its degree of freedom is identified."""
         return EXCITATIONS[self.dof]
 
     @property
     def names(self) -> Dof:
-        """The names of its signals and parameters."""
+        """Names of its signals and parameters."""
         return DOFS[self.dof]
 
     @property
@@ -118,7 +120,7 @@ class AxisKind:
 
     @property
     def controls_velocity(self) -> bool:
-        """Whether its loop is stepped in a speed or a turn rate, about what the craft keeps."""
+        """Whether its loop controls a speed or a turn rate. Its step is then flown about the measured steady value."""
         return self.stepped != self.names.position
 
 
@@ -141,7 +143,7 @@ SIGNAL_FORCES: Mapping[str, str] = {a.stepped: a.names.force for a in AXES.value
 
 
 def axis_kind(name: str) -> AxisKind:
-    """Return the axis called *name* in commands (``KeyError`` when there is none)."""
+    """Return the axis called *name* in commands; ``KeyError`` if there is none."""
     return AXES[OTHER_NAMES.get(name, name)]
 
 

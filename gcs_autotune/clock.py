@@ -40,7 +40,7 @@ class Clock(Protocol):
 
 
 class WallClock:
-    """The machine's monotonic clock, for links to real vehicles."""
+    """The computer's monotonic clock, for links to real vehicles."""
 
     def now(self) -> float:
         """Return ``time.monotonic()`` [s]."""
@@ -80,21 +80,21 @@ class Deadline:
 
     @property
     def remaining(self) -> float:
-        """Seconds left, never negative."""
+        """Seconds left; never negative."""
         return max(0.0, self.at - self.clock.now())
 
     @property
     def expired(self) -> bool:
-        """Whether the moment has passed."""
+        """Whether the deadline has passed."""
         return self.clock.now() >= self.at
 
 
 class OutOfTime(Exception):
-    """The deadline of a :class:`Budget` has passed. The message names the interrupted step."""
+    """Raised when the deadline of a :class:`Budget` has passed. The message states the interrupted step."""
 
 
 class OutOfWork(OutOfTime):
-    """The work of a :class:`Budget` is used up."""
+    """Raised when the work of a :class:`Budget` is used up."""
 
 
 @dataclass(slots=True, eq=False)
@@ -103,7 +103,7 @@ class Budget:
 
     work : limit of samples processed by simulations and filters. deadline : latest end; None: none.
     done : samples processed so far. stopped : the step that was interrupted, empty while running.
-    by_work : stopped by *work*, not by the deadline.
+    by_work : whether it was stopped by *work* and not by the deadline.
     """
 
     work: float = math.inf
@@ -124,12 +124,12 @@ class Budget:
             self.stop()
 
     def stop(self) -> NoReturn:
-        """Stop the computation.
+        """Stop the computation with the matching error.
 
         Raises
         ------
         OutOfWork
-            The work is used up. OutOfTime: else.
+            The work is used up. OutOfTime: the deadline has passed.
         """
         out_of_work = self.done > self.work
         if not self.stopped:
@@ -145,7 +145,7 @@ _under_way: ContextVar[str] = ContextVar("under_way", default="a fit")
 
 @contextmanager
 def limited_to(effort: Budget | None) -> Iterator[None]:
-    """Limit computations inside to *effort*, None for no limit; replaces an outer limit."""
+    """Limit the computations inside this context to *effort*; None: no limit. It replaces an outer limit."""
     token, words = _effort.set(effort), _under_way.set(_under_way.get())
     try:
         yield
@@ -155,13 +155,13 @@ def limited_to(effort: Budget | None) -> Iterator[None]:
 
 
 def current_effort() -> Budget | None:
-    """Return the budget of this computation; None without limit."""
+    """Return the budget of this computation; None without a limit."""
     return _effort.get()
 
 
 @contextmanager
 def uncounted() -> Iterator[None]:
-    """Do not count work inside; the deadline still applies."""
+    """Do not count the work inside this context; the deadline still applies."""
     effort = _effort.get()
     done = 0.0 if effort is None else effort.done
     try:
@@ -172,7 +172,7 @@ def uncounted() -> Iterator[None]:
 
 
 def spend(samples: float) -> None:
-    """Count work of *samples* samples, before it is done.
+    """Count the work of *samples* samples before it is done.
 
     Raises
     ------

@@ -73,7 +73,7 @@ class Actuate:
     """Drive the actuators directly (manual mode): fractions of full output, -1..1, SNAME signs.
 
     ``Z`` pushes down, ``N`` turns to starboard. A boat's ``N`` is its steering output, ``X`` its throttle. ``K`` and
-    ``M`` are for previews on a model: no firmware gives them a channel here.
+    ``M`` are only for previews on a model, because no supported firmware has a channel for them.
     """
 
     X: float = 0.0
@@ -86,7 +86,7 @@ class Actuate:
 
 @dataclass(frozen=True, slots=True)
 class HeadingTarget:
-    """Let the autopilot's own heading loop hold ``psi`` [rad] at forward ``speed`` [m/s] (0 for an ROV)."""
+    """Command the autopilot's own heading loop to hold ``psi`` [rad] at forward ``speed`` [m/s] (0 for an ROV)."""
 
     psi: float
     speed: float = 0.0
@@ -94,7 +94,7 @@ class HeadingTarget:
 
 @dataclass(frozen=True, slots=True)
 class TurnRateTarget:
-    """Let the autopilot's own rate loop turn at ``r`` [rad/s] at forward ``speed`` [m/s] (0 for an ROV)."""
+    """Command the autopilot's own rate loop to turn at ``r`` [rad/s] at forward ``speed`` [m/s] (0 for an ROV)."""
 
     r: float
     speed: float = 0.0
@@ -102,20 +102,21 @@ class TurnRateTarget:
 
 @dataclass(frozen=True, slots=True)
 class DepthTarget:
-    """Let the autopilot's own depth loop hold ``z`` [m, down]."""
+    """Command the autopilot's own depth loop to hold ``z`` [m, down]."""
 
     z: float
 
 
 SteeredBy = Literal["rudder", "thrusters", "rov"]
-"""What turns a craft: a boat's rudder, its two thrusters, or the thrusters of an ROV, which turns on the spot."""
+"""How a craft turns: by a boat's rudder, by its two thrusters, or by the thrusters of an ROV, which turns on the
+spot."""
 Command = Actuate | HeadingTarget | TurnRateTarget | DepthTarget
 
 
 def set_point(signal: str, value: float, *, course: float = math.nan, speed: float = 0.0) -> Command:
-    """Return the command that has the autopilot's own loop hold *signal* at *value* [SI].
+    """Return the command for the autopilot's own loop to hold *signal* at *value* [SI].
 
-    course : heading [rad] to keep where the signal is the speed. speed : ahead [m/s] where it is not.
+    course : heading [rad] to hold if the signal is the speed. speed : speed ahead [m/s] for other signals.
     """
     match signal:
         case "psi":
@@ -131,11 +132,11 @@ def set_point(signal: str, value: float, *, course: float = math.nan, speed: flo
 
 @dataclass(frozen=True, slots=True)
 class Intervention:
-    """A change of mode or armed state during a run that this tool did not order.
+    """A change of mode or armed state during a run that this program did not command.
 
-    ``what`` : in words, with its cause if known. ``mode_stands``, ``armed_stands`` : whether it must not be undone.
-    ``is_certain`` : False if a late copy of our own order may have caused it. ``may_go_on`` : whether the operator may
-    continue, because a failsafe that waits for our overrides causes it.
+    ``what`` : text of the change, with its cause if known. ``mode_stands``, ``armed_stands`` : whether it must not be
+    undone. ``is_certain`` : False if a late copy of our own command may have caused it. ``may_go_on`` : whether the
+    operator may continue, because a failsafe for missing overrides caused it.
     """
 
     what: str
@@ -146,7 +147,7 @@ class Intervention:
 
     @property
     def stands(self) -> bool:
-        """Whether any part of it must not be undone."""
+        """Whether any part of the change must not be undone."""
         return self.mode_stands or self.armed_stands
 
 
@@ -160,7 +161,7 @@ class Craft(Protocol):
 
     @property
     def clock(self) -> Clock:
-        """The link's clock (not the vehicle's)."""
+        """The link's clock, which is not that of the vehicle."""
         ...
 
     @property
@@ -178,23 +179,26 @@ class Craft(Protocol):
         ...
 
     def take_over(self) -> None:
-        """Start controlling mode and armed state; any change from elsewhere is an intervention."""
+        """Start to monitor mode and armed state. Any change from elsewhere counts as an intervention."""
         ...
 
     def give_back(self) -> None:
-        """Stop controlling mode and armed state."""
+        """Stop monitoring mode and armed state."""
         ...
 
     def intervention(self) -> Intervention | None:
-        """Request mode and armed state, and return the first intervention since :meth:`take_over`; None without one."""
+        """Request mode and armed state.
+
+        Return the first intervention since :meth:`take_over`; None if there is none.
+        """
         ...
 
     def accept_intervention(self) -> None:
-        """Accept the present mode and armed state; the next intervention counts as the first."""
+        """Accept the present mode and armed state. The next intervention then counts as the first."""
         ...
 
     def observe(self) -> Observation:
-        """Wait for the next control tick and return it.
+        """Wait for the next control tick and return its observation.
 
         Raises ``LinkLost`` without messages, ``TelemetryFault`` for implausible ones, ``OperatorStopped`` after a
         stop request.
@@ -202,7 +206,7 @@ class Craft(Protocol):
         ...
 
     def send(self, command: Command) -> None:
-        """Put a command on the wire; it is repeated by :meth:`observe` often enough to stay in force."""
+        """Send a command. :meth:`observe` repeats it often enough to keep it in force."""
         ...
 
     def set_mode(self, mode: str) -> None:
@@ -218,11 +222,11 @@ class Craft(Protocol):
         ...
 
     def neutral(self) -> None:
-        """Bring every actuator to neutral and check the measured outputs; while armed, hold it there."""
+        """Bring every actuator to neutral and check the measured outputs. While armed, hold it there."""
         ...
 
     def release(self) -> None:
-        """Release the sticks, if held."""
+        """Release the sticks if this program controls them."""
         ...
 
     def start_recording(self, name: str) -> None:
@@ -238,5 +242,5 @@ class Craft(Protocol):
         ...
 
     def shielded(self) -> AbstractContextManager[None]:
-        """Defer the operator's stop inside, for clean-up."""
+        """Return a context for clean-up in which the operator's stop is deferred."""
         ...

@@ -1,8 +1,8 @@
-"""Parse tables with ``name[unit]`` heads; reject other files with a message that states what they are.
+"""Parse tables with ``name[unit]`` headings. Reject other files with a message that states their type.
 
 Spreadsheets and loggers use their own separators, decimal marks, dates and encodings. A wrong guess could scale numbers
-by a thousand, so ambiguous files are rejected with a command that converts them. Unambiguous variants are read: a head
-line in a comment (``numpy.savetxt``), units on a separate line, text columns.
+by a thousand, so ambiguous files are rejected with a command that converts them. Unambiguous variants are read: a
+header line in a comment (``numpy.savetxt``), units on a separate line, text columns.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Note: TypeAlias = tuple[str, str, str]
-"""Slug, cause and cure: becomes a ``Doubt`` of whatever is identified from the run."""
+"""Slug, cause and remedy. It becomes a ``Doubt`` of anything identified from the run."""
 
 _DATE = re.compile(r"^\s*\d{4}-\d{1,2}-\d{1,2}|^\s*\d{1,2}[./-]\d{1,2}[./-]\d{2,4}\b|^\s*\d{1,2}:\d{2}(:\d{2}|\s*$)")
 _NUMBER = re.compile(r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$")
@@ -50,16 +50,16 @@ _DECIMAL_COMMA = re.compile(r"^\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*$")
 _COMMA_IN_NUMBER = re.compile(r"\d,\d")
 _SEPARATORS = {";": "';'", "\t": "tabs", "|": "'|'"}
 _UNSEEN = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
-"""Control characters that no text contains; escape sequences (1b) are handled where text is shown."""
+"""Control characters that do not occur in text. Escape sequences (1b) are handled where text is shown."""
 SHOWN = 40
-"""Chosen: characters quoted of a cell."""
+"""Number of characters of a cell that are quoted. Project choice."""
 SAMPLE = 1 << 16
-"""Bytes examined to detect an encoding. Chosen."""
+"""Number of bytes examined to detect an encoding. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """The cells of a table: those of its ``head`` line, and of its ``rows``, the first of which is row ``first``."""
+    """The cells of a table: those of its ``head`` line and of its ``rows``. The first row has the number ``first``."""
 
     path: Path
     head: list[str]
@@ -73,9 +73,9 @@ class TableNumbers:
 
     Attributes
     ----------
-    columns : indices of the columns with numbers. values : (n, k) of these, NaN where a cell is empty.
-    dropped : 1 if the last row was truncated. nans, infinite : such cells per column.
-    texts : heads of the columns skipped because they contain only words.
+    columns : indices of the columns with numbers. values : (n, k) numbers of these columns, NaN for an empty cell.
+    dropped : 1 if the last row was truncated. nans, infinite : number of such cells per column.
+    texts : headings of the columns skipped because they contain only text.
     """
 
     columns: list[int]
@@ -92,14 +92,14 @@ def text_of(path: Path) -> str:
     Raises
     ------
     BadFile
-        Unreadable, empty, in UTF-16 or UTF-32, or no text at all.
+        The file is unreadable, empty, in UTF-16 or UTF-32, or not text.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
         raise BadFile(f"{path} cannot be read as a CSV run: {error.strerror or error}") from error
     if not data.strip():
-        raise BadFile(f"{path} is empty: it has no samples")
+        raise BadFile(f"{path} is empty. Check the recording, or copy the file again")
     wide = wide_encoding(data[:SAMPLE])
     if wide:
         raise BadFile(
@@ -114,7 +114,7 @@ def text_of(path: Path) -> str:
 
 
 def wide_encoding(data: bytes) -> str:
-    """Return ``UTF-16`` or ``UTF-32`` when *data* is text in one of them, by its mark or by its zeros."""
+    """Return ``UTF-16`` or ``UTF-32`` if *data* is such text, detected by its byte order mark or its zeros."""
     if data.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
         return "UTF-32"
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -126,12 +126,12 @@ def wide_encoding(data: bytes) -> str:
 
 
 def cells_of(path: Path) -> Cells:
-    """Return the table at *path*: its head line and rows, without comments (``#``) and blank lines.
+    """Return the table at *path*: its header line and rows, without comments (``#``) and blank lines.
 
     Raises
     ------
     BadFile
-        It is no table with commas between its columns; the message says what it is.
+        It is not a table with columns separated by commas. The message states what it is.
     """
     text = text_of(path)
     try:
@@ -145,15 +145,17 @@ def cells_of(path: Path) -> Cells:
     if rows and all(_NUMBER.match(cell) for cell in rows[0]):
         above = [row for row in remarks if len(row) == len(rows[0])]
         if not above:
-            raise BadFile(f"{path} has no head line. Add one above its numbers, like t[s],psi[rad],N[N m]")
+            raise BadFile(f"{path} has no header line. Add one above the numbers, like t[s],psi[rad],N[N m]")
         rows = [[above[-1][0].lstrip("# \t"), *above[-1][1:]], *rows]
     if len(rows) < 2:
-        raise BadFile(f"{path} has no samples. A run needs a head line like t[s],psi[rad],N[N m] and rows")
+        raise BadFile(
+            f"{path} contains no samples. A run needs a header line like t[s],psi[rad],N[N m], and rows of numbers"
+        )
     head, body = rows[0], rows[1:]
     if len(head) == 1 < len(body[0]):
         raise BadFile(
-            f"{path}, row 1: {_short(head[0])} is a title above the head line. Remove the lines above the one like "
-            "t[s],psi[deg],N[N m], or start them with #"
+            f"{path}, row 1: {_short(head[0])} is a title above the header line. Remove the lines above the header "
+            "line (t[s],psi[deg],N[N m]), or start them with #"
         )
     while len(head) > 1 and not head[-1].strip() and all(not row[-1].strip() for row in body if len(row) == len(head)):
         width = len(head)
@@ -177,19 +179,19 @@ def _verify_separator(path: Path, rows: Sequence[list[str]]) -> None:
         )
     spaced = [row[0].split() for row in rows[1:4] if len(row) == 1]
     if len(head) == 1 and spaced and all(len(s) > 1 and all(_NUMBER.match(c) for c in s) for s in spaced):
-        raise BadFile(f"{path} separates its columns by spaces. Use ',' between columns, also in the head line")
+        raise BadFile(f"{path} separates its columns by spaces. Use ',' between columns, also in the header line")
     if len(head) > 1 and any(_DECIMAL_COMMA.match(cell) for row in rows[1:4] for cell in row):
         raise BadFile(f"{path} uses decimal commas. Use . in numbers (0.61), and ',' only between columns")
     halves = [row for row in rows[1:50] if len(row) == 2 * len(head)]
     if len(head) > 1 and len(halves) == len(rows[1:50]) > 1:
         raise BadFile(
-            f"{path} has {len(head)} heads and {2 * len(head)} cells in a row: it uses commas both as decimal signs "
-            "and between columns. Export it with . in numbers and ',' between columns"
+            f"{path} has {len(head)} column heads but {2 * len(head)} cells in a row: it uses commas both as decimal "
+            "signs and between columns. Export it with . in numbers and ',' between columns"
         )
 
 
 def _with_units(cells: Cells) -> Cells:
-    """Return *cells* with a second head line, when it holds nothing but units, joined to the first."""
+    """Return *cells* with a second header line joined to the first, if it contains only units."""
     first = cells.rows[0]
     filled = [cell for cell in first if cell.strip()]
     if any(_number(cell) is not None for cell in filled) or len(first) != len(cells.head):
@@ -201,7 +203,7 @@ def _with_units(cells: Cells) -> Cells:
     if not any(_DATE.match(cell) for cell in filled):
         shown = ", ".join(_short(cell) for cell in filled[:3])
         raise BadFile(
-            f"{cells.path}, row 2: {shown} are words instead of numbers. Keep one head line, with units in "
+            f"{cells.path}, row 2: {shown} are words instead of numbers. Keep one header line, with units in "
             "brackets: t[s],psi[deg],N[N m]"
         )
     return cells
@@ -226,7 +228,7 @@ def numbers_of(cells: Cells) -> TableNumbers:
     Raises
     ------
     BadFile
-        A cell that is no number, a row of another length (a truncated *last* row is dropped), no rows.
+        A cell is not a number, a row has another length (a truncated *last* row is dropped), or there are no rows.
     """
     path, width = cells.path, len(cells.head)
     texts = [i for i in range(width) if _is_text(cells, i)]
@@ -253,13 +255,13 @@ def numbers_of(cells: Cells) -> TableNumbers:
     if not values:
         if len(cells.rows[-1]) == width:
             _refuse(cells, cells.first, cells.rows[-1], kept)
-        raise BadFile(f"{path} has no complete row of samples")
+        raise BadFile(f"{path} contains no complete row of samples")
     heads = [cells.head[i] for i in texts]
     return TableNumbers(kept, np.array(values, dtype=np.float64), dropped, nans, infinite, heads)
 
 
 def _plain_numbers(row: Sequence[str]) -> list[float] | None:
-    """Return the numbers of a row of finite numbers only, quickly; None when it is any other."""
+    """Return the numbers of a row that contains only finite numbers, by a fast path; None for any other row."""
     text = "".join(row)
     if not text.isascii() or "_" in text:
         return None
@@ -271,9 +273,9 @@ def _plain_numbers(row: Sequence[str]) -> list[float] | None:
 
 
 def _number(cell: str) -> float | None:
-    """Return the number in a cell, NaN when it is empty, None when it is none.
+    """Return the number in a cell, NaN if it is empty, None if it is not a number.
 
-    Python's ``1_0`` and digits of other scripts are none: no logger writes them.
+    Python's ``1_0`` and digits of other scripts do not count as numbers, because no logger writes them.
     """
     text = cell.strip()
     if not text:
@@ -287,7 +289,7 @@ def _number(cell: str) -> float | None:
 
 
 def _is_text(cells: Cells, i: int) -> bool:
-    """Whether column *i* holds words only, and is nothing by its name that is read."""
+    """Return whether column *i* contains only text and its name is not that of a known signal."""
     name, unit = parse_header(cells.head[i])
     if name in SIGNALS or unit or name.lower() in ("t", "time"):
         return False
@@ -299,9 +301,11 @@ def _is_text(cells: Cells, i: int) -> bool:
 
 
 def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int]) -> NoReturn:
-    """Return the error of the first cell of *row* that is not a number."""
+    """Return the error for the first cell of *row* that is not a number."""
     if len(row) != len(cells.head):
-        raise BadFile(f"{cells.path}, row {number}: {len(row)} cells instead of {len(cells.head)}")
+        raise BadFile(
+            f"{cells.path}, row {number}: {len(row)} cells instead of {len(cells.head)}. Correct or remove this row"
+        )
     i = next(i for i in columns if _number(row[i]) is None)
     cell, head = row[i], cells.head[i]
     where = f"{cells.path}, row {number}, column {_short(head)}: {_short(cell)}"
@@ -310,7 +314,7 @@ def _refuse(cells: Cells, number: int, row: Sequence[str], columns: Sequence[int
     if _DECIMAL_COMMA.match(cell):
         raise BadFile(f"{where} has a decimal comma. Use . in numbers")
     if cell.strip() == head.strip():
-        raise BadFile(f"{where} repeats the head line. Cut the file there; each part is a run")
+        raise BadFile(f"{where} repeats the header line. Split the file here: each part is a run")
     raise BadFile(f"{where} is not a number")
 
 
@@ -319,26 +323,32 @@ EPOCHS: tuple[tuple[float, float, str, float], ...] = (
     (1e14, 1e16, "us", 1e-6),
     (1e11, 1e13, "ms", 1e-3),
 )
-"""Stamps without a unit that lie between the first two are since 1970, in the third, which is so many seconds."""
+"""Ranges of time stamps without a unit that count from 1970.
+
+Each row has the lower and the upper limit, the unit of such stamps, and that unit in seconds.
+"""
 
 
 def since_1970(file: str, t: Array) -> tuple[Array, list[Note]]:
-    """Return stamps (n,) without a unit in seconds, with a note when their size shows them to be in another unit."""
+    """Return stamps (n,) without a unit in seconds, with a note if their size indicates another unit."""
     known = np.abs(t[np.isfinite(t)])
     typical = float(np.median(known)) if len(known) else 0.0
     for low, high, unit, factor in EPOCHS:
         if low < typical < high:
-            cause = f"the timestamps of {file} have no unit; they are read as {unit} since 1970"
-            return t * factor, [("epoch-stamps", cause, f"if this is correct, rename the column t[{unit}]")]
+            cause = f"the timestamps of {file} have no unit. They are read as {unit} since 1970"
+            return t * factor, [("epoch-stamps", cause, f"if this is correct, rename the column to t[{unit}]")]
     return t, []
 
 
 ABSURD, LAST = 1e12, 1e11
-"""Chosen: no signal in SI units, no stamp [s], is larger; such a number is damage."""
+"""Largest plausible signal in SI units, and largest plausible stamp [s].
+
+A larger number counts as damage. Project choice.
+"""
 
 
 def is_believable(name: str, values: Array, file: str) -> tuple[NDArray[np.bool_], list[Note]]:
-    """Return which values (n,) of a channel in SI units can be one's at all, with a note when some cannot."""
+    """Return which values (n,) of a channel in SI units are plausible, with a note if some are not."""
     with np.errstate(invalid="ignore"):
         absurd = np.isfinite(values) & (np.abs(values) > ABSURD)
     if not absurd.any():
@@ -346,33 +356,37 @@ def is_believable(name: str, values: Array, file: str) -> tuple[NDArray[np.bool_
     cause = (
         f"{int(absurd.sum())} of {len(values)} values of {name} in {file} are implausible, e.g. {values[absurd][0]:.3g}"
     )
-    return np.isfinite(values) & ~absurd, [("absurd-values", cause, "check the logger; these samples were skipped")]
+    return np.isfinite(values) & ~absurd, [("absurd-values", cause, "check the logger. The samples were skipped")]
 
 
 def clock_notes(file: str, t: Array) -> list[Note]:
-    """Return how many of the rows stamped *t* [s] have no time, and how often the time runs back."""
+    """Return notes on how many rows stamped *t* [s] have no time, and on how often the time runs backwards."""
     notes: list[Note] = []
     known = t[np.isfinite(t)]
     if 0 < len(t) - len(known):
         cause = f"{len(t) - len(known)} of {len(t)} rows of {file} have no time"
-        notes.append(("rows-without-time", cause, "check the logger; these rows were skipped"))
+        notes.append(("rows-without-time", cause, "check the logger. The rows were skipped"))
     back = np.flatnonzero(np.diff(known) < 0.0)
     if len(back):
         first = int(back[0])
         times = f"{len(back)} times, first" if len(back) > 1 else "once,"
         cause = f"the time of {file} jumps back {times} from {known[first]:.10g} to {known[first + 1]:.10g} s"
-        notes.append(("time-runs-back", cause, "record the vehicle's own timestamps, or cut the file there"))
+        notes.append(("time-runs-back", cause, "record the vehicle's own timestamps, or split the file there"))
     return notes
 
 
 NEUTRAL, HALF_RANGE = 1500.0, 400.0
-"""Pulse [us] of no output, and from there to full output, where nothing else is known: ArduPilot's defaults."""
+"""Neutral pulse [us], and the difference [us] to full output, if nothing else is known: ArduPilot's defaults."""
 SHORTEST, LONGEST = 700.0, 2300.0
-"""Range of pulses [us]. An input with all values inside it is in pulses; outputs and angles are smaller. Chosen."""
+"""Range of pulses [us].
+
+An input with all values inside it is in pulses, because outputs and angles are smaller. Project choice.
+"""
 
 
 def is_pulses(unit: str, values: Array) -> bool:
-    """Whether an input is in pulses [us]: by its unit, or, where it has none (``1``, of a rudder ``rad``), by size."""
+    """Return whether an input is in pulses [us]: by its unit or, without one (``1``, of a rudder ``rad``), by its
+    size."""
     return unit == "pwm" or (unit in ("1", "rad") and _are_pulses(values))
 
 
@@ -382,22 +396,22 @@ def _are_pulses(values: Array) -> bool:
 
 
 def shares_of_pulses(name: str, values: Array, run: str) -> tuple[Array, Note]:
-    """Return pulses [us] as normalised output about neutral; 0 us is no pulse, hence no output.
+    """Return pulses [us] as normalised output about neutral. 0 us means no pulse, and so no output.
 
     Raises
     ------
     BadFile
-        They are not about the neutral pulse.
+        The pulses do not lie about the neutral one.
     """
     sent = values[values != 0.0]
     if len(sent) and not _are_pulses(values):
         raise BadFile(
-            f"{name} of run '{visible(run)}' is in pulses, but ranges from {sent.min():g} to {sent.max():g}; pulses "
-            f"are around {NEUTRAL:g} us. Add its unit, or use the normalised output (-1 to 1) without a unit"
+            f"{name} of run '{visible(run)}' is in pulses, but ranges from {sent.min():g} to {sent.max():g}. Pulses "
+            f"are around {NEUTRAL:g} us. Correct the unit, or use the normalised output (-1 to 1) without a unit"
         )
     size = f", {sent.min():g} to {sent.max():g} us" if len(sent) else ""
     cause = (
-        f"{name} of run '{visible(run)}' is in pulses{size}; it is read as normalised output, "
+        f"{name} of run '{visible(run)}' is in pulses{size}. It is read as normalised output, "
         f"(pulse - {NEUTRAL:g} us) / {HALF_RANGE:g} us"
     )
     cure = "for another neutral or full output, write the normalised output: (pulse - trim) / (max - trim)"

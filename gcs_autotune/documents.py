@@ -1,8 +1,8 @@
-"""The folder of a new run, and files of others as bounded plain data or the types of a schema.
+"""Check the folder of a new run, and read JSON and TOML files as plain data or as the types of a schema.
 
-What is wrong with one is a :class:`BadFile` of one line.
+Any error in such a file raises :class:`BadFile` with a message of one line.
 
-The loader itself is :mod:`gcs_autotune_files`.
+The loader itself, with its limits on size, is :mod:`gcs_autotune_files`.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ T = TypeVar("T")
 
 
 def load_json(path: Path, what: str) -> Any:
-    """Return what the JSON file at *path* holds; *what* it should be stands in the message.
+    """Return the content of the JSON file at *path*. *what* is its expected type, for the message.
 
     Raises
     ------
     BadFile
-        It cannot be read, is no JSON, or is beyond the bounds of :mod:`gcs_autotune_files`.
+        It cannot be read, is not JSON, or exceeds the limits of :mod:`gcs_autotune_files`.
     """
     return _load(path, "json", what)
 
 
 def load_toml(path: Path, what: str) -> dict[str, Any]:
-    """Return the tables of the TOML file at *path*; errors as those of :func:`load_json`."""
+    """Return the tables of the TOML file at *path*; errors as for :func:`load_json`."""
     tables: dict[str, Any] = _load(path, "toml", what)
     return tables
 
@@ -44,12 +44,12 @@ def _load(path: Path, kind: Any, what: str) -> Any:
 
 
 def conformed(data: Any, form: type[T], where: object) -> T:
-    """Return plain *data* as *form*; *where* it stands begins the message.
+    """Return plain *data* converted to *form*. *where*: start of the message.
 
     Raises
     ------
     BadFile
-        It is not of that form.
+        The data do not have that form.
     """
     try:
         return conform(data, form)
@@ -58,12 +58,12 @@ def conformed(data: Any, form: type[T], where: object) -> T:
 
 
 def check_run_folder(path: Path) -> None:
-    """See that a run can be kept at *path*; nothing is made yet.
+    """Check that a run can be stored at *path*. Nothing is created yet.
 
     Raises
     ------
     UsageError
-        It already holds a run, or cannot be made.
+        It already contains a run, or cannot be created.
     """
     if (path / "trials").exists():
         raise UsageError(f"{path} already contains a run. Use another --out")

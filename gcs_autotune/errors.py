@@ -1,26 +1,26 @@
-"""Every error this package raises, in one tree.
+"""All errors that this package raises, as a tree.
 
 ::
 
     AutotuneError
     ├── LinkError
     │   ├── CannotOpenLink          port in use, no such device, wrong connection string
-    │   ├── NoVehicle               the link is open but no autopilot was heard
-    │   ├── SigningMismatch         one of us signs and the other does not, or with another key
-    │   ├── LinkLost                the vehicle was there and has gone silent
-    │   ├── NoReply                 asked, never answered (also a TimeoutError)
-    │   └── TelemetryFault          NaN, frozen or back-running telemetry, rates too low
-    ├── VehicleRefused              the vehicle understood and said no
-    │   ├── WrongVehicle            not a boat/ROV, or not one that has this axis
-    │   ├── CommandDenied           carries the MAV_RESULT
+    │   ├── NoVehicle               the link is open but no autopilot sends a heartbeat
+    │   ├── SigningMismatch         only one side signs, or the keys differ
+    │   ├── LinkLost                the vehicle was connected and has fallen silent
+    │   ├── NoReply                 a request was never answered (also a TimeoutError)
+    │   └── TelemetryFault          NaN, frozen or backwards telemetry, or too slow
+    ├── VehicleRefused              the vehicle rejected a command
+    │   ├── WrongVehicle            not a boat or ROV, or without this axis
+    │   ├── CommandDenied           contains the MAV_RESULT
     │   ├── ModeRefused
-    │   ├── ArmingRefused           carries the STATUSTEXTs that explain it
+    │   ├── ArmingRefused           contains the STATUSTEXTs with the reasons
     │   ├── ParameterMissing        this firmware has no parameter of that name
-    │   └── ParameterNotAccepted    wrote a, read back b
+    │   └── ParameterNotAccepted    the value read back differs from that written
     ├── ManoeuvreError
     │   ├── PreconditionFailed
     │   ├── NotAchieved             e.g. the limit cycle never settled
-    │   ├── GuardTripped            carries guard, value, limit
+    │   ├── GuardTripped            contains guard, value, limit
     │   ├── OperatorStopped         Ctrl-C, SIGTERM or "no" at a question
     │   └── NotAsFound              clean-up incomplete; lists what differs
     ├── DataError
@@ -30,10 +30,10 @@
     ├── DesignError
     │   └── NoGainsMeetSpec
     └── UsageError
-        └── UnknownName             carries the nearest spellings (also a KeyError)
+        └── UnknownName             contains the nearest spellings (also a KeyError)
 
-A message states what happened, to what, and what to do. A poor result is not an error; it has
-doubts. The command line maps the families to exit codes in one table (:data:`EXIT_CODES`).
+A message states what happened, to what, and what to do. A poor result is not an error; it is
+returned with doubts. The command line maps the families to exit codes in one table (:data:`EXIT_CODES`).
 """
 
 from __future__ import annotations
@@ -76,11 +76,11 @@ __all__ = [
 
 
 class AutotuneError(Exception):
-    """Root of everything this package raises on purpose."""
+    """Root of all errors that this package raises intentionally."""
 
 
 class LinkError(AutotuneError):
-    """The connection to the vehicle is the problem."""
+    """The connection to the vehicle failed."""
 
 
 class CannotOpenLink(LinkError):
@@ -92,19 +92,19 @@ class NoVehicle(LinkError):
 
 
 class SigningMismatch(LinkError):
-    """Vehicle and ground station do not agree on MAVLink signing: they cannot believe each other."""
+    """Vehicle and ground station do not agree on MAVLink signing, so each rejects the other's messages."""
 
 
 class LinkLost(LinkError):
-    """The vehicle was there and has gone silent."""
+    """The vehicle was connected and has fallen silent."""
 
 
 class NoReply(LinkError, TimeoutError):
-    """A request was sent, repeated, and never answered."""
+    """A request was sent and repeated, but never answered."""
 
 
 class TelemetryFault(LinkError):
-    """Telemetry arrives but cannot be trusted: NaN, frozen, running backwards, or too slow."""
+    """Telemetry arrives but is not usable: NaN, frozen, running backwards, or too slow."""
 
 
 class VehicleRefused(AutotuneError):
@@ -112,11 +112,11 @@ class VehicleRefused(AutotuneError):
 
 
 class WrongVehicle(VehicleRefused):
-    """The vehicle is not of a kind this command can tune."""
+    """This command cannot tune a vehicle of this type."""
 
 
 class CommandDenied(VehicleRefused):
-    """A COMMAND_ACK came back with a MAV_RESULT other than accepted."""
+    """A COMMAND_ACK has a MAV_RESULT other than accepted."""
 
     def __init__(self, message: str, *, command: int = 0, result: int = 0) -> None:
         super().__init__(message)
@@ -125,7 +125,7 @@ class CommandDenied(VehicleRefused):
 
 
 class ModeRefused(VehicleRefused):
-    """The flight mode was not taken up."""
+    """The vehicle did not change to the flight mode."""
 
 
 class ArmingRefused(VehicleRefused):
@@ -145,7 +145,7 @@ class ParameterMissing(VehicleRefused):
 
 
 class ParameterNotAccepted(VehicleRefused):
-    """A parameter was written and something else was read back."""
+    """A parameter was written but another value was read back."""
 
     def __init__(
         self, message: str, *, name: str = "", wanted: float = float("nan"), found: float = float("nan")
@@ -157,15 +157,15 @@ class ParameterNotAccepted(VehicleRefused):
 
 
 class ManoeuvreError(AutotuneError):
-    """A manoeuvre could not be flown to its end."""
+    """A manoeuvre could not be completed."""
 
 
 class PreconditionFailed(ManoeuvreError):
-    """Something that must hold before moving does not hold."""
+    """A condition required before moving is not fulfilled."""
 
 
 class OutputsUnassigned(PreconditionFailed):
-    """No known output drives a required force; ``told`` of ``of`` SERVOn_FUNCTION parameters are known."""
+    """No known output drives a required force. ``told`` of ``of`` SERVOn_FUNCTION parameters are known."""
 
     def __init__(self, message: str, *, told: int = 0, of: int = 0) -> None:
         super().__init__(message)
@@ -178,9 +178,9 @@ class NotAchieved(ManoeuvreError):
 
 
 class GuardTripped(ManoeuvreError):
-    """The safety envelope was left.
+    """A limit of the safety envelope was exceeded.
 
-    happened : the message without the advice, which holds only where the record does not show a cause.
+    happened : the message without the advice, which applies only if the record does not show a cause.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ class NotAsFound(ManoeuvreError):
 
 
 class DataError(AutotuneError):
-    """A recorded run is the problem."""
+    """A recorded run cannot be used."""
 
 
 class BadFile(DataError):
@@ -236,11 +236,11 @@ class NoGainsMeetSpec(DesignError):
 
 
 class UsageError(AutotuneError):
-    """The command was given wrongly."""
+    """The command or its options are not valid."""
 
 
 class UnknownName(UsageError, KeyError):
-    """A name is in none of our tables; :attr:`nearest` are the closest spellings."""
+    """A name is not in any table; :attr:`nearest` are the closest spellings."""
 
     def __init__(self, message: str, *, name: str = "", nearest: Sequence[str] = ()) -> None:
         super().__init__(message)
@@ -252,8 +252,8 @@ class UnknownName(UsageError, KeyError):
 
 
 EXIT_CODES: tuple[tuple[type[BaseException], int, str], ...] = (
-    (OperatorStopped, 130, "stopped by the operator; the vehicle was restored"),
-    (NotAsFound, 9, "clean-up incomplete; run `gcs-autotune restore`"),
+    (OperatorStopped, 130, "stopped by the operator, and the vehicle was restored"),
+    (NotAsFound, 9, "the vehicle was not restored completely: run `gcs-autotune restore`"),
     (UsageError, 2, "wrong usage of the command"),
     (LinkError, 3, "the link or its telemetry failed"),
     (VehicleRefused, 4, "the vehicle rejected a command"),
@@ -266,5 +266,5 @@ EXIT_CODES: tuple[tuple[type[BaseException], int, str], ...] = (
 
 
 def exit_code(error: BaseException) -> int:
-    """Return the process exit code for *error* (1 for anything unlisted)."""
+    """Return the process exit code for *error*; 1 for an error that is not listed."""
     return next((code for kind, code, _ in EXIT_CODES if isinstance(error, kind)), 1)

@@ -1,8 +1,8 @@
-"""Many tasks of one kind, done one after the other or by several processes: the same results in the same order.
+"""Run many tasks of one kind, in sequence or in several processes, with the same results in the same order.
 
-A function is given once, the tasks one by one. Both must be what ``pickle`` takes: a function of a module (or a
-``functools.partial`` of one), and tasks that are plain frozen data. Limits of work and time, and kept results, travel
-with them, so that it does not matter how a process was started.
+The function is passed once, the tasks one by one. Both must be picklable: a function of a module (or a
+``functools.partial`` of one), and tasks that are plain frozen data. Limits of work and time, and stored results, are
+passed with them, so it does not matter how a process was started.
 """
 
 from __future__ import annotations
@@ -31,31 +31,31 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 Progress = Callable[[int, int], None]
-"""Called with (tasks done, all tasks) after each."""
+"""Callback with (tasks done, all tasks), called after each task."""
 
 
 class Executor(Protocol):
-    """Whatever does tasks."""
+    """Runs tasks."""
 
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
     ) -> Iterator[Result]:
-        """Yield ``function(task)`` of each task, in order.
+        """Yield ``function(task)`` for each task, in order.
 
-        The results do not depend on how many tasks are done at a time. Work done elsewhere counts here, in the order of
-        the tasks.
+        The results do not depend on the number of simultaneous tasks. Work done in other processes is counted here, in
+        the order of the tasks.
 
         Raises
         ------
         OutOfTime
-            The present :class:`.Budget` is used up: at the same task for every executor, where it is the work.
+            The present :class:`.Budget` is used up. If it is the work, this is at the same task for every executor.
         ChildProcessError
-            All processes were ended from outside. What a task raises is raised here.
+            All processes were ended from outside. An exception in a task is raised here.
         """
 
 
 class SerialExecutor:
-    """One task after the other, in this process."""
+    """Runs one task after the other, in this process."""
 
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
@@ -68,17 +68,17 @@ class SerialExecutor:
 
 
 def executor_for(jobs: int) -> Executor:
-    """Return what does *jobs* tasks at a time."""
+    """Return an executor for *jobs* simultaneous tasks."""
     return SerialExecutor() if jobs <= 1 else ProcessExecutor(jobs)
 
 
 class ProcessExecutor:
-    """Several processes of this machine.
+    """Runs tasks in several processes on this computer.
 
     Parameters
     ----------
-    jobs : how many.
-    start_method : of ``multiprocessing``; empty: ``fork`` where there is one, which loads nothing again.
+    jobs : number of processes.
+    start_method : start method of ``multiprocessing``; empty: ``fork`` if available, which avoids repeated imports.
     """
 
     def __init__(self, jobs: int, start_method: str = "") -> None:
@@ -89,7 +89,7 @@ class ProcessExecutor:
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
     ) -> Iterator[Result]:
-        """As :meth:`Executor.map`. The processes are started for it and end with it."""
+        """Run tasks as :meth:`Executor.map`. The processes are started for this call and end with it."""
         if min(self._jobs, len(tasks)) < 2:
             yield from SerialExecutor().map(function, tasks, progress)
             return
@@ -103,17 +103,17 @@ class ProcessExecutor:
 
 
 _POLITE = 5
-"""Chosen: niceness of a kept process; whoever keeps it comes first."""
+"""Niceness of a kept process, so that the process that started it has priority. Project choice."""
 _GRACE = 5.0
-"""Chosen: seconds that an ended process may take to be gone."""
+"""Time [s] that a terminated process may take to end. Project choice."""
 
 
 class KeptProcess:
-    """One process that is started ahead and kept from one call to the next, for a caller that must not wait for it.
+    """A process that is started in advance and kept between calls, for a caller that must not wait.
 
-    It is started afresh, so that it has no file or port of the caller, and does not import the caller's main module,
-    which may be a script that opens a link. It has a session of its own (Ctrl-C at the terminal is not for it), and
-    prints to standard error. It ends as soon as the caller's process does, at work or not.
+    It is a new process without open files or ports of the caller. It does not import the caller's main module, which
+    may be a script that opens a link. It has its own session, so that Ctrl-C at the terminal does not reach it, and
+    prints to standard error. It ends as soon as the caller's process ends, even while working.
     """
 
     def __init__(self) -> None:
@@ -126,18 +126,18 @@ class KeptProcess:
 
     @property
     def pid(self) -> int | None:
-        """The number of the process."""
+        """Process id."""
         return self._process.pid
 
     @property
     def is_alive(self) -> bool:
-        """Whether it can do further tasks."""
+        """Whether it can run further tasks."""
         return self._process.is_alive()
 
     def map(
         self, function: Callable[[Task], Result], tasks: Sequence[Task], progress: Progress | None = None
     ) -> Iterator[Result]:
-        """As :meth:`Executor.map`; ``ChildProcessError`` has the exit code of the process."""
+        """As :meth:`Executor.map`. Raises ``ChildProcessError`` with the exit code if the process ends."""
         limits, kept = _Limits.present(), current_kept_results()
         for i, task in enumerate(tasks):
             try:
@@ -154,11 +154,11 @@ class KeptProcess:
                 progress(i + 1, len(tasks))
 
     def kill(self) -> None:
-        """End the process, at work or not: whoever waits for it gets an error."""
+        """Terminate the process even while working. A caller waiting for it receives an error."""
         self._process.kill()
 
     def close(self) -> None:
-        """End the process and wait until it is gone; nobody may wait for it any more."""
+        """Terminate the process and wait until it has ended. No caller may be waiting for it."""
         self.kill()
         self._process.join(_GRACE)
         self._pipe.close()
@@ -166,7 +166,7 @@ class KeptProcess:
 
 @dataclass(frozen=True, slots=True)
 class _Limits:
-    """What is left of the present budget: work [samples], time [s]; None: no limit was set."""
+    """Rest of the present budget: work [samples], time [s]; None: no limit was set."""
 
     work: float
     seconds: float | None
@@ -185,7 +185,7 @@ class _Limits:
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """What a process needs to know before its first task."""
+    """Data that a process needs before its first task."""
 
     function: Callable[[Any], Any]
     limits: _Limits | None
@@ -194,7 +194,7 @@ class _Order:
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """What a task returned, its ``work`` [samples], and whether the budget was used up in it."""
+    """Result of a task, its ``work`` [samples], and whether it used up the budget."""
 
     result: Any
     work: float = 0.0
@@ -202,7 +202,7 @@ class _Outcome:
 
 
 def _take_account(outcome: _Outcome) -> None:
-    """Count the work of a task done elsewhere, and stop where the budget is used up."""
+    """Count the work of a task done elsewhere, and stop if the budget is used up."""
     effort = current_effort()
     if effort is None:
         return
@@ -213,9 +213,9 @@ def _take_account(outcome: _Outcome) -> None:
 
 
 class _Processes:
-    """Processes with a pipe of their own each: one that is ended in the middle of an answer holds up no other.
+    """Processes with one pipe each, so that one terminated in the middle of an answer does not block the others.
 
-    A pool with one queue for all answers may wait for ever when it is ended while a long answer is under way.
+    A pool with one queue for all answers may wait for ever if a process is terminated during a long answer.
     """
 
     def __init__(self, order: _Order, count: int, method: str) -> None:
@@ -248,7 +248,7 @@ class _Processes:
             pipe.close()
 
     def outcomes(self, tasks: Sequence[Any]) -> Iterator[_Outcome]:
-        """Yield the outcome of every task, in order; errors as those of :meth:`Executor.map`."""
+        """Yield the outcome of every task, in order; errors as for :meth:`Executor.map`."""
         waiting, done = deque(range(len(tasks))), dict[int, _Outcome | BaseException]()
         busy: dict[Connection, int] = {}
         idle = list(self._pipes)
@@ -259,7 +259,7 @@ class _Processes:
                     if _is_sent(pipe, tasks[waiting[0]]):
                         busy[pipe] = waiting.popleft()
                 if not busy:
-                    raise ChildProcessError("all processes were ended from outside: is there memory enough?")
+                    raise ChildProcessError("all worker processes were ended from outside. Check the free memory")
                 for ready in wait(list(busy)):
                     assert isinstance(ready, Connection)
                     at, outcome = busy.pop(ready), _received(ready)
@@ -275,7 +275,7 @@ class _Processes:
 
 
 def _is_sent(pipe: Connection, task: Any) -> bool:
-    """Send *task*; False where the process was ended: the others do its share."""
+    """Send *task*. Return False if the process has ended; the others then do its tasks."""
     try:
         pipe.send(task)
     except BrokenPipeError:
@@ -284,7 +284,7 @@ def _is_sent(pipe: Connection, task: Any) -> bool:
 
 
 def _received(pipe: Connection) -> _Outcome | BaseException | None:
-    """Return what a process sends; None where it was ended."""
+    """Return the answer of a process; None if the process has ended."""
     try:
         outcome: _Outcome | BaseException = pipe.recv()
     except (EOFError, ConnectionResetError):
@@ -294,7 +294,7 @@ def _received(pipe: Connection) -> _Outcome | BaseException | None:
 
 @contextmanager
 def _holding_signals() -> Iterator[None]:
-    """Hold SIGTERM and SIGINT back where the system can (Windows cannot, and does not fork)."""
+    """Defer SIGTERM and SIGINT if the system can. Windows cannot, but does not fork."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -306,7 +306,7 @@ def _holding_signals() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """Forget the parent's signal handlers: Ctrl-C is the parent's business, and who is told to end, ends."""
+    """Reset the parent's signal handlers: ignore Ctrl-C, which the parent handles, and end on SIGTERM."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
@@ -315,7 +315,8 @@ def _begin() -> None:
 
 @contextmanager
 def _without_main_module() -> Iterator[None]:
-    """Let a process started within not import this one's main module: ``multiprocessing`` finds an empty one."""
+    """Prevent a process started within this context from importing the main module, by hiding it from
+    ``multiprocessing``."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:
@@ -325,7 +326,7 @@ def _without_main_module() -> Iterator[None]:
 
 
 def _serve_apart(pipe: Connection) -> None:
-    """Do what comes in, each with the order it comes with; see :class:`KeptProcess`."""
+    """Run the tasks received, each with its own order; see :class:`KeptProcess`."""
     _begin()
     if hasattr(os, "setsid"):
         os.setsid()
@@ -356,7 +357,7 @@ def _end_with_parent() -> None:
 
 
 def _serve(order: _Order, pipe: Connection, inherited: Sequence[Connection]) -> None:
-    """Do one task after the other, until the parent ends this process or is gone."""
+    """Run one task after the other, until the parent terminates this process or ends itself."""
     _begin()
     for other in inherited:
         other.close()
@@ -366,7 +367,7 @@ def _serve(order: _Order, pipe: Connection, inherited: Sequence[Connection]) -> 
 
 
 def _answer(pipe: Connection, outcome: _Outcome | BaseException) -> None:
-    """Send the outcome; an error that cannot be sent is sent in words."""
+    """Send the outcome. An error that cannot be pickled is sent as text."""
     try:
         if isinstance(outcome, BaseException):
             pickle.loads(pickle.dumps(outcome))  # many an error can be packed and not unpacked
@@ -379,9 +380,10 @@ def _answer(pipe: Connection, outcome: _Outcome | BaseException) -> None:
 
 
 def _outcome(order: _Order, task: Any) -> _Outcome | BaseException:
-    """Return the outcome of a task, or what it raised.
+    """Return the outcome of a task: its result, or the error it raised.
 
-    Each task may use what was left when the processes were made: the parent adds up, and stops at the right one.
+    Each task may use the budget left when the processes were started. The parent adds up the work and stops at the
+    right task.
     """
     budget = Budget() if order.limits is None else order.limits.budget()
     try:

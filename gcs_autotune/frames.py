@@ -1,4 +1,4 @@
-"""From the globe to the flat map, from the map to the body: what telemetry and log readers share."""
+"""Conversion from the globe to a flat map and from the map to the body frame, common to telemetry and log readers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 __all__ = ["flat", "from_flat", "to_body"]
 
 EARTH = 6_378_137.0
-"""Equatorial radius of WGS 84 [m]; a metre of position in a kilometre is all the flat map has to hold."""
+"""Equatorial radius of WGS 84 [m].
+
+The flat map needs an accuracy of only one metre per kilometre.
+"""
 
 Number = TypeVar("Number", float, NDArray[np.float64])
 

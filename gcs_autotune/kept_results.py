@@ -1,7 +1,7 @@
 """Store results of long calculations in a file, so that a stopped calculation can continue.
 
-A result is stored under a fingerprint of everything it depends on: data, start values, settings. A repeated
-calculation within :func:`keeping` returns the stored result. The file holds one JSON line per result.
+A result is stored under a fingerprint of everything it depends on: data, start values, settings. A repeated calculation
+within :func:`keeping` returns the stored result. The file contains one JSON line per result.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ SCHEMA = "gcs-autotune kept results 1"
 
 
 class KeptResults:
-    """Results in the file *path*, which is created with the first one; each is written as soon as it is known.
+    """Results in the file *path*, which is created with the first one. Each is written as soon as it is known.
 
     subject : fingerprint of what all results are about.
 
     Raises
     ------
     BadFile
-        The file holds something else, or results about another *subject*.
+        The file has another content, or results on another *subject*.
     """
 
     def __init__(self, path: Path, subject: str) -> None:
@@ -44,11 +44,11 @@ class KeptResults:
         known = _lines(path)
         head = {"schema": SCHEMA, "subject": subject}
         if known and known[0].get("schema") != SCHEMA:
-            raise BadFile(f"{path} contains no results of a search")
+            raise BadFile(f"{path} contains no results of a search. Start again without --resume")
         if known and known[0] != head:
             raise BadFile(
                 f"{path} contains results of other runs, other options or another version. Use the same command as "
-                "before, or start again without --resume"
+                "for the stopped search, or start again without --resume"
             )
         for line in known[1:]:
             if isinstance(line.get("key"), str) and "result" in line:
@@ -65,16 +65,19 @@ class KeptResults:
         Raises
         ------
         KeyError
-            There is none.
+            There is no such result.
         """
         return self._found[key]
 
     def keep(self, key: str, result: Any) -> None:
-        """Write a *result* in JSON's own types under *key*. A full disk loses it, not the calculation."""
+        """Store a JSON-compatible *result* under *key*.
+
+        If the disk is full, only the stored result is lost, not the calculation.
+        """
         self._write({"key": key, "result": result})
 
     def begin(self) -> None:
-        """Make the file, where nothing was kept so far."""
+        """Create the file if nothing has been stored yet."""
         self._write()
 
     def _write(self, *more: Mapping[str, Any]) -> None:
@@ -89,12 +92,12 @@ class KeptResults:
         self._head, self._cut_off = None, False
 
     def remove(self) -> None:
-        """Delete the file: the calculation has ended."""
+        """Delete the file, because the calculation has ended."""
         self.path.unlink(missing_ok=True)
 
 
 def _lines(path: Path) -> list[dict[str, Any]]:
-    """Return the objects of a file's lines; a last line that was cut off is left out."""
+    """Return the objects in a file's lines. A truncated last line is ignored."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -110,17 +113,17 @@ def _lines(path: Path) -> list[dict[str, Any]]:
         if isinstance(one, dict):
             found.append(one)
     if text and not found:
-        raise BadFile(f"{path} contains no results of a search")
+        raise BadFile(f"{path} contains no results of a search. Start again without --resume")
     return found
 
 
 _kept: ContextVar[KeptResults | None] = ContextVar("kept", default=None)
-"""Of this thread, and of what it forks."""
+"""The results used by this thread and the processes it forks."""
 
 
 @contextmanager
 def keeping(results: KeptResults | None) -> Iterator[None]:
-    """Keep what is calculated inside in *results*, and take from there what is known; None: neither."""
+    """Store results calculated inside this context in *results*, and reuse those already stored. None: do neither."""
     token = _kept.set(results)
     try:
         yield
@@ -129,7 +132,7 @@ def keeping(results: KeptResults | None) -> Iterator[None]:
 
 
 def current_kept_results() -> KeptResults | None:
-    """Return where results are kept at present; None: nowhere."""
+    """Return the present store of results; None if there is none."""
     return _kept.get()
 
 
@@ -139,11 +142,10 @@ def recalled(
     encode: Callable[[Result], Any],
     decode: Callable[[Any], Result],
 ) -> Result:
-    """Return the result of *calculate*, or the stored one if there is one.
+    """Return the stored result, or else that of *calculate*.
 
-    asked : returns everything that the result depends on, its kind first. encode, decode : to JSON's own types and
-    back. What
-        it takes to decode was counted as work when it was calculated.
+    asked : returns everything that the result depends on, its kind first. encode, decode : convert to JSON's own types
+        and back. The work of decoding is not counted, because the calculation already was.
     """
     kept = _kept.get()
     if kept is None:
@@ -160,7 +162,7 @@ def recalled(
 
 
 def fingerprint(*things: Any) -> str:
-    """Return 32 hexadecimal digits that differ for different *things*: numbers, texts, arrays, dataclasses of these."""
+    """Return 32 hexadecimal digits that identify *things*: numbers, texts, arrays, and dataclasses of these."""
     digest = hashlib.sha256()
     for thing in things:
         _add(thing, digest.update)

@@ -1,8 +1,8 @@
 """A MAVProxy module: ``module load gcs_autotune.mavproxy``, then ``autotune heading``, ``autotune stop``.
 
-MAVProxy imports a module by its dotted name if it has none of that name itself, and calls :func:`init`. The tune runs
-in a separate thread over MAVProxy's link: it reads what MAVProxy receives, and sends between MAVProxy's messages.
-Everything else, from announcement to clean-up, is as in ``gcs-autotune tune``.
+MAVProxy imports a module by its dotted name if it has no built-in module of that name. It then calls :func:`init`. The
+tune runs in a separate thread over MAVProxy's link: it reads what MAVProxy receives, and sends between MAVProxy's
+messages. Everything else, from announcement to clean-up, is as in ``gcs-autotune tune``.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ except ImportError:  # whoever imports this without MAVProxy reads it only
 __all__ = ["AutotuneModule", "MavproxyLink", "init"]
 
 NAME = "gcs_autotune.mavproxy"
-"""What MAVProxy must find the module by, to unload it."""
+"""Name by which MAVProxy finds the module to unload it."""
 USAGE = """usage: autotune AXIS [option ...]   tune a loop: heading, yaw, speed, depth (options: autotune AXIS --help)
        autotune yes | no            answer the last question
        autotune stop                stop now: actuators neutral, mode and parameters restored
-       autotune restore [RUN]       restore what an interrupted run left changed
+       autotune restore [RUN]       restore the vehicle after an interrupted run
        autotune status              show the current state"""
 _LEAVING = 60.0
-"""Chosen: seconds that the clean-up may take when MAVProxy ends."""
+"""Time [s] that the clean-up may take when MAVProxy ends. Project choice."""
 _SLICE = 0.01
 
 
@@ -56,11 +56,11 @@ class MavproxyLink(Transport):
 
     @property
     def carrier(self) -> str:
-        """MAVProxy."""
+        """Name of the program that transports the bytes: MAVProxy."""
         return "MAVProxy"
 
     def take(self, data: bytes) -> None:
-        """Take what MAVProxy has received; called from its thread."""
+        """Receive bytes from MAVProxy; called from its thread."""
         self._received.put(data)
 
     def _read_available(self, timeout: float) -> bytes:
@@ -78,7 +78,7 @@ class MavproxyLink(Transport):
             raise self.lost(str(error), "check `link` in MAVProxy") from error
 
     def _close(self) -> None:
-        """The link stays MAVProxy's."""
+        """Do nothing, because MAVProxy keeps its link."""
 
 
 class _Console:
@@ -92,19 +92,19 @@ class _Console:
 
     @property
     def answered_beforehand(self) -> bool:
-        """Whether questions are answered by ``--yes``."""
+        """Whether ``--yes`` answers the questions."""
         return self._yes
 
     def stop_requested(self) -> bool:
-        """Whether ``autotune stop`` was typed."""
+        """Return whether ``autotune stop`` was typed."""
         return self.stop
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask at the prompt; `autotune yes` and `autotune no` answer."""
+        """Ask at the prompt. `autotune yes` and `autotune no` answer the question."""
         if self._yes:
             return True
         self.answer, self.question = None, question
-        _print(f"{question} Answer with: autotune yes, autotune no")
+        _print(f"{question} Answer with: autotune yes, or autotune no")
         try:
             while self.answer is None:
                 while_waiting()
@@ -126,11 +126,11 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
 
     @property
     def is_busy(self) -> bool:
-        """Whether a run is under way."""
+        """Whether a run is in progress."""
         return self._thread is not None and self._thread.is_alive()
 
     def command(self, words: Sequence[str]) -> None:
-        """Do what was typed after ``autotune``; errors become one line."""
+        """Execute the command typed after ``autotune``. Errors are printed as one line."""
         verb = words[0] if words else ""
         try:
             if verb in ("yes", "no"):
@@ -151,13 +151,16 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
             pass
 
     def mavlink_packet(self, packet: Any) -> None:
-        """Hand on what MAVProxy has received."""
+        """Forward a message that MAVProxy has received."""
         link = self._link
         if link is not None:
             link.take(bytes(packet.get_msgbuf()))
 
     def unload(self) -> None:
-        """Stop and clean up before MAVProxy unloads the module; reads the link, which MAVProxy no longer does."""
+        """Stop and clean up before MAVProxy unloads the module.
+
+        It reads the link itself, since MAVProxy no longer does.
+        """
         if self.is_busy:
             self._stop()
             end = time.monotonic() + _LEAVING
@@ -210,9 +213,9 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
         self._begin("restore", _Console(yes=False), work)
 
     def _begin(self, what: str, person: _Console, work: Callable[[Connection], None]) -> None:
-        """Do *work* in a thread of its own, over MAVProxy's present link."""
+        """Run *work* in its own thread, over MAVProxy's present link."""
         if self.is_busy:
-            raise UsageError(f"{self._status()}; autotune stop ends it")
+            raise UsageError(f"{self._status()}. Use autotune stop to end it")
         master = self.master
         signing = getattr(master.mav, "signing", None)
         if signing is not None and signing.sign_outgoing:
@@ -243,13 +246,17 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
 
     def _answer(self, yes: bool) -> None:
         if not self._person.question:
-            raise UsageError("there is no open question")
+            raise UsageError("no question is waiting for an answer")
         self._person.answer = yes
 
     def _stop(self) -> None:
         if not self.is_busy:
             raise UsageError("nothing is running")
-        _print("Still restoring; please wait." if self._person.stop else "Stopping: restoring mode and parameters.")
+        _print(
+            "Still restoring the vehicle. Please wait."
+            if self._person.stop
+            else "Stopping: restoring mode and parameters."
+        )
         self._person.stop = True
 
     def _status(self) -> str:
@@ -260,7 +267,8 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
 
 
 def _as_typed(master: Any) -> str:
-    """Return MAVProxy's link as ``--connect`` would have it: `gcs-autotune restore` finds it in the journal."""
+    """Return MAVProxy's link in the form of ``--connect``, so that `gcs-autotune restore` can read it from the
+    journal."""
     baud = getattr(master, "baud", None)
     return f"{master.address},{baud}" if baud else str(master.address)
 
@@ -271,5 +279,5 @@ def _print(text: str) -> None:
 
 
 def init(mpstate: Any) -> AutotuneModule:
-    """Return the module, as MAVProxy expects."""
+    """Return the module instance that MAVProxy expects."""
     return AutotuneModule(mpstate)

@@ -1,6 +1,6 @@
-"""Every identification method by name, and where it is: adding one is one file and one line here.
+"""Table of the identification methods and their modules. To add one, add a file and a line here.
 
-This module imports nothing of them, so that a command line can name them at once.
+This module does not import them, so that the command line can list them quickly.
 """
 
 from __future__ import annotations

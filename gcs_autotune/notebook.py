@@ -1,4 +1,4 @@
-"""What results owe to a notebook: tables as HTML, and pandas where it is installed."""
+"""Display of results in a notebook: tables as HTML, and pandas if it is installed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["html_block", "html_table", "pandas_module"]
 
 
 def pandas_module() -> Any:
-    """Return pandas, imported on first use; nothing else here needs it.
+    """Return pandas, imported on first use. Nothing else here needs it.
 
     Raises
     ------
@@ -28,7 +28,10 @@ def pandas_module() -> Any:
 
 
 def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table; the first column is text, the others numbers. Every cell is escaped: it may be a file's word."""
+    """Return an HTML table.
+
+    The first column is text, the others are numbers. Every cell is escaped, because it may come from a file.
+    """
 
     def cells(tag: str, row: Sequence[str]) -> str:
         side = ("left", *["right"] * (len(row) - 1))
@@ -42,6 +45,6 @@ def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def html_block(title: str, tables: Sequence[str], remarks: Iterable[str] = ()) -> str:
-    """Return a heading, tables made by :func:`html_table`, and sentences as a list."""
+    """Return HTML with a heading, tables made by :func:`html_table`, and sentences as a list."""
     points = "".join(f"<li>{escape(visible(remark))}</li>" for remark in remarks)
     return f"<div><b>{escape(visible(title))}</b>{''.join(tables)}{f'<ul>{points}</ul>' if points else ''}</div>"

@@ -2,7 +2,7 @@
 
 The sequencer and the workflow pass a :class:`Progress` to a :class:`Observer` at every control tick, and a :data:`Fact`
 when there is one. The observer shows it as a live line, a log or a page. It must return at once, because the calling
-loop holds the sticks.
+loop controls the vehicle.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """A moment of a manoeuvre, in SI units and radians; unknown numbers are NaN.
+    """State of a manoeuvre at one moment, in SI units and radians. Unknown numbers are NaN.
 
-    ``signal`` names the controlled one (``psi``, ``z``, ``x``), ``target`` its reference; ``output`` is the
-    actuator demand [fraction of full]; ``periods`` and ``periods_needed`` count oscillations that satisfy
-    the stop rule, ``scatter`` their relative spread; ``guard`` and ``guard_share`` name the safety limit
-    nearest to tripping and how much of it is used (0..1). ``step`` of ``steps`` is the stage under way (0: not known),
-    ``elapsed`` and ``left`` are seconds since the start and to the end, if known. ``rate`` is the
-    derivative of the controlled signal by time, ``x``, ``y`` [m] north and east and ``psi`` [rad] where the craft is.
+    ``signal`` is the controlled signal (``psi``, ``z``, ``x``) and ``target`` its reference. ``output`` is the actuator
+    demand [fraction of full]. ``periods`` and ``periods_needed`` count oscillations that satisfy the stop rule;
+    ``scatter`` is their relative spread. ``guard`` and ``guard_share`` are the safety limit nearest to tripping and the
+    fraction of it that is used (0..1). ``step`` of ``steps`` is the present stage (0: not known), ``elapsed`` and
+    ``left`` are seconds since the start and to the end, if known. ``rate`` is the time derivative of the controlled
+    signal. ``x``, ``y`` [m north, east] and ``psi`` [rad] are the position and heading of the craft.
     """
 
     stage: str
@@ -67,10 +67,10 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """The limits of the current manoeuvre in space.
+    """The space limits of the current manoeuvre.
 
-    ``x``, ``y`` [m north, east] is what ``distance`` [m] counts from; ``zones`` are (corners [m north, east], radius
-    [m], whether it is stayed inside), circles having one corner; ``bounds`` signal -> (least, greatest), in SI and
+    ``x``, ``y`` [m north, east] is the origin of ``distance`` [m]. ``zones`` are (corners [m north, east], radius [m],
+    whether the craft must stay inside); a circle has one corner. ``bounds`` is signal -> (least, greatest), in SI and
     radians. Unknown numbers are NaN, absent limits infinite.
     """
 
@@ -83,7 +83,10 @@ class Room:
 
 @dataclass(frozen=True, slots=True)
 class Vitals:
-    """The vehicle, about once a second: battery [V], [0..1], round trip [s] and rate of ATTITUDE [Hz]; NaN: unknown."""
+    """State of the vehicle, about once a second.
+
+    Battery voltage [V], remaining charge [0..1], round trip [s] and rate of ATTITUDE [Hz]; NaN: unknown.
+    """
 
     mode: str
     armed: bool
@@ -95,7 +98,7 @@ class Vitals:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """A STATUSTEXT of the vehicle, raw; ``severity`` 0 (emergency) to 7 (debug)."""
+    """A STATUSTEXT of the vehicle, unmodified; ``severity`` 0 (emergency) to 7 (debug)."""
 
     severity: int
     text: str
@@ -103,14 +106,14 @@ class Words:
 
 @dataclass(frozen=True, slots=True)
 class Intentions:
-    """The announcement, one sentence without its "will" per entry, before any question or motion."""
+    """The announcement before any question or motion, one entry per sentence without its "will"."""
 
     texts: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class NewValue:
-    """One parameter to be written, as the vehicle calls it: old value, new one, why."""
+    """One parameter to be written, by the vehicle's own name: old value, new value, reason."""
 
     parameter: str
     old: float
@@ -136,7 +139,7 @@ class ProposedGains:
 class PredictedCost:
     """Predicted ITAE of the step per unit step [s^2] with the gains that would be designed now.
 
-    ``nominal`` by the model fitted so far, ``worst`` over the 95 % region of its parameters.
+    ``nominal`` is that of the model fitted so far, ``worst`` the largest in the 95 % region of its parameters.
     """
 
     nominal: float
@@ -147,8 +150,9 @@ class PredictedCost:
 class PredictedTrack:
     """The preview of a run, before it is flown.
 
-    ``x``, ``y`` [m north, east] and ``psi`` [rad] are where the craft was then; ``ahead``, ``abeam`` [m] the track as
-    seen from there, bow ahead. ``told`` is time, space and turning in words, ``trouble`` the reason not to fly it.
+    ``x``, ``y`` [m north, east] and ``psi`` [rad] are the craft's position and heading at that time. ``ahead``,
+    ``abeam`` [m] is the track relative to them. ``told`` is a sentence on time, space and turning; ``trouble`` is the
+    reason not to fly it.
     """
 
     run: str
@@ -171,7 +175,7 @@ class LeftAs:
 
 
 Fact = Intentions | Room | Vitals | Words | ProposedGains | PredictedCost | PredictedTrack | LeftAs
-"""Facts reported in addition to ticks and sentences."""
+"""A fact that is reported in addition to ticks and sentences."""
 
 
 class Observer(Protocol):
@@ -186,7 +190,7 @@ class Observer(Protocol):
         ...
 
     def note(self, fact: Fact) -> None:
-        """Receive a fact; may be ignored."""
+        """Receive a fact. It may be ignored."""
         ...
 
 

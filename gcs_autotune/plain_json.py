@@ -1,4 +1,4 @@
-"""Results as JSON that every reader takes: a number that is not known is null, never NaN, which JSON does not have."""
+"""Write results as JSON that every reader accepts. Unknown numbers are null, because JSON has no NaN."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ __all__ = ["json_text", "plain_data"]
 
 
 def plain_data(thing: Any) -> Any:
-    """Return *thing* in JSON's own types: NumPy's numbers and arrays plain, null for what is not finite, else words."""
+    """Return *thing* in JSON's own types: NumPy's numbers and arrays as plain ones, null for a number that is not
+    finite, else text."""
     if hasattr(thing, "tolist"):  # NumPy's, which need not be imported for it
         thing = thing.tolist()
     if isinstance(thing, Mapping):
@@ -24,5 +25,5 @@ def plain_data(thing: Any) -> Any:
 
 
 def json_text(thing: Any) -> str:
-    """Return *thing* as the text of a JSON file, by :func:`plain_data`."""
+    """Return *thing* as the text of a JSON file, converted by :func:`plain_data`."""
     return json.dumps(plain_data(thing), indent=1, allow_nan=False) + "\n"

@@ -1,4 +1,4 @@
-"""Looking a name up in one of our tables, or among what other packages offer, with help for typing errors."""
+"""Look up a name in a table or among the entry points of other packages, with suggestions for typing errors."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ T = TypeVar("T")
 
 
 def lookup(table: Mapping[str, T], name: str, kind: str, *, group: str = "") -> T:
-    """Return ``table[name]``, or what another package offers under that name.
+    """Return ``table[name]``, or the object that another package provides under that name.
 
     Parameters
     ----------
-    kind : what is looked for, in words, for the message.
+    kind : text for the type of object, for the message.
     group : entry points (``[project.entry-points."gcs_autotune.transports"]`` in that package's pyproject.toml) that
-        are looked at when the table has no such name, so that nothing is searched or imported for the names it has.
+        are searched only if the table has no such name.
 
     Raises
     ------
     UnknownName
-        When *name* is nowhere; the message lists what there is and the nearest spellings.
+        *name* does not exist; the message lists the existing and the nearest names.
     UsageError
-        A package offers it, and cannot be loaded.
+        A package provides it but cannot be loaded.
     """
     if name in table:
         return table[name]
@@ -41,7 +41,7 @@ def lookup(table: Mapping[str, T], name: str, kind: str, *, group: str = "") -> 
 
 
 def same_name(one: object, other: object) -> bool:
-    """Whether two names differ at most in capitals, hyphens, underscores and spaces: ``zig-zag``, ``Zig_Zag``."""
+    """Return whether two names differ only in capitals, hyphens, underscores and spaces: ``zig-zag``, ``Zig_Zag``."""
     return _letters(one) == _letters(other)
 
 
@@ -50,7 +50,7 @@ def _letters(name: object) -> str:
 
 
 def nearest_of(name: str, known: Sequence[str]) -> tuple[list[str], str]:
-    """Return the *known* spellings nearest to *name*, and the question whether one was meant, empty without any."""
+    """Return the *known* names nearest to *name*, and the question whether one was meant; empty without any."""
     nearest = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     return nearest, f" Did you mean {' or '.join(nearest)}?" if nearest else ""
 

@@ -7,20 +7,20 @@ import math
 __all__ = ["EXACT", "UNKNOWN", "format_number", "format_value", "rounded", "rounded_to"]
 
 UNKNOWN = "?"
-"""Shown for NaN, an unknown number."""
+"""Text for NaN, an unknown number."""
 
 
 EXACT, EXACT_DIGITS = 1e-12, 9
-"""Relative standard error below which it is only rounding error, and the digits shown then. Chosen.
-"""
+"""Relative standard error below which it is only rounding error, and the number of digits shown then. Project
+choice."""
 
 
 def format_value(value: float, std: float) -> str:
     """Round *value* to its standard error: ``format_value(0.030412, 0.00021)`` is ``"0.0304 ± 0.0002"``.
 
-    The error keeps one digit, or two when it begins with a 1 (as is the custom: 0.0012 to 0.001 would lose a
-    sixth). An error of 0 means a fixed number: four digits and no ``±``. Numbers from exact data, with only rounding
-    error, have none either. An unknown error is shown as ``± ?``.
+    The error has one digit, or two if it begins with a 1, because rounding 0.0012 to 0.001 would change it by a sixth.
+    An error of 0 means a fixed number, which has four digits and no ``±``. Numbers from exact data, with only rounding
+    error, have no ``±`` either. An unknown error is shown as ``± ?``.
     """
     if not math.isfinite(value):
         return UNKNOWN
@@ -52,7 +52,7 @@ def _in_powers_of_ten(value: float, std: float) -> str:
 
 
 def rounded(value: float, last: int) -> str:
-    """Return *value* down to the decimal place 10**last, without a minus before zeros."""
+    """Return *value* rounded to the decimal place 10**last, without a minus before zeros."""
     text = f"{round(value, -last):.{max(0, -last)}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
 
@@ -63,7 +63,7 @@ def rounded_to(value: float, std: float) -> str:
 
 
 _POWERS = 1e6
-"""Magnitude from which a power of ten is easier to read than zeros. Chosen."""
+"""Magnitude above which a power of ten is easier to read than zeros. Project choice."""
 
 
 def format_number(value: float, digits: int = 4) -> str:

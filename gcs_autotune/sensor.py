@@ -13,14 +13,16 @@ Array = NDArray[np.float64]
 
 
 def noise_of(values: Array) -> float:
-    """Return the standard deviation of the noise of *values* (n,), from second differences, which suppress slow
-    motion."""
+    """Return the standard deviation of the noise of *values* (n,).
+
+    It is calculated from second differences, which suppress slow motion.
+    """
     second = np.diff(values, n=2)
     return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0) if len(second) else 0.0
 
 
 MOVES = 2.0
-"""Ratio of a velocity's standard deviation to that of its noise, above which the craft moved."""
+"""Ratio of a velocity's standard deviation to that of its noise, above which the craft counts as moving."""
 
 
 def moves(values: Array) -> bool:
@@ -30,7 +32,7 @@ def moves(values: Array) -> bool:
 
 
 def quantum(values: Array) -> float:
-    """Return the step of a coarsely quantised signal, 0 if its values have no common grid."""
+    """Return the step of a coarsely quantised signal, or 0 if its values have no common grid."""
     levels = np.unique(values)
     span = float(levels[-1] - levels[0]) if len(levels) else 0.0
     if len(levels) < 3 or len(levels) > len(values) / 2 or span <= 0.0:

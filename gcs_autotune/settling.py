@@ -1,4 +1,4 @@
-"""Whether a signal has come to rest: what a flown step waits for, and what the prediction of that step waits for."""
+"""Detect whether a signal has settled, for a flown step and for the prediction of that step."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 __all__ = ["LOOK", "TRIFLE", "is_at_rest"]
 
 LOOK = 3.0
-"""Chosen [s]: so much is looked at."""
+"""Length of the signal that is evaluated [s]. Project choice."""
 TRIFLE = 0.01
-"""Fraction of the step, and of full output, that is negligible. Chosen."""
+"""Negligible change as a fraction of the step and of full output. Project choice."""
 TRIFLE_NOISES = 2.0
-"""Standard deviations of the noise that are negligible. Chosen."""
+"""Negligible change in standard deviations of the noise. Project choice."""
 
 
 def is_at_rest(
@@ -28,9 +28,9 @@ def is_at_rest(
 ) -> bool:
     """Return whether *x* (n,) at *t* (n,) [s] has settled for the next *seconds*.
 
-    Neither its extrapolated linear trend nor its scatter about that trend (waves, a limit cycle) may exceed
-    a *trifle* or the *noise* from sample to sample; both are in the unit of *x*, as is ``unseen``, the standard
-    deviation of noise that a measured signal has and a simulated one lacks.
+    Neither its extrapolated linear trend nor its scatter about that trend (waves, a limit cycle) may exceed a *trifle*
+    or the *noise* from sample to sample. Both are in the unit of *x*. So is ``unseen``, the standard deviation of noise
+    that a measured signal has but a simulated one does not.
     """
     since, off = t - t.mean(), x - x.mean()
     pace = float(since @ off / (since @ since))

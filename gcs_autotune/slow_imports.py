@@ -8,7 +8,7 @@ __all__ = ["scipy_signal", "scipy_stats"]
 
 
 def scipy_signal() -> Any:
-    """Return ``scipy.signal``, which brings ``scipy.stats`` with it."""
+    """Return ``scipy.signal``, which also imports ``scipy.stats``."""
     import scipy.signal
 
     return scipy.signal

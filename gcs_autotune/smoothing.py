@@ -1,4 +1,4 @@
-"""Local polynomials (Savitzky1964) for uneven stamps, their width chosen by prediction of left-out samples."""
+"""Local polynomials (Savitzky1964) for uneven time stamps. Their width is chosen by prediction of left-out samples."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class LocalPolynomials:
 
     Attributes
     ----------
-    coefficients : (s, degree + 1), of powers of the time since each [s].
-    own_weight : (s,) weight with which a sample at that very time enters its own fitted value.
+    coefficients : (s, degree + 1) coefficients of powers of the time since each [s].
+    own_weight : (s,) weight of a sample at that time in its own fitted value.
     """
 
     coefficients: Array
     own_weight: Array
 
     def derivative(self, order: int) -> Array:
-        """Return the derivative (s,) of that *order* at the times; 0 is the value."""
+        """Return the derivative (s,) of that *order* at the times. Order 0 is the value."""
         result: Array = math.factorial(order) * self.coefficients[:, order]
         return result
 
@@ -36,7 +36,7 @@ class LocalPolynomials:
 def local_polynomials(t: Array, values: Array, at: Array, width: int, degree: int) -> LocalPolynomials:
     """Fit a polynomial of *degree* through the *width* samples nearest to each time.
 
-    The degree is lower where *width* allows no more. t, values : (n,), t ascending, n >= width. at : (s,) times.
+    The degree is lower if *width* is too small for it. t, values : (n,), t ascending, n >= width. at : (s,) times.
     """
     n = len(t)
     nearest = np.searchsorted(0.5 * (t[1:] + t[:-1]), at)
@@ -52,9 +52,9 @@ def local_polynomials(t: Array, values: Array, at: Array, width: int, degree: in
 
 
 def best_width(t: Array, values: Array, widths: Iterable[int], degree: int) -> tuple[int, float]:
-    """Return which of the *widths* predicts samples left out of it best, and the noise of a sample.
+    """Return which of the *widths* best predicts samples left out, and the noise of a sample.
 
-    The noise is the standard deviation of what that width leaves.
+    The noise is the standard deviation of the residual for that width.
     """
     best: tuple[float, int, float] | None = None
     for width in widths:

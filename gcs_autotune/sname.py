@@ -1,23 +1,23 @@
-"""The notation: SNAME states, forces, their units, and every sign convention of this package.
+"""Notation of this package: SNAME states and forces, their units, and all sign conventions.
 
 Signs
 -----
 * Frames: NED (``x`` north, ``y`` east, ``z`` down) and the body frame FRD (forward, right, down).
-* ``psi`` is measured from north over east; a positive yaw moment ``N`` turns the bow to starboard and
-  makes ``r = dpsi/dt`` positive. ``z`` is depth (down positive); a positive ``Z`` pushes down.
-  A positive ``X`` pushes ahead.
+* ``psi`` is measured from north over east. A positive yaw moment ``N`` turns the bow to starboard and makes
+  ``r = dpsi/dt`` positive. ``z`` is depth (down positive). A positive ``Z`` pushes down. A positive ``X`` pushes ahead.
 * One degree of freedom, Miskovic2010, eq. (6.33): ``alpha * nu_dot + (beta + beta_nn * |nu|) * nu = tau + Delta``.
-  ``alpha`` is inertia including added mass; drag coefficients are positive when they damp; ``Delta`` is the
-  constant force of tether, trim, wind or net weight, on the side of ``tau``. Seen from a steering input of
-  reversed sign (a rudder whose positive angle turns to port) ``alpha`` and the drags come out negative.
-* A rudder deflection ``delta`` (channel) is an input like ``N``; the *parameter* called ``delta`` in results
-  is ``Delta`` above.
+  ``alpha`` is inertia including added mass. Drag coefficients are positive if they damp. ``Delta`` is the constant
+  force
+  of tether, trim, wind or net weight, with the same sign as ``tau``. If the steering input has the opposite sign (a
+  rudder whose positive angle turns to port), ``alpha`` and the drag coefficients are negative.
+* A rudder deflection ``delta`` (channel) is an input like ``N``. The *parameter* called ``delta`` in results is the
+  ``Delta`` above.
 
 Units
 -----
-SI and radians inside. Files carry the unit in the column head, ``name[unit]``; :func:`to_si` knows the
-units accepted there. A head without one is in the unit of :data:`SIGNALS`, but a force or moment is a fraction of
-full actuator output, the unit ``1``.
+All computations use SI and radians. Files contain the unit in the column heading, ``name[unit]``; :func:`to_si` lists
+the accepted units. A heading without a unit means the unit of :data:`SIGNALS`. For a force or moment it means a
+fraction of full actuator output, the unit ``1``.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ __all__ = [
 class Signal(NamedTuple):
     """One signal: its SI unit and meaning.
 
-    ``wraps``: an angle on a circle. ``down``: grows downwards, and is plotted so.
+    ``wraps``: whether it is an angle on a circle. ``down``: whether it increases downwards, which also applies to its
+    plot.
     """
 
     unit: str
@@ -57,14 +58,14 @@ class Signal(NamedTuple):
 
     @property
     def angular(self) -> bool:
-        """Whether it is an angle or its rate of change, which people read in degrees."""
+        """Whether it is an angle or its rate of change, which is shown in degrees."""
         return self.unit.startswith("rad")
 
 
 SIGNALS: dict[str, Signal] = {
     "x": Signal("m", "north position"),
     "y": Signal("m", "east position"),
-    "z": Signal("m", "depth, down positive", down=True),
+    "z": Signal("m", "depth, positive down", down=True),
     "phi": Signal("rad", "roll angle"),
     "theta": Signal("rad", "pitch angle"),
     "psi": Signal("rad", "heading, north over east", wraps=True),
@@ -89,10 +90,10 @@ SIGNALS: dict[str, Signal] = {
     "z_ref": Signal("m", "commanded depth"),
     "u_ref": Signal("m/s", "commanded speed ahead"),
 }
-"""Signal name -> its row."""
+"""Signal name -> its unit and meaning."""
 
 _ALONG: dict[tuple[str, str], str] = {("surge", "x"): "distance ahead", ("sway", "y"): "distance to starboard"}
-"""(Degree of freedom identified alone, signal) -> meaning: its position is not one on the map."""
+"""(Degree of freedom identified alone, signal) -> meaning. Its position is not a position on the map."""
 
 
 def signal_meaning(signal: str, dof: str = "") -> str:
@@ -177,21 +178,21 @@ _SPELLINGS: tuple[tuple[str, str], ...] = (
     (r"\s*/\s*", "/"),
     (r"\s+", " "),
 )
-"""Pattern -> how :data:`_TO_SI` spells it, applied in this order: ``N*m``, ``rad s^-1`` (ROS), ``m/s²``, ``RPM``."""
+"""Pattern -> spelling in :data:`_TO_SI`, applied in this order: ``N*m``, ``rad s^-1`` (ROS), ``m/s²``, ``RPM``."""
 _REVOLUTIONS = ("1/s", "1/min")
-"""Of a propeller (ITTC writes n in 1/s) these are revolutions; of an angular velocity they are radians."""
+"""Units that mean revolutions for a propeller (ITTC writes n in 1/s), but radians for an angular velocity."""
 
 OVERFULL = 1.5
-"""Largest normalised output; mixed from several actuators it can slightly exceed 1. Chosen."""
+"""Largest accepted normalised output. One mixed from several actuators can slightly exceed 1. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dof:
-    """One degree of freedom and the names its signals and parameters go by.
+    """One degree of freedom and the names of its signals and parameters.
 
-    ``velocity`` names the parameters: ``alpha_r``, ``beta_r``, ``beta_rr`` for yaw. Where it is ``along_ground`` the
-    position is a coordinate of the track, north and east as a rule: the integral of the velocity only once the heading
-    is taken out.
+    The letter of ``velocity`` appears in the parameter names: ``alpha_r``, ``beta_r``, ``beta_rr`` for yaw. If it is
+    ``along_ground``, the position is a coordinate of the track, usually north or east. It is the integral of the
+    velocity only after the heading is accounted for.
     """
 
     name: str
@@ -203,7 +204,7 @@ class Dof:
 
     @property
     def position_unit(self) -> str:
-        """``rad`` or ``m``."""
+        """Unit of the position: ``rad`` or ``m``."""
         return "rad" if self.angular else "m"
 
     def parameter_names(self) -> tuple[str, str, str, str]:
@@ -212,14 +213,14 @@ class Dof:
         return (f"alpha_{nu}", f"beta_{nu}", f"beta_{nu}{nu}", "delta")
 
     def derivative_names(self) -> tuple[str, str, str, str, str]:
-        """Return the derivatives behind :meth:`parameter_names` and the delay."""
+        """Return the names of the derivatives that correspond to :meth:`parameter_names`, and of the delay."""
         force, nu = self.force, self.velocity
         return (f"{force}_{nu}dot", f"{force}_{nu}", f"{force}_{nu}{nu}", f"{force}_0", "delay")
 
     def parameter_units(self, force_unit: str) -> tuple[str, str, str, str]:
-        """Return the units of :meth:`parameter_names`, given that of the input (``N``, ``N m``, ``rad``, ``1``).
+        """Return the units of :meth:`parameter_names` for the unit of the input (``N``, ``N m``, ``rad``, ``1``).
 
-        Radians are written out, as Miskovic2010 does, because normalised inputs leave no other trace of them.
+        Radians are written out, as in Miskovic2010, because with normalised inputs they would otherwise not appear.
         """
         length = self.position_unit
         base = "" if force_unit == "1" else force_unit + " "
@@ -241,12 +242,12 @@ DOFS: dict[str, Dof] = {
 
 _FORCES = frozenset(d.force for d in DOFS.values())
 _READ_BY_PREFIX = frozenset({*SIGNALS, "force"})
-"""First words of further columns that are read: ``force_left``, ``delta_2``, ``u_ref``."""
+"""Prefixes of further columns that are read: ``force_left``, ``delta_2``, ``u_ref``."""
 INPUTS = _FORCES | {"delta"}
 """Names of the forces and inputs."""
 
 _PULSES = ("pwm", "servo", "rc", "rudder", "throttle", "thruster", "motor", "esc", "force_")
-"""Prefixes of names, in lower case, whose microseconds are a pulse."""
+"""Prefixes of names, in lower case, for which microseconds are a pulse length."""
 
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
 _BOXED = re.compile(r"^\s*\[[^\[\]]+\[[^\[\]]*\]\s*\]\s*$")
@@ -254,14 +255,14 @@ _ROUND = re.compile(r"^\s*(?P<name>[^\[\]()]+?)\s*\((?P<unit>[^\[\]()]+)\)\s*$")
 
 
 def parse_header(header: str) -> tuple[str, str]:
-    """Split ``"psi[deg]"`` or ``"psi (deg)"`` into ``("psi", "deg")``; no bracket gives the unit ``""``.
+    """Split ``"psi[deg]"`` or ``"psi (deg)"`` into ``("psi", "deg")``. Without a bracket the unit is ``""``.
 
     Round brackets around text that is not a unit belong to the name.
 
     Raises
     ------
     BadFile
-        When the text is not of that form.
+        The text does not have that form.
     """
     if _BOXED.match(header):
         header = header.strip()[1:-1]
@@ -269,7 +270,7 @@ def parse_header(header: str) -> tuple[str, str]:
     if match is None or _plain(match["unit"]) not in _TO_SI:
         match = _HEADER.match(header)
     if match is None:
-        raise BadFile(f"column head {header!r} is not name[unit]")
+        raise BadFile(f"column head {header!r} is not name[unit]. Write e.g. psi[deg]")
     return match["name"], (match["unit"] or "").strip()
 
 
@@ -279,13 +280,13 @@ def to_si(unit: str) -> tuple[str, float]:
     Raises
     ------
     BadFile
-        When the unit is not known.
+        The unit is not known.
     """
     try:
         return _TO_SI[_plain(unit)]
     except KeyError:
         known = ", ".join(u for u in _TO_SI if u)
-        raise BadFile(f"unit [{unit}] is unknown; known units: {known}") from None
+        raise BadFile(f"unit [{unit}] is unknown. Known units: {known}") from None
 
 
 def _plain(unit: str) -> str:
@@ -303,7 +304,7 @@ def wrap(angle: float) -> float:
 
 
 def column_unit(name: str, unit: str) -> tuple[str, float]:
-    """Return :func:`to_si` of a column's unit; ``us`` of a pulse is not a time.
+    """Return :func:`to_si` of a column's unit. For a pulse, ``us`` is not a time.
 
     A pulse is a column with one of ``_PULSES`` as prefix, or an input. A column without a unit has that of its signal;
     a force without one is a normalised output. ``1/s`` means radians for an angular velocity, revolutions for a

@@ -1,8 +1,8 @@
 """A trial: one recorded manoeuvre, as channels with units, events and an ending.
 
-Channels carry their own time stamps, because telemetry does: a compass at 10 Hz and a servo at 50 Hz sit in
-one file as rows of the union of stamps, with empty cells where a channel has no sample. An input channel
-(``X Y Z K M N delta``) holds its value from its stamp to the next (zero-order hold).
+Channels have their own time stamps, because telemetry has. In a file, a compass at 10 Hz and a servo at 50 Hz have rows
+for all stamps, with empty cells where a channel has no sample. An input channel (``X Y Z K M N delta``) holds its value
+from its stamp to the next (zero-order hold).
 """
 
 from __future__ import annotations
@@ -63,18 +63,18 @@ _FLOWN_FOR: Mapping[str, Purpose] = {
     "turn-about": "transit",
     "dive": "transit",
 }
-"""Purpose of manoeuvres in old records without one; all others were flown for identification."""
+"""Purpose of manoeuvres in old records without one. All others were flown for identification."""
 
 
 HALF_A_STAMP = 0.5e-6
-"""Resolution of written timestamps [s]: one read back may be this much earlier than the original."""
+"""Resolution of written timestamps [s]. A stamp read back may be this much earlier than the original."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
     """One signal in SI units.
 
-    t, values : (n,) float64, stamps [s] non-decreasing as recorded, values in ``unit``.
+    t, values : (n,) float64; non-decreasing stamps [s] as recorded, and values in ``unit``.
     """
 
     name: str
@@ -91,7 +91,7 @@ class Channel:
         return replace(self, t=self.t[keep], values=self.values[keep])
 
     def held_at(self, t: float) -> float:
-        """Return the value in force at *t* under zero-order hold (the first value before the first stamp)."""
+        """Return the value at *t* under zero-order hold; before the first stamp it is the first value."""
         i = int(np.searchsorted(self.t, t, side="right")) - 1
         return float(self.values[max(i, 0)])
 
@@ -109,8 +109,8 @@ class Mark:
 class Trial:
     """One recorded manoeuvre.
 
-    ``ending`` is ``completed``, ``stopped``, ``aborted`` or ``imported``; ``meta`` holds what was in force
-    (manoeuvre settings, vehicle, firmware, seed).
+    ``ending`` is ``completed``, ``stopped``, ``aborted`` or ``imported``; ``meta`` contains the conditions (manoeuvre
+    settings, vehicle, firmware, seed).
     """
 
     name: str
@@ -126,13 +126,13 @@ class Trial:
         Raises
         ------
         MissingChannel
-            When the trial has none of that name; the message lists what it has.
+            The trial has no channel of that name; the message lists its channels.
         """
         try:
             return self.channels[name]
         except KeyError:
             have = ", ".join(self.channels) or "nothing"
-            raise MissingChannel(f"run '{self.name}' has no channel '{name}'; it has {have}") from None
+            raise MissingChannel(f"run '{self.name}' contains no channel '{name}'. It contains {have}") from None
 
     def __contains__(self, name: object) -> bool:
         return name in self.channels
@@ -154,7 +154,7 @@ class Trial:
 
     @property
     def purpose(self) -> Purpose:
-        """What the run was flown for: ``meta["purpose"]``."""
+        """Purpose of the run: ``meta["purpose"]``."""
         told = self.meta.get("purpose")
         if told is None and "manoeuvre" in self.meta:
             told = _FLOWN_FOR.get(str(self.meta["manoeuvre"]), "identification")
@@ -162,14 +162,14 @@ class Trial:
 
     @property
     def by_relay(self) -> bool:
-        """Whether a relay drove the input, from its marked switches or the recorded manoeuvre."""
+        """Whether a relay drove the input, according to its marked switches or the recorded manoeuvre."""
         return self.meta.get("manoeuvre") == "relay" or any(m.kind == "switch" for m in self.marks)
 
     @property
     def proper(self) -> Trial:
         """The manoeuvre itself: from ``meta["from_t"]`` to ``meta["to_t"]`` [s], if present.
 
-        Before it is the lead-in; after it the craft waited for an answer of the operator.
+        The lead-in comes before it. After it the craft waited for an answer of the operator.
         """
         start, end = self.meta.get("from_t"), self.meta.get("to_t")
         begins = start - HALF_A_STAMP if isinstance(start, float) and start > self.start else self.start
@@ -242,7 +242,8 @@ class Trial:
 
 
 def save_trial(trial: Trial, path: Path) -> None:
-    """Write ``path`` (CSV, ``name[unit]`` heads) and beside it ``path`` with suffix ``.json`` (marks, meta).
+    """Write ``path`` (CSV, ``name[unit]`` headings), and ``path`` with suffix ``.json`` (marks, meta) in the same
+    folder.
 
     Examples
     --------
@@ -273,7 +274,7 @@ def save_trial(trial: Trial, path: Path) -> None:
 
 
 def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Leave out what is unknown: JSON has no NaN."""
+    """Remove unknown numbers, because JSON has no NaN."""
     return {k: plain_data(v) for k, v in values.items() if not (isinstance(v, float) and not math.isfinite(v))}
 
 
@@ -285,9 +286,9 @@ def _column(channel: Channel, stamps: NDArray[np.float64]) -> list[str]:
 
 
 def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
-    """Read a CSV run written by :func:`save_trial` or any CSV file with ``name[unit]`` heads.
+    """Read a CSV run written by :func:`save_trial` or any CSV file with ``name[unit]`` headings.
 
-    columns : head (or its name) in the file -> the head it should have, for files with other names.
+    columns : heading (or its name) in the file -> the heading to use instead, for files with other names.
 
     The time column is ``t`` (or the first column whose unit is a time). Empty cells and ``nan`` are missing
     samples. Units are converted to SI, inputs in pulses to normalised output. Columns of unknown name are kept if they
@@ -296,11 +297,12 @@ def load_trial(path: Path, columns: Mapping[str, str] | None = None) -> Trial:
     Raises
     ------
     BadFile
-        Not readable, no time column, unknown unit, a damaged row (a truncated *last* row is dropped and
-        noted in ``meta["dropped_rows"]``), no rows, two columns of one name, or no such table at all (semicolons,
-        decimal commas, dates, UTF-16).
+        The file is not readable, has no time column, an unknown unit or a damaged row (a truncated *last* row is
+            dropped and
+        noted in ``meta["dropped_rows"]``), has no rows, two columns of one name, or another type (semicolons, decimal
+            commas, dates, UTF-16).
     UsageError
-        A name in *columns* that the file does not have.
+        A name in *columns* does not exist in the file.
     """
     cells = cells_of(path)
     heads = _heads(path, cells.head, columns or {})
@@ -331,13 +333,13 @@ def _table_notes(run: str, names: Sequence[str], table: TableNumbers) -> list[No
         if count
     ]
     if bad:
-        cure = "check the sensor and the logger; these samples were skipped"
+        cure = "check the sensor and the logger. The samples were skipped"
         notes.append(("no-numbers", f"of {len(table.values)} samples in run '{visible(run)}' {', '.join(bad)}", cure))
     if table.texts:
         notes.append(
             (
                 "text-columns",
-                f"columns of run '{visible(run)}' with words were skipped: {', '.join(table.texts[:5])}",
+                f"columns of run '{visible(run)}' that contain words were skipped: {', '.join(table.texts[:5])}",
                 "no action needed if they are not signals",
             )
         )
@@ -345,14 +347,15 @@ def _table_notes(run: str, names: Sequence[str], table: TableNumbers) -> list[No
 
 
 def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping[str, str] | None = None) -> Trial:
-    """Return a run of arrays (n,) by ``name[unit]`` heads, one of them the time; NaN is a missing sample.
+    """Return a run from arrays (n,) by ``name[unit]`` headings, one of them the time. NaN is a missing sample.
 
     columns : as :func:`load_trial`.
 
     Raises
     ------
     BadFile
-        No time column, unknown unit, arrays of different length, not numbers, or none. UsageError: as `load_trial`.
+        There is no time column, a unit is unknown, the arrays differ in length, are not numbers, or are empty.
+            UsageError: as for `load_trial`.
     """
     source = Path(name)
     heads = _heads(source, list(table), columns or {})
@@ -361,7 +364,7 @@ def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping
     except (TypeError, ValueError) as error:
         raise BadFile(f"{name}: columns must be numbers of equal length: {error}") from error
     if len(values) == 0:
-        raise BadFile(f"{name} has no samples")
+        raise BadFile(f"{name} contains no samples")
     channels, notes = _channels(source, heads, values)
     return _noted(
         Trial(visible(name), channels, meta={"source": name, "empty_cells": int(np.isnan(values).sum())}), notes
@@ -372,7 +375,8 @@ def trial_of_columns(table: Mapping[str, ArrayLike], name: str, columns: Mapping
 def _channels(
     path: Path, heads: Sequence[tuple[str, str]], table: NDArray[np.float64]
 ) -> tuple[dict[str, Channel], list[Note]]:
-    """Return the columns of *table* (n, k) but the time as channels in SI units, and what was assumed or left out."""
+    """Return the columns of *table* (n, k), except the time, as channels in SI units, and notes on what was assumed or
+    left out."""
     try:
         units = [column_unit(name, unit) for name, unit in heads]
     except BadFile as error:
@@ -399,12 +403,12 @@ def _channels(
 
 
 def as_share(channel: Channel, run: str) -> tuple[Channel, list[Note]]:
-    """Return an input in pulses [us] as normalised output about neutral, with a note; other channels unchanged.
+    """Return an input in pulses [us] as normalised output about neutral, with a note. Other channels are unchanged.
 
     Raises
     ------
     BadFile
-        Its unit is pulses, but its values cannot be.
+        Its unit is that of pulses, but its values cannot be pulses.
     """
     if channel.name not in INPUTS or not is_pulses(channel.unit, channel.values):
         return channel, []
@@ -421,18 +425,20 @@ def _heads(path: Path, row: list[str], columns: Mapping[str, str]) -> list[tuple
     known = {*plain, *((name, "") for name, _ in plain)}
     missing = [name for name, unit in wanted if (name, unit) not in known]
     if missing:
-        raise UsageError(f"{path} has no column {', '.join(missing)}; it has {', '.join(name for name, _ in plain)}")
+        raise UsageError(
+            f"{path} has no column {', '.join(missing)}. Its columns are {', '.join(name for name, _ in plain)}"
+        )
     heads = [wanted.get(head, wanted.get((head[0], ""), head)) for head in plain]
     heads = [(new, unit or old_unit) for (new, unit), (_, old_unit) in zip(heads, plain, strict=True)]
     names = [name for name, _ in heads]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise BadFile(f"{path} has more than one column called {', '.join(twice)}; rename one")
+        raise BadFile(f"{path} has more than one column called {', '.join(twice)}. Rename one")
     return heads
 
 
 TIMES = ("t", "time", "%time", "timestamp", "stamp")
-"""Names of a time column, in small letters; ``%time`` is of ``rostopic echo -p``."""
+"""Names of a time column, in lower case. ``%time`` comes from ``rostopic echo -p``."""
 
 
 def _time_column(path: Path, heads: Sequence[tuple[str, str]], units: Sequence[tuple[str, float]]) -> int:
@@ -443,15 +449,17 @@ def _time_column(path: Path, heads: Sequence[tuple[str, str]], units: Sequence[t
         if unit == "s":
             return i
     found = ", ".join(name for name, _ in heads)
-    raise BadFile(f"{path} has no time column t[s]; it has {found}. Map the columns with --columns OLD=t[s],...")
+    raise BadFile(
+        f"{path} has no time column t[s]. Its columns are {found}. Map the columns with --columns OLD=t[s],..."
+    )
 
 
 _BEGINNING = re.compile(rb'\s*\{\s*"schema":\s*\d+,\s*"name":')
-"""How a side file begins, to know one that is torn from what is no JSON at all."""
+"""First characters of a metadata file, to distinguish a truncated one from a file that is not JSON."""
 
 
 def _with_side_file(trial: Trial, path: Path) -> Trial:
-    """Return *trial* with the contents of its meta file; other files are ignored."""
+    """Return *trial* with the contents of its metadata file. Other JSON files are ignored."""
     if not path.is_file():
         return trial
     try:
@@ -470,7 +478,7 @@ def _with_side_file(trial: Trial, path: Path) -> Trial:
 
 
 class _MarkData(Struct, frozen=True, forbid_unknown_fields=True):
-    """An event of a run, as the side file has it; its ``detail`` is numbers, text, or lists of numbers."""
+    """An event of a run as in the metadata file. Its ``detail`` consists of numbers, text, or lists of numbers."""
 
     t: float
     kind: str
@@ -478,7 +486,7 @@ class _MarkData(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _SideFile(Struct, frozen=True, forbid_unknown_fields=True):
-    """Contents of the meta file of :func:`save_trial`."""
+    """Contents of the metadata file of :func:`save_trial`."""
 
     name: str
     ending: Literal["completed", "stopped", "aborted", "imported"]

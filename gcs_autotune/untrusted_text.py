@@ -12,16 +12,18 @@ from collections.abc import Iterable
 __all__ = ["quoted", "visible"]
 
 _ACTIVE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
-"""Unicode's categories of characters that act and are not seen: C0 and C1 controls, bidirectional overrides and other
-format characters, halves of surrogate pairs, line and paragraph separators."""
+"""Unicode categories of invisible characters with an effect.
+
+C0 and C1 controls, bidirectional overrides and other format characters, surrogates, line and paragraph separators.
+"""
 MOST_SHOWN = 3
-"""Chosen: sentences of a vehicle shown at once; it may send hundreds a second."""
+"""Number of vehicle messages shown at once, because it may send hundreds a second. Project choice."""
 LONGEST = 200
-"""Chosen: characters shown of one; a STATUSTEXT has 50, in pieces many thousand."""
+"""Number of characters shown of one message. A STATUSTEXT has 50, in pieces many thousand. Project choice."""
 
 
 def visible(text: str, keep: str = "") -> str:
-    """Return *text* with every character that acts written as its escape (``\\x1b``), but for those in *keep*."""
+    """Return *text* with every control character written as its escape (``\\x1b``), except those in *keep*."""
     if text.isascii() and text.isprintable():
         return text
     active = (c for c in set(text) if c not in keep and unicodedata.category(c) in _ACTIVE)
@@ -29,7 +31,7 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def quoted(texts: Iterable[str]) -> str:
-    """Return untrusted sentences in quotation marks: each once, the last few, each shortened."""
+    """Return untrusted sentences in quotation marks: each once, only the last few, each shortened."""
     found = list(dict.fromkeys(visible(text).replace('"', "'") for text in texts))
     shown = [f'"{text if len(text) <= LONGEST else text[:LONGEST] + "..."}"' for text in found[-MOST_SHOWN:]]
     more = len(found) - len(shown)

@@ -1,8 +1,8 @@
-"""A simulated vehicle with an ArduRover- or ArduSub-style autopilot, speaking MAVLink 2. Independent of the tuner.
+"""A simulated vehicle with an ArduRover- or ArduSub-style autopilot and MAVLink 2. It is independent of the tuner.
 
-``catalogue`` and ``vehicles/`` say which craft there are; ``vehicle`` is one craft (``body``, ``actuators``,
-``sensors``, ``battery``, ``autopilot/``); ``mavlink/`` speaks for it; ``lockstep`` and ``listen`` put it on a pipe
-or a link. ``python -m sitl --help`` runs it as a process of its own.
+``catalogue`` and ``vehicles/`` define the available craft. ``vehicle`` is one craft, with ``plants/``, ``actuators``,
+``sensors``, ``battery`` and ``autopilot/``. ``mavlink/`` is its MAVLink interface. ``lockstep`` and ``listen`` connect
+it to a pipe or a link. ``python -m sitl --help`` shows how to run it as a separate process.
 """
 
 from __future__ import annotations
@@ -40,23 +40,22 @@ def open_vehicle(
     model: FlownModel | None = None,
     names: str = "own",
 ) -> Server:
-    """Return the vehicle called *name*, or of the file at that path, at rest and just booted, behind its server.
+    """Return the vehicle called *name*, or of the file at that path, behind its server. It is at rest and just
+    booted.
 
     Parameters
     ----------
-    seed : of the sensors' noise; the same seed and the same bytes at the same times give the same bytes back.
+    seed : seed of the sensors' noise. The same seed and the same input bytes at the same times give the same output
+        bytes.
     parameters : autopilot parameters set before boot.
     effects : hidden effects, in order.
     model : hull dynamics to fly instead of the vehicle's own (:func:`sitl.modelfile.read_model`).
-    names : the firmware generation whose parameter names and units are spoken (``autopilot.parameter_dialect``).
+    names : the firmware generation whose parameter names and units are used (``autopilot.parameter_dialect``).
 
     Raises
     ------
     UnknownVehicle
-        There is no such vehicle.
-    BadVehicle
-        Its file describes none.
-    KeyError
+        There is no such vehicle. BadVehicle Its file is not valid. KeyError
         The firmware has no such parameter.
     UnknownGeneration
         There is no such firmware generation.

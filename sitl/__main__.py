@@ -1,4 +1,4 @@
-"""``python -m sitl NAME``: one simulated vehicle as a process of its own."""
+"""``python -m sitl NAME``: run one simulated vehicle as a separate process."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ __all__ = ["main"]
 
 _OK, _USAGE, _IN_USE = 0, 2, 3
 _SLOWEST, _QUICKEST = 0.01, 1000.0
-"""Range of simulated seconds per second. Chosen."""
+"""Range of simulated seconds per second. Project choice."""
 _DEFAULT_ADDRESS = "udp:127.0.0.1:14550"
 
 
 def _seed(text: str) -> int:
-    """Return a seed typed on the command line."""
+    """Parse a seed from the command line."""
     try:
         return whole(text, 2**32 - 1)
     except Refused as error:
@@ -39,7 +39,7 @@ def _seed(text: str) -> int:
 
 
 class _Stopped(BaseException):
-    """The process was asked to end."""
+    """Raised when the process was asked to end."""
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -75,15 +75,15 @@ def _make_parser() -> argparse.ArgumentParser:
         "--firmware-names",
         choices=list(GENERATIONS),
         default="own",
-        help="firmware version of the parameter names and units (values scaled alike); own: mid-2025",
+        help="firmware generation whose parameter names and units are used (values are converted); own: mid-2025",
     )
     parser.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="SLUG[@PLACE].PARAM=VALUE[,...]",
-        help="add an effect, e.g. dead-zone.width=0.05, backlash@throttle.width=0.1; inputs are normalised output, "
-        "other values SI; repeatable",
+        help="add an effect, e.g. dead-zone.width=0.05, backlash@throttle.width=0.1. Inputs are normalised output, "
+        "other values SI. Repeatable",
     )
     parser.add_argument(
         "--model",
@@ -96,7 +96,7 @@ def _make_parser() -> argparse.ArgumentParser:
         "--signing-key",
         type=Path,
         metavar="FILE",
-        help="obey only messages signed with the key in FILE: 32 bytes, or a passphrase in one line",
+        help="obey only messages signed with the key in FILE (32 bytes, or a passphrase in one line)",
     )
     parser.add_argument("--eeprom", type=Path, metavar="FILE", help="keep written parameters in FILE")
     add_options(parser)
@@ -104,7 +104,7 @@ def _make_parser() -> argparse.ArgumentParser:
 
 
 class _Usage(ValueError):
-    """The command line is not valid."""
+    """Raised when the command line is not valid."""
 
 
 def _read_presets(arguments: Sequence[str]) -> dict[str, float]:
@@ -114,7 +114,7 @@ def _read_presets(arguments: Sequence[str]) -> dict[str, float]:
         try:
             presets[name] = number(value)
         except Refused as error:
-            raise _Usage(f"--param {clipped(argument)}: not NAME=VALUE with a finite number") from error
+            raise _Usage(f"--param {clipped(argument)} is not NAME=VALUE with a finite number") from error
     return presets
 
 
@@ -126,14 +126,14 @@ def _speedup(text: str) -> float:
     except Refused:
         pass
     raise _Usage(
-        f"--speedup {clipped(text)}: use {_SLOWEST:g} to {_QUICKEST:g} simulated seconds per second. A slow computer "
-        "runs as fast as it can"
+        f"--speedup {clipped(text)} is not valid. Use {_SLOWEST:g} to {_QUICKEST:g} simulated seconds per second. A "
+        "slow computer runs as fast as it can"
     )
 
 
 def _open(args: argparse.Namespace) -> Server:
     if args.vehicle is None:
-        raise _Usage(f"no vehicle given. Use one of {', '.join(VEHICLES)}")
+        raise _Usage(f"no vehicle selected. Use one of {', '.join(VEHICLES)}")
     args.speedup = _speedup(args.speedup)
     args.seed = _seed(args.seed)
     load_vehicle(args.vehicle)
@@ -176,7 +176,7 @@ def _run(args: argparse.Namespace) -> None:
 def _run_under_ardupilot(args: argparse.Namespace) -> None:
     """Serve the bare hull to ArduPilot's own firmware, or write the parameters that it needs."""
     if args.vehicle is None:
-        raise _Usage(f"no vehicle given. Use one of {', '.join(VEHICLES)}")
+        raise _Usage(f"no vehicle selected. Use one of {', '.join(VEHICLES)}")
     strange = [name for name in ("param", "eeprom", "lockstep") if getattr(args, name)]
     if strange:
         raise _Usage(f"--{strange[0]} applies to this simulator's autopilot. For ArduPilot use --ardupilot-params FILE")

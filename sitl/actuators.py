@@ -1,4 +1,4 @@
-"""From servo pulses to forces: a rudder behind a propeller, two thrusters, or a frame of thrusters."""
+"""Convert servo pulses to forces: a rudder behind a propeller, two thrusters, or a frame of thrusters."""
 
 from __future__ import annotations
 
@@ -26,30 +26,32 @@ _LONGEST_PULSE = 65535
 
 
 class Actuators(ABC):
-    """Converts servo pulses into a wrench on the hull, via the normalised output of each axis."""
+    """Converts servo pulses to a wrench on the hull, via the normalised output of each axis."""
 
     __slots__ = ()
 
     @property
     @abstractmethod
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output; those it drives."""
+        """Degree of freedom -> force at full output, for those that it drives."""
 
     @abstractmethod
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return the normalised outputs of ``N``, ``X`` (``Z``, ``Y``); a pulse of 0 us is no signal and counts as
-        none."""
+        """Return the normalised outputs of ``N``, ``X`` (``Z``, ``Y``).
+
+        A pulse of 0 us means no signal and counts as zero output.
+        """
 
     @abstractmethod
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses nearest to *pwm* that command *shares*; limits are ignored."""
+        """Return the pulses nearest to *pwm* that command *shares*. Limits are ignored."""
 
     @abstractmethod
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
         """Fill *wrench* with the forces of these normalised outputs."""
 
     def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench* from the pulses."""
+        """Fill *wrench* with the forces of the servo pulses."""
         self.apply(self.read(pwm), parameters, wrench)
 
 
@@ -65,14 +67,14 @@ def _pulse(share: float, span: float) -> int:
 class YawSchedule:
     """Yaw inertia and drag over the squared propeller voltage: rows (n2 [V^2], alpha, beta), n2 rising.
 
-    The moment is the rudder angle itself [rad], as in Miskovic2010 (2.38): alpha and beta carry the rest. Below
-    the first row they grow as 1/n2, which is the same as a rudder whose moment fades with n2.
+    The moment is the rudder angle itself [rad], as in Miskovic2010 (2.38); alpha and beta contain all other factors.
+    Below the first row they increase as 1/n2, which is equivalent to a rudder moment that decreases with n2.
     """
 
     rows: Sequence[tuple[float, float, float]]
 
     def at(self, n2: float) -> tuple[float, float, float]:
-        """Return (alpha, beta, normalised rudder moment) at *n2* [V^2]; linear between the rows."""
+        """Return (alpha, beta, normalised rudder moment) at *n2* [V^2], by linear interpolation between the rows."""
         low = self.rows[0]
         if n2 <= low[0]:
             return low[1], low[2], n2 / low[0]
@@ -86,10 +88,11 @@ class YawSchedule:
 
 @dataclass(frozen=True, slots=True)
 class RudderBoat(Actuators):
-    """A rudder in the race of a propeller. Thrust goes with n|n|; going astern the rudder acts the other way.
+    """A rudder in the wash of a propeller. Thrust is proportional to n|n|. Astern the rudder acts in the opposite
+    direction.
 
-    ``side_force`` [N/rad]: what the rudder pushes the stern sideways with at full thrust, away from the side it is put
-    to (Miskovic2010, (2.37)).
+    ``side_force`` [N/rad]: sideways force of the rudder on the stern at full thrust, away from the side it is put to
+    (Miskovic2010, (2.37)).
     """
 
     schedule: YawSchedule
@@ -103,7 +106,7 @@ class RudderBoat(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output; yaw's is the rudder angle [rad]."""
+        """Degree of freedom -> force at full output. For yaw it is the rudder angle [rad]."""
         return {"yaw": self.full_rudder, "surge": self.full_thrust}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
@@ -114,7 +117,7 @@ class RudderBoat(Actuators):
         }
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses with rudder and throttle at *shares*."""
+        """Return the pulses that set rudder and throttle to *shares*."""
         pulses = list(pwm)
         pulses[self.rudder_channel - 1] = _pulse(shares["N"], _RUDDER_SPAN)
         pulses[self.throttle_channel - 1] = _pulse(shares["X"], _RUDDER_SPAN)
@@ -133,9 +136,9 @@ class RudderBoat(Actuators):
 
 @dataclass(frozen=True, slots=True)
 class TwinThrusterBoat(Actuators):
-    """Two thrusters side by side, each weaker astern by ``astern``; they steer by their difference.
+    """Two thrusters side by side, each weaker astern by ``astern``. They steer by their difference.
 
-    ``full_thrust`` [N]: of one, ahead; ``arm`` [m]: of each from the centre line.
+    ``full_thrust`` [N]: of one thruster, ahead. ``arm`` [m]: distance of each from the centre line.
     """
 
     full_thrust: float
@@ -147,7 +150,7 @@ class TwinThrusterBoat(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output: opposite thrust, and both ahead."""
+        """Degree of freedom -> force at full output: opposite thrust for yaw, both ahead for surge."""
         return {"yaw": self.arm * (1.0 + self.astern) * self.full_thrust, "surge": 2.0 * self.full_thrust}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
@@ -176,7 +179,7 @@ class TwinThrusterBoat(Actuators):
 
 @dataclass(frozen=True, slots=True)
 class ThrustCurve:
-    """Thrust of a command: an odd polynomial (coefficients of u, u^3, u^5 ...), 0 within ``dead``.
+    """Thrust as a function of the command: an odd polynomial (coefficients of u, u^3, u^5 ...), 0 within ``dead``.
 
     Scaled so that full command is full force.
     """
@@ -195,7 +198,7 @@ class ThrustCurve:
 
 
 class Motor(NamedTuple):
-    """Contribution of one thruster at full output, relative to each axis' authority; ``Z`` down, ``M`` bow up."""
+    """Contribution of one thruster at full output, relative to the authority of each axis; ``Z`` down, ``M`` bow up."""
 
     N: float = 0.0
     X: float = 0.0
@@ -206,10 +209,13 @@ class Motor(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ThrusterFrame(Actuators):
-    """Fixed thrusters. An authority is what those do together that the autopilot drives for its axis; ``full_Y`` is 0
-    on frames that do not sway, ``full_M`` on craft that do not pitch.
+    """Fixed thrusters.
 
-    The ``curve`` is that of one thruster, applied to each axis: all that drive an axis share its command.
+    An authority is the combined force of all thrusters that the autopilot drives for an axis. ``full_Y`` is 0 on frames
+    that do not sway, ``full_M`` on craft that do not pitch.
+
+    The ``curve`` of one thruster is applied to each axis, because all thrusters that drive an axis have the same
+    command.
     """
 
     motors: Sequence[Motor]
@@ -224,7 +230,7 @@ class ThrusterFrame(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output; pitch is not commanded."""
+        """Degree of freedom -> force at full output. Pitch is not commanded."""
         sway = {"sway": self.full_Y} if self.full_Y else {}
         return {"yaw": self.full_N, "surge": self.full_X, "heave": self.full_Z, **sway}
 
@@ -248,7 +254,7 @@ class ThrusterFrame(Actuators):
         return shares
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the motors' pulses moved along each axis' own pattern (the patterns are orthogonal)."""
+        """Return the motors' pulses, changed along each axis' own pattern. The patterns are orthogonal."""
         outputs, now = [_fraction(pulse, _MOTOR_SPAN) for pulse in pwm], self.read(pwm)
         for name in now:
             pattern = [getattr(motor, name) for motor in self.motors]
@@ -259,7 +265,7 @@ class ThrusterFrame(Actuators):
         return [*(_pulse(output, _MOTOR_SPAN) for output in outputs[:count]), *pwm[count:]]
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench*, in proportion unless there is a curve."""
+        """Fill *wrench*, in proportion to the outputs unless there is a curve."""
         N, X, Z, Y, M = (shares.get(name, 0.0) for name in Motor._fields)
         if self.curve is not None:
             N, X, Z, Y, M = (self.curve(share) for share in (N, X, Z, Y, M))
@@ -290,8 +296,12 @@ FRAMES: Mapping[str, Sequence[Motor]] = {
     "simple-rov-5": (*_PAIR, _DOWN, _DOWN, _ASIDE),
     "rov-4-fore-aft": (*_PAIR, Motor(Z=0.5, M=-0.5), Motor(Z=0.5, M=0.5)),
 }
-"""Where the thrusters really sit. Miskovic2010, table 2.2, has them as (a) simple-rov-3, (b) simple-rov-5, (c)
-vectored, (d) vectored-6dof-90, (e) rov-4-fore-aft, (f) a rudder that pushes sideways. Of (d) ArduSub turns by the two
-that drive ahead alone: full N is theirs, and what the lateral two turn shows where they do not push alike. (e) it knows
-not: driven as SimpleROV-4 its lifting two get one command, and what they pitch shows likewise. ArduSub drives
-BlueROV1's front two of three lifting thrusters with 0.45 of what the rear one gets, so full Z is 1.9 thrusters."""
+"""Actual positions of the thrusters.
+
+Miskovic2010, table 2.2, has them as (a) simple-rov-3, (b) simple-rov-5, (c) vectored, (d) vectored-6dof-90, (e)
+rov-4-fore-aft, (f) a rudder that pushes sideways. On (d) ArduSub turns with the two thrusters that drive ahead. So full
+N is theirs, and a difference between the two lateral thrusters shows as a turn. ArduSub does not support (e). It is
+driven as SimpleROV-4: its two vertical thrusters get the same command, and a difference between them shows as pitch.
+ArduSub drives the front two of BlueROV1's three vertical thrusters with 0.45 of the command of the rear one, so full Z
+is 1.9 thrusters.
+"""

@@ -9,11 +9,12 @@ __all__ = ["Battery"]
 _IDLE_CURRENT = 0.4
 _FULL_CURRENT = 6.0
 _RESISTANCE = 0.02
-"""Chosen: a small 12 V craft; amperes at rest, amperes per fully driven output, ohms inside."""
+"""Battery constants of a small 12 V craft: current at rest [A], current per fully driven output [A], internal
+resistance [ohm]. Project choice."""
 
 
 class Battery:
-    """Open-circuit voltage and capacity are the autopilot's SIM_BATT_VOLTAGE and BATT_CAPACITY."""
+    """The battery. Open-circuit voltage and capacity are the autopilot's SIM_BATT_VOLTAGE and BATT_CAPACITY."""
 
     def __init__(self) -> None:
         self.current = _IDLE_CURRENT

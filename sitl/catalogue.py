@@ -1,12 +1,14 @@
 """The available vehicles, and the loader of their data files.
 
-A data file is TOML; every number in it is a table ``{ value, unit, source }``. Adding a vehicle is one file in
-``vehicles/`` and one line in :data:`VEHICLES`; one of your own is flown by the path of its file. ``like = "NAME"``
-takes from a vehicle of the table what the file does not say. With ``[sway]`` (inertia, drag, on vectored frames
-``authority``) it slips sideways; ``[coupling]`` then holds SNAME derivatives between surge, sway and yaw, and
-``coriolis``: whether Coriolis' forces follow from the inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment,
-``authority`` of a frame whose lifting thrusters sit fore and aft) it pitches and swings back. With ``[rangefinder]`` it
-faces a wall.
+A data file is TOML. Every number in it is a table ``{ value, unit, source }``. To add a vehicle, add a file in
+``vehicles/`` and a line in :data:`VEHICLES`. A vehicle of your own is selected by the path of its file. ``like =
+"NAME"`` copies missing values from a vehicle of the table.
+
+With ``[sway]`` (inertia, drag, on vectored frames ``authority``) the vehicle can move sideways. ``[coupling]`` then
+contains SNAME derivatives between surge, sway and yaw, and ``coriolis``: whether Coriolis forces follow from the
+inertia. With ``[pitch]`` (inertia, drag, ``righting`` moment, ``authority`` of a frame with vertical thrusters fore and
+aft) it oscillates in pitch. With ``[rangefinder]`` it faces a wall.
+``plant`` names the kind of body (``sitl/plants/table.py``). Without it, the vehicle is a planar hull.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from sitl.actuators import (
     TwinThrusterBoat,
     YawSchedule,
 )
-from sitl.plants import AxisDynamics, Coupling, PlanarHull, Water, coupling_of
+from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, values_of
 from sitl.sensors import Rangefinder, SensorData
 from sitl.vehicle_file import verify_vehicle_tables
 
@@ -52,12 +54,11 @@ VEHICLES: Mapping[str, str] = {
 """Name -> data file in ``vehicles/``."""
 
 _FOLDER = Path(__file__).parent / "vehicles"
-_RUDDER, _TWIN = "rudder", "twin-thruster"
 _FIRMWARE = ("rover", "sub")
 
 
 class UnknownVehicle(KeyError):
-    """There is no vehicle of that name; the message lists the nearest ones."""
+    """Raised if there is no vehicle of that name; the message lists the nearest ones."""
 
     def __init__(self, name: str) -> None:
         near = difflib.get_close_matches(name, VEHICLES, n=3, cutoff=0.5)
@@ -69,14 +70,14 @@ class UnknownVehicle(KeyError):
 
 
 class BadVehicle(ValueError):
-    """A file that does not describe a vehicle; the message states what is wrong."""
+    """Raised for a file that does not describe a vehicle; the message states what is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleData:
-    """One vehicle's data file, numbers without their sources (SI, radians).
+    """One vehicle's data file, with the numbers without their sources (SI, radians).
 
-    ``parameters`` holds what its owner has set in the autopilot; ``ready_time`` [s] is when the autopilot's
+    ``parameters`` contains the autopilot parameters set by its owner; ``ready_time`` [s] is when the autopilot's
     estimates become good enough to arm.
     """
 
@@ -93,81 +94,50 @@ class VehicleData:
     @property
     def is_boat(self) -> bool:
         """Whether it stays at the surface."""
-        return str(self.tables["actuators"]) in (_RUDDER, _TWIN)
+        return str(self.tables["actuators"]) in (RUDDER, TWIN_THRUSTER)
 
-    def make_plant(self) -> PlanarHull:
-        """Return a new hull at its starting place, at rest."""
-        start = _values(self.tables["start"])
-        water = Water(bottom=start["bottom"], floats=self.is_boat)
-        by_propeller = self.tables["actuators"] == _RUDDER
-        yaw = AxisDynamics(1.0, 0.0, 0.0) if by_propeller else _axis(self.tables["yaw"])
-        heave = AxisDynamics(1.0, 0.0, 0.0) if self.is_boat else _axis(self.tables["heave"])
-        sways, pitches = "sway" in self.tables, "pitch" in self.tables
-        hull = PlanarHull(
-            _axis(self.tables["surge"]),
-            heave,
-            yaw,
-            water,
-            sway=_axis(self.tables["sway"]) if sways else None,
-            coupling=self._coupling() if sways else None,
-            pitch=_axis(self.tables["pitch"]) if pitches else None,
-            righting=_values(self.tables["pitch"])["righting"] if pitches else 0.0,
-        )
-        hull.state.z, hull.state.psi = start["depth"], start["heading"]
-        return hull
+    def make_plant(self) -> Plant:
+        """Return a new plant of the vehicle's kind, at its initial position and at rest."""
+        return make_plant(self.tables)
 
     def make_rangefinder(self, seed: int) -> Rangefinder | None:
-        """Return the rangefinder facing a wall ahead, or None."""
+        """Return the rangefinder that faces a wall ahead, or None."""
         if "rangefinder" not in self.tables:
             return None
-        at = _values(self.tables["rangefinder"])
-        heading = _values(self.tables["start"])["heading"]
+        at = values_of(self.tables["rangefinder"])
+        heading = values_of(self.tables["start"])["heading"]
         return Rangefinder(at["wall"], heading, at["noise"], at["period"], seed, at.get("apart", 0.0))
-
-    def _coupling(self) -> Coupling:
-        derivatives = _values(self.tables["coupling"])
-        coriolis = bool(derivatives.pop("coriolis"))
-        return coupling_of(derivatives, coriolis=coriolis)
 
     def make_actuators(self) -> Actuators:
         """Return the actuators that convert servo pulses into forces."""
-        yaw, surge = _values(self.tables["yaw"]), _values(self.tables["surge"])
-        if self.tables["actuators"] == _TWIN:
-            each = _values(self.tables["thruster"])
+        yaw, surge = values_of(self.tables["yaw"]), values_of(self.tables["surge"])
+        if self.tables["actuators"] == TWIN_THRUSTER:
+            each = values_of(self.tables["thruster"])
             return TwinThrusterBoat(each["full_thrust"], each["astern"], each["arm"], yaw["bias"], 1, 3)
         if self.is_boat:
             rows = tuple(zip(yaw["n2"], yaw["alpha"], yaw["beta"], strict=True))
-            full_n = _values(self.tables["propeller"])["full_n"]
+            full_n = values_of(self.tables["propeller"])["full_n"]
             side = yaw.get("side_force", 0.0)
             return RudderBoat(
                 YawSchedule(rows), yaw["full_rudder"], full_n, surge["authority"], yaw["bias"], 1, 3, side
             )
-        heave = _values(self.tables["heave"])
+        heave = values_of(self.tables["heave"])
         motors = FRAMES[self.tables["actuators"]]
         full = (yaw["authority"], surge["authority"], heave["authority"])
-        curve = ThrustCurve(**_values(self.tables["thruster"])) if "thruster" in self.tables else None
-        others = [_values(self.tables.get(dof, {})).get("authority", 0.0) for dof in ("sway", "pitch")]
+        curve = ThrustCurve(**values_of(self.tables["thruster"])) if "thruster" in self.tables else None
+        others = [values_of(self.tables.get(dof, {})).get("authority", 0.0) for dof in ("sway", "pitch")]
         if others[1] and not any(motor.M for motor in motors):
             raise ValueError(f"frame '{self.tables['actuators']}' has no pitch thrusters. Remove [pitch]")
         return ThrusterFrame(motors, *full, yaw["bias"], heave["bias"], curve, *others)
 
 
-def _values(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    return {name: entry["value"] for name, entry in table.items()}
-
-
-def _axis(table: Mapping[str, Mapping[str, Any]]) -> AxisDynamics:
-    values = _values(table)
-    return AxisDynamics(values["alpha"], values["beta"], values["beta2"])
-
-
 def load_vehicle(name: str) -> VehicleData:
-    """Return the data of the vehicle called *name*, or of the file that *name* is the path of (``.toml``).
+    """Return the data of the vehicle called *name*, or of the file (``.toml``) whose path is *name*.
 
     Raises
     ------
     UnknownVehicle
-        There is none; the message gives the nearest spellings.
+        There is no such vehicle; the message states the nearest names.
     BadVehicle
         The file cannot be read, or lacks something.
     """
@@ -191,7 +161,7 @@ def load_vehicle(name: str) -> VehicleData:
 
 
 def _tables(path: Path) -> dict[str, Any]:
-    """Return the tables of a file, completed from the vehicle it is ``like``."""
+    """Return the tables of a file, completed from the vehicle that it is ``like``."""
     own = read(path, "toml")
     name = own.get("like")
     if isinstance(name, str) and name not in VEHICLES:
@@ -206,15 +176,15 @@ def _tables(path: Path) -> dict[str, Any]:
 
 def _read(name: str, path: Path) -> VehicleData:
     tables = _tables(path)
-    sensors, link = _values(tables["sensors"]), _values(tables["link"])
+    sensors, link = values_of(tables["sensors"]), values_of(tables["link"])
     return VehicleData(
         name=name,
         title=tables["title"],
         firmware=tables["firmware"],
         sensors=SensorData(**{field.name: sensors[field.name] for field in fields(SensorData)}),
-        parameters=_values(tables["parameters"]),
+        parameters=values_of(tables["parameters"]),
         up_delay=link["up_delay"],
         down_delay=link["down_delay"],
-        ready_time=_values(tables["start"])["ready_time"],
+        ready_time=values_of(tables["start"])["ready_time"],
         tables=tables,
     )

@@ -1,4 +1,4 @@
-"""Simulated time relative to the wall clock, for a free-running vehicle. The only sleep is here."""
+"""Simulated time relative to the wall clock, for a free-running vehicle. Only this module sleeps."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from collections.abc import Callable
 __all__ = ["Pacer"]
 
 _MOST_BEHIND = 0.5
-"""Longest delay that is caught up [wall s]; beyond it the simulation slips. Chosen."""
+"""Longest delay that is caught up [wall s]. After a longer one the simulation stays late. Project choice."""
 
 
 class Pacer:
     """Computes the simulated time at *speedup*, and waits for it.
 
-    ``wall`` and ``sleep`` can be replaced, for tests; ``speedup``: simulated seconds per second.
+    ``wall`` and ``sleep`` can be replaced in tests; ``speedup``: simulated seconds per second.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class Pacer:
         return (self._wall() - self._origin) * self.speedup
 
     def wait_until(self, t: float) -> None:
-        """Sleep until simulated time *t* [s]; if that is long past, set the clock back to it."""
+        """Sleep until simulated time *t* [s]. If that is long past, set the clock back to it."""
         ahead = (t - self.now()) / self.speedup
         if ahead > 0.0:
             self._sleep(ahead)

@@ -1,7 +1,7 @@
 """A craft without its autopilot: a plant, its actuators and hidden effects, in steps of any length.
 
-The plant may follow a model from a file; autopilot, mixer and sensors stay the vehicle's own. Effects see a setting
-whose inputs are normalised (-1 to 1) and whose signals are what the sensors measure.
+The plant may follow a model from a file; autopilot, mixer and sensors remain those of the vehicle. For effects, inputs
+are normalised (-1 to 1) and signals are those measured by the sensors.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ __all__ = ["Craft"]
 
 _DOF_OF = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
 _CHANNEL = {"delta": "N"}
-"""A model's channel -> the vehicle's, where the names differ."""
+"""Channel of a model -> channel of the vehicle, if the names differ."""
 _SIDEWAYS = "Y"
-"""Input that most vehicles do not command; a model's input of that name stays 0."""
+"""Input that most vehicles do not command. A model's input of that name stays 0."""
 _CHANNELS = {"yaw": "N", "surge": "X", "heave": "Z", "sway": "Y"}
 _NAMES = {
     "N": ("steering", "rudder", "yaw", "delta"),
@@ -39,8 +39,8 @@ class Craft:
     ----------
     data : its data file.
     effects : hidden effects, in order.
-    model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` when it cannot.
-    plant : the body to push instead of the vehicle's own hull; not together with *model*, which is a hull's.
+    model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` if this is not possible.
+    plant : the body to drive instead of the vehicle's own hull; not together with *model*, which is that of a hull.
     """
 
     def __init__(
@@ -55,16 +55,17 @@ class Craft:
         self.effects = (*(model.effects if model else ()), *effects)
         self.actuators = data.make_actuators()
         if plant is not None and model is not None:
-            raise BadModel("a model replaces the vehicle's own hull. Use either plant or model")
-        hull = data.make_plant()
-        self.plant: Plant = plant or hull
+            raise BadModel("a model replaces the vehicle's own hull. Supply either plant or model, not both")
+        self.plant = plant or data.make_plant()
         if model is not None:
-            self.actuators = _fit_model(model, hull, self.actuators)
+            if not isinstance(self.plant, PlanarHull):
+                raise BadModel(f"a model replaces a planar hull, and {data.name} is another plant. Omit the model")
+            self.actuators = _fit_model(model, self.plant, self.actuators)
         self._wrench = Wrench()
         self._plain = dict(self.plant.parameters)
 
     def begin(self, seed: str) -> None:
-        """Start the effects; *seed*: of their random numbers. ``BadEffect`` if one has no place."""
+        """Start the effects; *seed*: seed of their random numbers. Raises ``BadEffect`` if one has no place."""
         for effect in self.effects:
             effect.begin(_describe(self, seed))
 
@@ -85,7 +86,7 @@ class Craft:
             effect.alter_measurement(t, reading)
 
     def _drive_altered(self, t: float, dt: float, pwm: Sequence[int]) -> None:
-        """Apply the effects to *pwm* and drive with the plant's own parameters."""
+        """Apply the effects to *pwm*, and drive the plant with its own parameters."""
         pulses = list(pwm)
         for effect in self.effects:
             effect.alter_command(t, pulses)
@@ -97,7 +98,7 @@ class Craft:
 
 
 class _ModelActuators(Actuators):
-    """The vehicle's own actuators, with forces and dynamics of the modelled degrees of freedom from the model."""
+    """The vehicle's own actuators, but with the model's forces and dynamics in the modelled degrees of freedom."""
 
     def __init__(self, own: Actuators, model: FlownModel) -> None:
         self._own = own
@@ -115,7 +116,7 @@ class _ModelActuators(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at a share of 1."""
+        """Degree of freedom -> force at full output."""
         return self._full
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
@@ -127,7 +128,7 @@ class _ModelActuators(Actuators):
         return self._own.write(pwm, shares)
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench*; modelled degrees of freedom get the model's forces, inertia and drag."""
+        """Fill *wrench*. Modelled degrees of freedom get the model's forces, inertia and drag."""
         self._own.apply(shares, parameters, wrench)
         for dof, values in self._axes.items():
             for name, value in zip(("alpha", "beta", "beta2"), values, strict=True):
@@ -138,12 +139,12 @@ class _ModelActuators(Actuators):
 
 
 def _fit_model(model: FlownModel, plant: PlanarHull, actuators: Actuators) -> Actuators:
-    """Make *plant* move as *model* says in its degrees of freedom, else as before; return the actuators that fit.
+    """Make *plant* move like *model* in the model's degrees of freedom, and return the matching actuators.
 
     Raises
     ------
     BadModel
-        The model moves in what this vehicle cannot, or is driven by what it does not have.
+        The model has a degree of freedom or an input that this vehicle does not have.
     """
     lacking = [dof for dof in model.axes if dof not in (*actuators.full, "sway")]
     if lacking:
@@ -152,7 +153,7 @@ def _fit_model(model: FlownModel, plant: PlanarHull, actuators: Actuators) -> Ac
     driven = [_CHANNEL.get(channel, channel) for channel in model.gains if channel != _SIDEWAYS or channel in known]
     strange = [channel for channel in driven if channel not in known]
     if strange or len(set(driven)) < len(driven):
-        raise BadModel(f"the model is driven by {', '.join(model.gains)}; this vehicle has {', '.join(known)}")
+        raise BadModel(f"the model is driven by {', '.join(model.gains)}, but this vehicle has {', '.join(known)}")
     for dof, values in model.axes.items():
         if dof != "sway":
             plant.set_axis(dof, AxisDynamics(*values))

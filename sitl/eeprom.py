@@ -41,7 +41,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def keep_parameters(store: ParameterDialect, path: Path) -> None:
-    """From now on write every changed parameter to *path* (whole file, then renamed)."""
+    """Write every changed parameter to *path* from now on. The whole file is written and then renamed."""
     changed = dict(read_parameters(path))
 
     def save(name: str, value: float) -> None:

@@ -18,20 +18,20 @@ __all__ = ["LINKS", "AddressError", "CannotListen", "Link", "host_and_port", "op
 _CHUNK = 65536
 _DATAGRAM = 1400
 _BACKLOG_LIMIT = 1 << 20
-"""Bytes kept for a client that does not read; more is dropped. Chosen."""
+"""Number of bytes kept for a client that does not read; more are dropped. Project choice."""
 _DEFAULT_BAUD = 57600
 _SHORTEST_WAIT = 0.002
-"""Wall seconds between two reads of the link. Chosen."""
+"""Shortest time between two reads of the link [wall s]. Project choice."""
 _LEAST_SERVED = 50
-"""Least reads of the link per second of vehicle time."""
+"""Fewest reads of the link per second of vehicle time."""
 
 
 class AddressError(ValueError):
-    """The address is not valid."""
+    """Raised if the address is not valid."""
 
 
 class CannotListen(OSError):
-    """The address is in use or not available."""
+    """Raised if the address is in use or not available."""
 
 
 class Link(Protocol):
@@ -42,7 +42,7 @@ class Link(Protocol):
         ...
 
     def write(self, data: bytes) -> None:
-        """Send, keep or drop; never block."""
+        """Send, queue or drop the bytes; never block."""
         ...
 
     def close(self) -> None:
@@ -51,7 +51,7 @@ class Link(Protocol):
 
 
 class UdpLink:
-    """Bound to a port (answers the last sender), or sending to a fixed address."""
+    """A UDP link that is bound to a port and answers the last sender, or sends to a fixed address."""
 
     def __init__(self, host: str, port: int, *, calls: bool = False) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -73,7 +73,7 @@ class UdpLink:
             data += piece
 
     def write(self, data: bytes) -> None:
-        """Send in datagrams of whole or cut messages (MAVLink parsers join them)."""
+        """Send in datagrams. A message may be split, because MAVLink parsers join the parts."""
         if self._peer is None:
             return
         for start in range(0, len(data), _DATAGRAM):
@@ -100,7 +100,7 @@ class TcpLink:
         self._backlog = bytearray()
 
     def read(self) -> bytes:
-        """Return the bytes from the client; accept a new client."""
+        """Return the bytes from the client, and accept a new client."""
         self._accept()
         if self._client is None:
             return b""
@@ -115,7 +115,7 @@ class TcpLink:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send what the client accepts; keep the rest."""
+        """Send what the client accepts and keep the rest."""
         if self._client is None:
             return
         if len(self._backlog) < _BACKLOG_LIMIT:
@@ -150,7 +150,7 @@ class TcpLink:
 
 
 class SerialLink:
-    """A serial device, at a baud rate that a pseudo-terminal ignores."""
+    """A serial device with a baud rate. A pseudo-terminal ignores the rate."""
 
     def __init__(self, device: str, baud: int) -> None:
         try:
@@ -161,14 +161,14 @@ class SerialLink:
             ) from error
 
     def read(self) -> bytes:
-        """Return the received bytes. ``CannotListen`` if the device is gone."""
+        """Return the received bytes. Raises ``CannotListen`` if the device has disappeared."""
         try:
             return bytes(self._port.read(_CHUNK))
         except serial.SerialException as error:
             raise CannotListen(f"the serial device {self._port.port} was disconnected: {error}") from error
 
     def write(self, data: bytes) -> None:
-        """Send what the device accepts; the rest is lost, as on a real line."""
+        """Send what the device accepts. The rest is lost, as on a real line."""
         try:
             self._port.write(data)
         except serial.SerialTimeoutException:
@@ -194,7 +194,7 @@ def _bind(bound: socket.socket, host: str, port: int) -> None:
 
 
 def host_and_port(rest: str) -> tuple[str, int]:
-    """Return host and port of ``HOST:PORT``. ``AddressError`` if it is not valid."""
+    """Parse ``HOST:PORT``. Raises ``AddressError`` if it is not valid."""
     host, _, port = rest.rpartition(":")
     try:
         if host:
@@ -229,20 +229,23 @@ def open_link(address: str) -> Link:
     Raises
     ------
     AddressError
-        The address is none of these.
+        The address has none of these forms.
     CannotListen
-        It is taken, or the system does not let us have it.
+        It is in use, or the system does not permit its use.
     """
     scheme, _, rest = address.partition(":")
     if scheme not in LINKS:
-        raise AddressError(f"'{address}': an address starts with {', '.join(f'{name}:' for name in LINKS)}")
+        raise AddressError(
+            f"'{address}' is not a valid address. Start it with one of {', '.join(f'{name}:' for name in LINKS)}"
+        )
     return LINKS[scheme](rest)
 
 
 def serve_free_running(server: Server, link: Link, pacer: Pacer, *, until: float = float("inf")) -> None:
     """Run the vehicle at the pacer's speed until simulated time *until* [s].
 
-    The link is served every loop tick, but not oftener than the wall clock is worth, and every 20 ms of the vehicle's.
+    The link is served every loop tick, but not more often than is useful in wall-clock time, and at least every 20 ms
+    of vehicle time.
     """
     rate = server.vehicle.rate
     stride = min(max(round(rate * pacer.speedup * _SHORTEST_WAIT), 1), rate // _LEAST_SERVED)

@@ -1,7 +1,7 @@
-"""The vehicle on a pipe, its clock waiting for the other end: decision record 1.
+"""Connect the vehicle to a pipe, with a clock that waits for the other end: decision record 1.
 
-One request, one reply. Request: ``<dI`` (grant [s], n) and n bytes for the vehicle; reply: ``<dI`` (time reached
-[s], n) and n bytes from it. End of file ends it.
+Each request has one reply. Request: ``<dI`` (time to run to [s], n) and n bytes for the vehicle. Reply: ``<dI`` (time
+reached [s], n) and n bytes from the vehicle. End of file ends it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _HEAD = struct.Struct("<dI")
 
 
 def serve_lockstep(server: Server, requests: BinaryIO, replies: BinaryIO) -> None:
-    """Answer requests until the other end closes. A request cut short by the end of file is dropped."""
+    """Answer requests until the other end closes. A request truncated by the end of file is ignored."""
     while True:
         head = requests.read(_HEAD.size)
         if len(head) < _HEAD.size:

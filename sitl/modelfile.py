@@ -1,7 +1,7 @@
-"""A model file read from outside: hull dynamics as SNAME derivatives, and effects on top, made ready to fly.
+"""Read a model file from outside and prepare it for flight: hull dynamics as SNAME derivatives, with effects.
 
-The file's inputs are in its own units; full output of an axis is the largest command the file knows of (``swing``), or
-1. Inertia is ``-N_rdot`` (and rigid body), drag ``-N_r`` and ``-N_rr``; ``N_0`` a constant force.
+The file's inputs are in its own units. Full output of an axis is the largest command stated in the file (``swing``), or
+1. Inertia is ``-N_rdot`` (and rigid body), drag is ``-N_r`` and ``-N_rr``, and ``N_0`` is a constant force.
 """
 
 from __future__ import annotations
@@ -48,14 +48,15 @@ _SPECIAL = {
 
 
 class BadModel(ValueError):
-    """A file that is not a model, or whose model cannot be flown; the message states why."""
+    """Raised for a file that is not a model, or whose model cannot be flown; the message states why."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlownModel:
-    """``axes``: degree of freedom -> inertia, linear and quadratic drag; ``forces``: constant force by letter;
+    """A model prepared for flight.
 
-    ``gains``: channel -> force letter -> force at full output; ``coupling``: None when it does not sway.
+    ``axes``: degree of freedom -> inertia, linear and quadratic drag. ``forces``: constant force by letter. ``gains``:
+    channel -> force letter -> force at full output. ``coupling``: None if it does not sway.
     """
 
     axes: Mapping[str, tuple[float, float, float]]
@@ -112,7 +113,8 @@ def _model_from(data: ModelData) -> FlownModel:
 
 
 def _of_one_axis(data: SingleDofData) -> ExtendedData:
-    """Return ``alpha nu_dot + (beta + beta_quadratic |nu|) nu = tau + delta`` as derivatives, its delay an effect."""
+    """Return ``alpha nu_dot + (beta + beta_quadratic |nu|) nu = tau + delta`` as derivatives, with its delay as an
+    effect."""
     if data.dof not in _FORCES:
         raise BadModel(f"the simulator does not model {data.dof}")
     force, speed = _FORCES[data.dof], _SPEEDS[data.dof]
@@ -126,7 +128,7 @@ def _of_one_axis(data: SingleDofData) -> ExtendedData:
 
 
 def _swing(data: ExtendedData, channel: str) -> float:
-    """Return the largest command of *channel* the file knows of, or 1."""
+    """Return the largest command of *channel* stated in the file, or 1."""
     known = [data.constants.swing.get(channel, 0.0), *(e.constants.get("swing", 0.0) for e in data.effects)]
     return abs(next((swing for swing in known if swing), 1.0))
 
@@ -145,7 +147,7 @@ def _axis(dof: str, values: Mapping[str, float]) -> tuple[float, float, float]:
     get = values.get
     inertia = get(_RIGID[dof], 0.0) - get(f"{force}_{speed}dot", 0.0)
     if not inertia > 0.0:
-        raise BadModel(f"its inertia in {dof} is {inertia:g}; it must be above 0")
+        raise BadModel(f"its inertia in {dof} is {inertia:g}, but it must be above 0")
     quadratic = get(f"{force}_{speed}{speed}", 0.0) + get(f"{force}_|{speed}|{speed}", 0.0)
     return inertia, -get(f"{force}_{speed}", 0.0), -quadratic
 
@@ -166,7 +168,7 @@ def _coupling(left: dict[str, float], values: Mapping[str, float], coriolis: boo
 
 
 def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[HiddenEffect]:
-    """Return what the base model itself says of delays, lags, current, sensor and compass, as effects."""
+    """Return the delays, lags, current, sensor and compass data of the base model as effects."""
     found = []
     for channel in (name for name in swing if name != "Y"):
         if values.get("delay", 0.0) > 0.0:
@@ -186,7 +188,7 @@ def _built_in(values: Mapping[str, float], swing: Mapping[str, float]) -> list[H
 
 
 def _effect_from(entry: EffectData, swing: Mapping[str, float]) -> HiddenEffect:
-    """Return one effect of the file, numbers in units of the input made shares of full."""
+    """Return one effect of the file, with numbers in units of the input converted to fractions of full output."""
     values = dict(entry.values)
     if entry.slug in EFFECTS:
         known = {p.name: p.unit for p in EFFECTS[entry.slug].parameters}
@@ -197,7 +199,7 @@ def _effect_from(entry: EffectData, swing: Mapping[str, float]) -> HiddenEffect:
 
 
 def _unit_of(place: str, swing: Mapping[str, float]) -> float:
-    """Return full output of the input at *place*, a channel or the degree of freedom it drives."""
+    """Return full output of the input at *place*, a channel or the degree of freedom that it drives."""
     if place in swing:
         return swing[place]
     for channel, full in swing.items():

@@ -1,7 +1,7 @@
 """A bare hull in open loop: commands in, hidden effects, and the recorded file.
 
-The hull is uncoupled; effects couple it. Steps are short against every time constant there is and end on the stamps of
-the file.
+The hull is uncoupled, except by effects. Steps are short compared with every time constant and end on the stamps of the
+file.
 """
 
 from __future__ import annotations
@@ -22,27 +22,30 @@ __all__ = ["INPUTS", "SIGNALS", "Command", "Hull", "open_loop"]
 
 Array = NDArray[np.float64]
 Command = Array | Sequence[float] | Sequence[tuple[float, float]]
-"""Values on the file's stamps (n,), or steps as (time [s], value from then on); before the first step: 0."""
+"""Values at the file's stamps (n,), or steps as (time [s], value from then on), with 0 before the first step."""
 
 SIGNALS = ("x", "y", "z", "psi", "u", "v", "w", "r")
 """Measurable signals, SI and radians; the heading is continuous."""
 
 _Step = Callable[[float, float, tuple[float, ...]], tuple[float, ...]]
-"""Time [s], step [s], state in the order of :data:`SIGNALS` -> state after it."""
+"""Function of time [s], step [s] and state, in the order of :data:`SIGNALS`, that returns the state after the step."""
 
 INPUTS: Mapping[str, str] = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw", "delta": "yaw"}
-"""Input channel -> degree of freedom it drives."""
+"""Input channel -> degree of freedom that it drives."""
 
 _STEPS_PER_TIME_CONSTANT = 32
-"""Heun's error per time constant goes with its inverse square: about 2e-4."""
+"""Steps per time constant.
+
+The error of Heun's rule is proportional to the inverse square of this number: about 2e-4.
+"""
 _STEPS_PER_SAMPLE = 4
 _STEPS_PER_RADIAN = 16
-"""Per radian of waves, or time constant of an effect."""
+"""Steps per radian of waves, or per time constant of an effect."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hull:
-    """A plain hull: per degree of freedom inertia (> 0), linear and quadratic drag (0 where absent), SI.
+    """A plain hull: for each degree of freedom inertia (> 0), linear and quadratic drag (0 if absent), SI.
 
     ``gain`` [N m/rad]: moment per rudder angle ``delta``; ``bottom`` [m]: depth of the water.
     """
@@ -55,7 +58,7 @@ class Hull:
     bottom: float = 10.0
 
     def axis(self, dof: str) -> AxisDynamics:
-        """Return a degree of freedom's inertia and drag; infinitely heavy when the hull does not have it."""
+        """Return inertia and drag of a degree of freedom. The inertia is infinite if the hull does not have it."""
         if dof not in self.dofs:
             return AxisDynamics(math.inf, 0.0, 0.0)
         return AxisDynamics(self.inertia[dof], self.linear.get(dof, 0.0), self.quadratic.get(dof, 0.0))
@@ -77,21 +80,21 @@ def open_loop(
     """Drive *hull* with *commands* and return the file: ``t``, inputs and signals, (n,) each, n = duration/interval.
 
     Commands are held from one stamp to the next. With a wrong clock (``time-scale``) duration, interval and commands
-    are in true time, the file's stamps are not. Late signals (``time-offset``, ``measurement-delay``) are those of a
-    hull that has been under the first command that much longer, from the *initial* state on.
+    are in true time, but the file's stamps are not. For late signals (``time-offset``, ``measurement-delay``) the hull
+    starts earlier by the delay, in the *initial* state and with the first command.
 
     Parameters
     ----------
     duration, interval : [s].
     measured : of :data:`SIGNALS`.
     noise : standard deviation of white noise per measured signal.
-    initial : state at the start, 0 where not given.
-    stamps_jitter : stamps are off the even grid by up to this [s], below half an interval.
+    initial : state at the start, 0 by default. stamps_jitter : largest deviation of stamps from the even grid [s],
+        below half an interval.
 
     Raises
     ------
     ValueError
-        A command, signal or degree of freedom is unknown, or the numbers make no run.
+        A command, signal or degree of freedom is unknown, or the numbers do not define a run.
     BadEffect
         The hull has no place for an effect.
     """
@@ -125,12 +128,12 @@ def _check(
 ) -> None:
     for name in commands:
         if INPUTS.get(name) not in hull.dofs:
-            raise ValueError(f"this hull has no input '{name}'; its degrees of freedom are {', '.join(hull.dofs)}")
+            raise ValueError(f"this hull has no input '{name}'. Its degrees of freedom are {', '.join(hull.dofs)}")
     for name in measured:
         if name not in SIGNALS:
             raise ValueError(f"'{name}' cannot be measured. Use one of {', '.join(SIGNALS)}")
     if not (interval > 0.0 and round(duration / interval) >= 2 and 0.0 <= jitter < 0.5 * interval):
-        raise ValueError("a run needs at least two samples, and jitter below half an interval")
+        raise ValueError("the run needs at least two samples, and a jitter below half an interval")
 
 
 def _stamps(duration: float, interval: float, jitter: float, seed: int) -> Array:
@@ -145,7 +148,7 @@ def _held(command: Command, stamps: Array) -> Array:
     if values.ndim == 1 and len(values) == len(stamps):
         return values.copy()
     if values.ndim != 2 or values.shape[1] != 2:
-        raise ValueError(f"a command must be {len(stamps)} values, one per timestamp, or pairs (time, value)")
+        raise ValueError(f"a command must be {len(stamps)} values, one per time stamp, or pairs (time, value)")
     at = np.searchsorted(values[:, 0], stamps + 1e-9, side="right") - 1
     return np.where(at >= 0, values[np.maximum(at, 0), 1], 0.0)
 
@@ -174,7 +177,7 @@ def _setting(
 
 
 def _cruise(hull: Hull, held: Mapping[str, Array], initial: Mapping[str, float]) -> float:
-    """Return the speed [m/s] its rms command ahead holds, or the one it begins with."""
+    """Return the speed [m/s] that the rms command ahead holds, or the initial one."""
     if "X" not in held:
         return initial.get("u", 0.0)
     force, axis = float(np.sqrt(np.mean(np.square(held["X"])))), hull.axis("surge")
@@ -188,7 +191,7 @@ def _steady(axis: AxisDynamics, force: float) -> float:
 
 
 def _shortest(hull: Hull, setting: Setting, effects: Sequence[HiddenEffect]) -> float:
-    """Return the longest step [s] that is short against hull and effects."""
+    """Return the longest step [s] that is short compared with the time constants of hull and effects."""
     longest = math.inf
     for dof in hull.dofs:
         axis = hull.axis(dof)
@@ -210,7 +213,7 @@ class _Run:
 
 
 def _integrate(run: _Run, longest: float, knots: Array, state: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return times (k,) and true states (k, 8) from the first to the last of *knots* (stamps, and before and after).
+    """Return times (k,) and true states (k, 8) from the first to the last of *knots*.
 
     longest : step [s].
     """
@@ -258,7 +261,10 @@ def _ask(hull: Hull, asked: Wrench, inputs: Mapping[str, float]) -> None:
 
 
 class _Heun:
-    """Steps a hull by Heun's rule, second order: ``asked`` of it by its actuators, ``pushes`` of effects besides."""
+    """Integrates a hull by Heun's rule, second order.
+
+    ``asked``: forces of its actuators. ``pushes``: forces of effects.
+    """
 
     def __init__(self, hull: Hull) -> None:
         surge, sway, heave, yaw = (hull.axis(dof) for dof in ("surge", "sway", "heave", "yaw"))
@@ -269,11 +275,11 @@ class _Heun:
         self._plain = dict(self.plant.parameters)
 
     def restore(self) -> None:
-        """Make inertia and drag the plain ones again."""
+        """Restore the plain inertia and drag."""
         self.plant.parameters.update(self._plain)
 
     def stepper(self, hull: Hull, state: Sequence[float]) -> _Step:
-        """Return the rule that steps this hull on from *state*: the short one when it only turns or only dives."""
+        """Return the function that integrates this hull from *state*: a shorter one if it only turns or only dives."""
         if any(
             speed
             for speed, dof in zip(state[4:], ("surge", "sway", "heave", "yaw"), strict=True)
@@ -287,7 +293,7 @@ class _Heun:
         return self.step
 
     def take(self, state: Sequence[float]) -> None:
-        """Be in that state, in the order of :data:`SIGNALS`."""
+        """Set the state, in the order of :data:`SIGNALS`."""
         at = self.plant.state
         at.x, at.y, at.z, at.psi, at.u, at.v, at.w, at.r = state
 
@@ -323,7 +329,7 @@ class _Heun:
         return step
 
     def _pushed(self, t: float, state: Sequence[float]) -> Wrench:
-        """Return what actuators and effects do together in that *state*."""
+        """Return the combined force of actuators and effects in that *state*."""
         self.take(state)
         asked, wrench = self.asked, self._wrench
         wrench.X, wrench.Y, wrench.Z, wrench.N = asked.X, asked.Y, asked.Z, asked.N
@@ -332,7 +338,7 @@ class _Heun:
         return wrench
 
     def step(self, t: float, dt: float, state: tuple[float, ...]) -> tuple[float, ...]:
-        """Return the state after *dt* [s]: Heun's rule."""
+        """Return the state after *dt* [s] by Heun's rule."""
         first = self.slope(t, state)
         second = self.slope(t + dt, [s + dt * a for s, a in zip(state, first, strict=True)])
         half = 0.5 * dt
@@ -344,7 +350,7 @@ def _with(state: tuple[float, ...], at: int, position: float, speed: float) -> t
 
 
 def _lateness(effects: Sequence[HiddenEffect], measured: tuple[str, ...]) -> dict[str, float]:
-    """Return by how much [s] each measured signal is late, all effects together."""
+    """Return the total delay [s] of each measured signal from all effects."""
     late = dict.fromkeys(measured, 0.0)
     for effect in effects:
         for name, delay in effect.lateness().items():
@@ -356,9 +362,9 @@ def _lateness(effects: Sequence[HiddenEffect], measured: tuple[str, ...]) -> dic
 def _measure(
     run: _Run, t: Array, truth: Array, late: Mapping[str, float], noise: Mapping[str, float], seed: int
 ) -> dict[str, Array]:
-    """Return what is reported at the file's stamps of the *truth* (k, 8) at *t* (k,): late, noisy, altered.
+    """Return the reported values at the file's stamps for the *truth* (k, 8) at *t* (k,): late, noisy, altered.
 
-    late : by how much [s] each measured signal is. noise : standard deviation by signal.
+    late : delay [s] of each measured signal. noise : standard deviation by signal.
     """
     heun, effects, stamps = run.heun, run.effects, run.stamps
     water, psi = heun.plant.water, truth[:, SIGNALS.index("psi")]
@@ -386,7 +392,7 @@ def _alter(
     states: Array,
     reported: dict[str, Array],
 ) -> None:
-    """Let effects alter what is *reported*, with the hull in its *states* (n, 8) of those *stamps*."""
+    """Apply the effects to the *reported* values, for the hull's *states* (n, 8) at those *stamps*."""
     reading = SensorReading()
     for i, (t, state) in enumerate(zip(stamps.tolist(), states.tolist(), strict=True)):
         heun.take(state)

@@ -15,9 +15,11 @@ __all__ = ["Rangefinder", "SensorData", "SensorReading", "Sensors"]
 
 @dataclass(frozen=True, slots=True)
 class SensorData:
-    """Standard deviations of noise, white from one sensor sample to the next (50 a second, held in between).
+    """Standard deviations of noise, which is white from one sensor sample to the next (50 a second, held in
+    between).
 
-    ``heading_quantum`` [rad] is the compass' step (0: none); ``speed_noise`` is that ahead, and that to the side.
+    ``heading_quantum`` [rad] is the resolution of the compass (0: none). ``speed_noise`` has a value for the speed
+    ahead and one for the sideways speed.
     """
 
     heading_noise: float
@@ -33,7 +35,7 @@ class SensorData:
 
 @dataclass(slots=True)
 class SensorReading:
-    """One sample of every sensor. SI and radians; ``r`` is the bare gyro, ``az`` acceleration down."""
+    """One sample of every sensor. SI and radians; ``r`` is the unfiltered gyro, ``az`` the acceleration down."""
 
     psi: float = 0.0
     r: float = 0.0
@@ -53,7 +55,7 @@ class SensorReading:
 
 
 class Rangefinder:
-    """Looks ahead at a flat wall that stands square to *heading* [rad], *wall* [m] from the origin.
+    """Measures the distance ahead to a flat wall, perpendicular to *heading* [rad] and *wall* [m] from the origin.
 
     A new distance comes every *period* [s], with *noise* [m], and is held in between; NaN while the wall is not ahead.
     With *apart* [m] it is two, so far apart on either side of the craft; else one in the middle.
@@ -81,7 +83,7 @@ class Rangefinder:
 
 
 class Sensors:
-    """Samples of a plant. Every sensor has a random stream of its own, so one cannot disturb another."""
+    """Samples the sensors of a plant. Every sensor has its own random numbers, so one does not affect another."""
 
     def __init__(self, data: SensorData, seed: int, *, floats: bool) -> None:
         self._data = data
@@ -110,7 +112,7 @@ class Sensors:
         self._noise: list[float] = []
 
     def sample(self, plant: Plant, reading: SensorReading, *, new: bool = True) -> None:
-        """Fill *reading* with the present measurement; under the noise of the last one unless *new* is drawn."""
+        """Fill *reading* with the present measurement. The noise of the last one is reused unless *new* is set."""
         if new or not self._noise:
             self._noise = [draw() for draw in self._draws]
         noise, quantum = self._noise, self._data.heading_quantum

@@ -1,8 +1,9 @@
 """The whole craft: hull, actuators, sensors, battery and autopilot, in steps of one autopilot loop.
 
-A loop is what the firmware's main loop is: 50 a second on Rover, 400 on Sub (SCHED_LOOP_RATE). What the real ones do
-at 50 Hz whatever that is (sticks, failsafes, battery) is done at :data:`~sitl.autopilot.SLOW_RATE` here too, and so is
-what no loop should change: how often a sensor draws new noise.
+A loop corresponds to the firmware's main loop: 50 a second on Rover, 400 on Sub (SCHED_LOOP_RATE). Real firmware
+processes sticks, failsafes and battery at 50 Hz, whatever the loop rate. Here this is done at
+:data:`~sitl.autopilot.SLOW_RATE`. Sensor noise is updated at the same rate, so that it does not depend on the loop
+rate.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ class Vehicle:
     Parameters
     ----------
     data : its data file.
-    seed : of all sensor noise.
-    parameters : autopilot parameters set before boot, over those of the data file. ``KeyError`` when unknown.
-    names : the firmware generation whose parameter names and units it uses towards the ground (``GENERATIONS``).
+    seed : seed of all sensor noise. parameters : autopilot parameters set before boot, in addition to those of the data
+        file. ``KeyError`` when unknown. names : the firmware generation whose parameter names and units it uses over
+        MAVLink (``GENERATIONS``).
     effects : hidden effects, in order.
-    model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` when it cannot.
+    model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` if this is not possible.
 
-    ``rate`` [Hz] is that of its loop; time is counted in whole ticks of it, so that stamps are exact.
+    ``rate`` [Hz] is that of its loop. Time is counted in whole ticks, so that stamps are exact.
     """
 
     def __init__(
@@ -90,7 +91,7 @@ class Vehicle:
 
     @property
     def seconds(self) -> float:
-        """Seconds since the simulation began."""
+        """Seconds since the simulation began, as a float."""
         return self.tick / self.rate
 
     def move(self) -> None:
@@ -110,7 +111,7 @@ class Vehicle:
         self.craft.alter(t, self._reading)
 
     def control(self) -> None:
-        """Run the autopilot's loop on that sample."""
+        """Run the autopilot's loop on the last sample."""
         voltage = self.battery.voltage(self.parameters["SIM_BATT_VOLTAGE"])
         self.autopilot.tick(self.ms, self._reading, voltage, self.battery.consumed_mah)
 

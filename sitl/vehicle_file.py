@@ -1,7 +1,7 @@
 """The schema of vehicle files: names, units and ranges of their numbers.
 
-Every number is a table ``{ value, unit, source }``. All values are SI and radians whatever the unit says, so the unit
-must be the one of the table here, or ``SI``: a file with another was written with something else in mind.
+Every number is a table ``{ value, unit, source }``. All values are SI and radians. So the unit must be the one in the
+table here, or ``SI``. A file with another unit is rejected.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["HEADINGS", "VehicleFile", "verify_vehicle_tables"]
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Units that a number may have, its range, and whether it may be a list (a schedule)."""
+    """Permitted units of a number, its range, and whether it may be a list (a schedule)."""
 
     units: tuple[str, ...]
     least: float = -1e9
@@ -30,7 +30,7 @@ class Range:
 
     @property
     def form(self) -> Any:
-        """The type of its value: a number, or a number or a list."""
+        """Type of the value: a number only, or either a number or a list."""
         one: Any = Annotated[
             float, Meta(gt=self.least, le=self.most) if self.above else Meta(ge=self.least, le=self.most)
         ]
@@ -100,11 +100,14 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "apart": Range(("m",), 0.0, 10.0),
     },
 }
-"""Heading -> name -> what the number may be. Ranges are chosen: wide enough for any craft, too narrow for a slip."""
+"""Heading -> name -> permitted number.
+
+Ranges are wide enough for any craft and narrow enough to detect a typing error. Project choice.
+"""
 
 
 class ParameterEntry(Struct, forbid_unknown_fields=True, frozen=True):
-    """A parameter of the autopilot."""
+    """An autopilot parameter in the file."""
 
     value: Annotated[float, Meta(ge=-3.5e38, le=3.5e38)]
     unit: str
@@ -133,7 +136,7 @@ VehicleFile: type[Struct] = defstruct(
     "VehicleFile",
     [
         ("title", Annotated[str, Meta(min_length=1, max_length=200)] | None, None),
-        *((name, str | None, None) for name in ("firmware", "actuators", "like")),
+        *((name, str | None, None) for name in ("firmware", "actuators", "plant", "like")),
         *((heading, _struct(heading, rows) | None, None) for heading, rows in HEADINGS.items()),
         ("parameters", dict[Annotated[str, Meta(pattern="^[A-Za-z_][A-Za-z0-9_]{0,15}$")], ParameterEntry], {}),
         ("coupling", dict[Annotated[str, Meta(max_length=20)], Derivative], {}),
@@ -141,7 +144,7 @@ VehicleFile: type[Struct] = defstruct(
     forbid_unknown_fields=True,
     frozen=True,
 )
-"""A vehicle file, or the changes to the vehicle that it is ``like``."""
+"""A vehicle file, or the changes relative to the vehicle that it is ``like``."""
 
 
 def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
@@ -150,7 +153,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     Raises
     ------
     ValueError
-        It does not; the message says where.
+        It does not match or is inconsistent; the message states where.
     """
     _verify_units(own)
     conform(own, VehicleFile)
@@ -166,13 +169,17 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
             raise ValueError(f"{heading}: negative drag is unstable. Use beta of 0 or more, or beta2 above 0")
     odd = tables.get("thruster", {}).get("odd", {}).get("value")
     if odd is not None and not sum(odd if isinstance(odd, list) else [odd]) > 0.0:
-        raise ValueError("thruster.odd: the sum of the coefficients, the thrust at full command, must be above 0")
+        raise ValueError(
+            "thruster.odd: the coefficients add up to the thrust at full command, so their sum must be above 0"
+        )
     for name, entry in tables.get("coupling", {}).items():
         if isinstance(entry["value"], bool) != (name == "coriolis"):
-            raise ValueError(f"coupling: coriolis must be true or false, every other entry a number; {name} is not")
+            raise ValueError(
+                f"coupling: {name} is not valid. coriolis must be true or false, every other entry a number"
+            )
     start = tables.get("start", {})
     if start and not start["depth"]["value"] < start["bottom"]["value"]:
-        raise ValueError("start: depth is not above the bottom")
+        raise ValueError("start: the depth must be above the bottom. Use a smaller depth")
 
 
 def _verify_units(own: Any) -> None:

@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[1]
 ROOMS = (
     "gcs_autotune/*.py",
     "gcs_autotune/cli",
+    "gcs_autotune/control",
     "gcs_autotune/crosscheck",
     "gcs_autotune/design",
     "gcs_autotune/diagnose",

@@ -69,7 +69,7 @@ def test_every_unit_there_is_has_a_case_here() -> None:
 
 def test_degrees_may_be_written_with_their_sign_and_an_unknown_unit_is_refused_with_those_known() -> None:
     assert to_si("°/s") == to_si("deg/s")
-    with pytest.raises(BadFile, match=r"unit \[furlong\] is unknown; known units: .*rpm"):
+    with pytest.raises(BadFile, match=r"unit \[furlong\] is unknown. Known units: .*rpm"):
         to_si("furlong")
 
 

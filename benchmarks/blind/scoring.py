@@ -65,18 +65,18 @@ def tally(outcomes: Sequence[Outcome]) -> str:
 
 
 HEADLINES: Mapping[str, tuple[str, float | None]] = {
-    "single": ("one hidden effect", 0.97),
-    "clean": ("nothing hidden", 0.99),
-    "double": ("two hidden effects", 0.85),
-    "foreign": ("a hidden effect that is not in the catalogue", 0.95),
-    "track": ("a hidden effect, positions and heading only", None),
-    "clean-track": ("nothing hidden, positions and heading only", None),
-    "wrong-numbers": ("a model with one or two wrong parameters", 0.97),
-    "wrong-numbers-and-effect": ("a model with a wrong parameter, and a hidden effect", 0.85),
-    "honest": ("a correct model supplied", 0.99),
-    "honest-and-effect": ("a correct model supplied, and a hidden effect", 0.97),
-    "simulation": ("a simulator's output with wrong parameters", 0.97),
-    "honest-simulation": ("a correct simulator's output", 0.99),
+    "single": ("diagnosis of runs with one hidden effect", 0.97),
+    "clean": ("diagnosis of runs without a hidden effect", 0.99),
+    "double": ("diagnosis of runs with two hidden effects", 0.85),
+    "foreign": ("diagnosis of runs with a hidden effect that is not in the catalogue", 0.95),
+    "track": ("diagnosis from positions and heading only, with a hidden effect", None),
+    "clean-track": ("diagnosis from positions and heading only, without a hidden effect", None),
+    "wrong-numbers": ("diagnosis with a model that has one or two wrong parameters", 0.97),
+    "wrong-numbers-and-effect": ("diagnosis with a model that has a wrong parameter, and a hidden effect", 0.85),
+    "honest": ("diagnosis with a correct model", 0.99),
+    "honest-and-effect": ("diagnosis with a correct model, and a hidden effect", 0.97),
+    "simulation": ("diagnosis with the output of a simulator that has wrong parameters", 0.97),
+    "honest-simulation": ("diagnosis with the output of a correct simulator", 0.99),
 }
 """Kind of case -> what it measures, and the share that is to be right, if there is a goal."""
 
@@ -99,7 +99,7 @@ def headlines(outcomes: Sequence[Outcome]) -> dict[str, tuple[str, list[Figure]]
         visible, mild = [o for o in hidden if o.worth > VISIBLE], [o for o in hidden if o.ratio <= 0.4]
         wrong = sum(bool(o.causes) and not o.right for o in hidden)
         found["weather"] = (
-            "a hidden effect with process noise, whole diagnoses",
+            "diagnosis of runs with process noise and a hidden effect",
             [
                 count("effects with a gain of ten nats found", sum(o.right for o in visible), len(visible), least=0.85),
                 count("effects in noise up to 40 % found", sum(o.right for o in mild), len(mild), least=0.5),

@@ -131,9 +131,9 @@ def _undoes(own: Order, order: Order, stops_in: Sequence[int]) -> bool:
 
 
 BLAME: Mapping[str, tuple[str, ...]] = {
-    "station-mode": ("not by us", "another station may have ordered", "was armed, not by us"),
-    "station-disarm": ("not by us", "another station may have ordered"),
-    "station-sticks": ("overrides other than ours", "the sticks were moved"),
+    "station-mode": ("not by this tool", "another station may have ordered", "was armed, not by this tool"),
+    "station-disarm": ("not by this tool", "another station may have ordered"),
+    "station-sticks": ("overrides of another sender", "the sticks were moved"),
     "station-write": ("another ground station wrote", "another station changed it", "another station wrote"),
     "reboot": ("has restarted", "Lost contact with"),
     "stall": ("this computer paused",),

@@ -34,7 +34,7 @@ AREAS: dict[str, tuple[str, ...]] = {
         "identify/problems/problem.py",
         "identify/problems/noise.py",
         "**/cleaning.py",
-        "identify/whiteness.py",
+        "identify/signals/whiteness.py",
         "**/least_squares.py",
         "identify/signals/intake.py",
         "logs/channels.py",

@@ -112,7 +112,9 @@ def _plain(diagnosis: Diagnosis) -> str:
     for i, dof in enumerate(model.form.dofs):
         damping = f"{DOFS[dof].force}_{DOFS[dof].velocity}"
         if damping in model.form.parameters and model[damping]:
-            found.append(f"{dof}: time constant {format_number(abs(float(model.inertia[i, i]) / model[damping]), 2)} s")
+            found.append(
+                f"time constant {format_number(abs(float(model.inertia[i, i]) / model[damping]), 2)} s in {dof}"
+            )
     return "; ".join([model.form.title, *found])
 
 
@@ -180,6 +182,6 @@ def _block(name: str, case: Case, answer: Answer | None) -> str:
     notes = [("Hint", f"{h.what}. {h.evidence}") for h in answer.hints]
     notes += [("Residual", words) for words in answer.left]
     notes += [("Fly next", answer.next)] if answer.next else []
-    listed = "".join(f"* {label}: {' '.join(text.split())}\n" for label, text in notes)
+    listed = "".join(f"* {label}: {' '.join(text.split()).removesuffix('.')}.\n" for label, text in notes)
     lead = f"**{answer.lead}**\n\n" if answer.lead else ""
     return f"{lead}| | |\n|---|---|\n{table}\n{listed}{chr(10) * bool(listed)}{command}\n"

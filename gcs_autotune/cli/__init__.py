@@ -1,4 +1,4 @@
-"""The command line: one table of commands, one table of exit codes."""
+"""The command line, with the table of commands and the table of exit codes."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ __all__ = ["COMMANDS", "find_config", "main", "make_parser", "read_config", "tun
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """One line of the table of commands: its help in the list, and where the command is."""
+    """One line of the table of commands: its help in the list, and its module."""
 
     help: str
     module: str
     attribute: str = "COMMAND"
 
     def load(self) -> Command:
-        """Import the command: only the one that runs, since each brings the tables it offers as options."""
+        """Import the command. Only the one that runs is imported, because each imports the tables for its options."""
         command: Command = getattr(import_module(f"{__name__}.{self.module}"), self.attribute)
         return command
 
 
 COMMANDS: Mapping[str, Verb] = {
-    "tune": Verb("identify the craft, design gains, prove them, keep or restore them", "tune_cmd"),
+    "tune": Verb("identify the craft, design gains, test them by a step, keep them if better", "tune_cmd"),
     "identify": Verb("identify inertia, damping and constant force from recorded runs", "identify_cmd"),
     "diagnose": Verb(
-        "find what a simulation gets wrong, identify the cause, and extend the model by it", "diagnose_cmd"
+        "compare a simulation with measured runs, identify what it lacks, extend the model", "diagnose_cmd"
     ),
     "figures": Verb(
         "compute ship figures (IMO, ITTC) from a zig-zag, turning circle, spiral, pull-out or stop", "figures_cmd"
@@ -53,35 +53,35 @@ COMMANDS: Mapping[str, Verb] = {
     "fly": Verb("fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model", "fly_cmd"),
     "hold": Verb("hold heading or depth with a controller of our own, in manual mode", "hold_cmd"),
     "recheck": Verb(
-        "check whether the tune of the heading, depth or speed loop is still good; drives no actuator directly",
+        "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",
     ),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
     "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),
-    "logs": Verb("show the contents of a telemetry or onboard log, and import its runs", "logs_cmd"),
+    "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),
     "export": Verb(
-        "write a model for ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table", "export_cmd"
+        "export a model to ArduPilot's simulator, Gazebo, Fossen's simulator or MATLAB, or as a table", "export_cmd"
     ),
     "params": Verb("save or restore a vehicle's parameters", "params_cmd"),
-    "restore": Verb("restore what an interrupted run left changed", "restore_cmd"),
-    "serve": Verb("web page to start, monitor and stop runs (extra: web)", "serve_cmd"),
+    "restore": Verb("restore the vehicle after an interrupted run", "restore_cmd"),
+    "serve": Verb("serve a web page to start, monitor and stop runs (needs gcs-autotune[web])", "serve_cmd"),
     "sitl": Verb("run a simulated vehicle that speaks MAVLink (see `gcs-autotune sitl --help`)", "sitl_cmd"),
     "doctor": Verb(
-        "check this computer: programs, clock, disk, caches, ports and the vehicles on them", "doctor_cmd", "DOCTOR"
+        "check this computer: programs, clock, disk, caches, ports and connected vehicles", "doctor_cmd", "DOCTOR"
     ),
-    "ports": Verb("list the ports and the vehicles heard on them", "doctor_cmd", "PORTS"),
+    "ports": Verb("list the ports and the vehicles received on them", "doctor_cmd", "PORTS"),
     "completion": Verb("print a completion script for bash, zsh or fish", "completion_cmd"),
 }
-"""Verb -> where its command is; adding one is one file and one line."""
+"""Verb -> module of its command. To add one, add a file and a line here."""
 COMPLETION = "completion"
-"""The one command that needs the parsers of all others."""
+"""The only command that needs the parsers of all others."""
 
 YOUNG = 20_000
-"""Number of new objects before the garbage collector runs; chosen."""
+"""Number of new objects before the garbage collector runs. Project choice."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code."""
+    """Run the command line with its arguments and return the exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     # Before NumPy is imported. Our matrices are small: a second thread wins nothing on an idle machine, and beside
     # other programs (a ground station, a simulator) the two wait for each other.
@@ -134,9 +134,9 @@ class _Parser(argparse.ArgumentParser):
 def make_parser(config: ConfigFile = NO_CONFIG, only: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of the whole command line, with the defaults of the settings file.
 
-    only : the verb to be run; the others are listed without their options, and are not imported.
+    only : the verb to be run. The others are listed without their options and are not imported.
     """
-    rows = [(0, "done"), (RESTORED, "tuned, but the old gains proved better and were restored")]
+    rows = [(0, "done"), (RESTORED, "tuned, but the old gains were better and were restored")]
     rows += [(code, meaning) for _, code, meaning in EXIT_CODES]
     codes = "\n".join(f"  {code:3d}  {meaning}" for code, meaning in sorted(rows))
     parser = _Parser(

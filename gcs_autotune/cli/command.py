@@ -1,4 +1,4 @@
-"""The record of a command, and the option groups that several commands share."""
+"""The class of a command, and the option groups that several commands share."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ GUARDING = (
     "min-battery",
     "max-time",
 )
-"""Safety limits, in the order of the help."""
+"""Names of the safety limits, in the order of the help."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,8 @@ def add_number(
     """Add the option *name* (without dashes) for a number; range and help come from the table of limits.
 
     limit : its name in the table, if different; meaning : help text, instead of the table's; const : value of the
-    option without an argument; marked : None if the option is absent, whatever the default. Ranges that differ by
+    option without an argument; marked : whether an absent option gives None, whatever the default. Ranges that differ
+        by
     axis are checked by :func:`check_axis_limits`.
     """
     rows = axes_of(limit or name)
@@ -108,7 +109,7 @@ def add_number(
 
 
 def _typed(rows: Sequence[Limit]) -> Callable[[str], float]:
-    """Return a parser of numbers for argparse that rejects values outside their limits."""
+    """Return a function for argparse that parses a number and rejects values outside its limits."""
 
     def read(text: str) -> float:
         try:
@@ -145,7 +146,7 @@ def check_axis_limits(args: argparse.Namespace, names: Sequence[str]) -> None:
 
 
 def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_run: bool = False) -> None:
-    """Add ``--connect`` and its companions, read with :func:`uri_of`.
+    """Add ``--connect`` and its related options, read with :func:`uri_of`.
 
     otherwise : default shown in the help; empty if the option is required. of_run : the link belongs to a recorded
     run, and no settings file changes it.
@@ -157,16 +158,16 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
     group.add_argument(
         "--connect",
         metavar="URI",
-        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600 (MAVSDK's "
-        "udpin://, udpout://, tcpin://, tcpout://, serial:// mean the same), or sitl:NAME for a simulated vehicle "
-        "started for you, sitl:FILE.toml for your own; 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' adds an "
-        f"effect to it (`gcs-autotune sitl --list-effects`), '?model=FILE' simulates a model file{fallback}",
+        help="link to the vehicle: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or "
+        "/dev/ttyUSB0,57600 (MAVSDK's udpin://, udpout://, tcpin://, tcpout://, serial:// also work). sitl:NAME "
+        "starts a simulated vehicle, sitl:FILE.toml your own. 'sitl:NAME?effect=dead-zone.width=0.05&seed=3' adds "
+        f"an effect (`gcs-autotune sitl --list-effects`). 'sitl:NAME?model=FILE' simulates a model file{fallback}",
     )
     group.add_argument(
         "--backend",
         metavar="NAME",
         default="pymavlink",
-        help="transport of the messages: pymavlink (own sockets and ports) or mavsdk (default pymavlink)",
+        help="library that carries the messages: pymavlink (own sockets and ports) or mavsdk (default pymavlink)",
     )
     add_number(group, "baud", "BAUD")
     add_number(group, "system-id", "ID")
@@ -175,19 +176,19 @@ def add_connection(parser: argparse.ArgumentParser, otherwise: str = "", *, of_r
         "--signing-key",
         type=Path,
         metavar="FILE",
-        help="sign with the key (32 bytes) or passphrase (one line) in FILE; unsigned messages are rejected",
+        help="sign messages with the key (32 bytes) or passphrase (one line) in FILE; unsigned messages are rejected",
     )
     group.add_argument(
         "--signing-passphrase",
         action="store_true",
-        help=f"sign with a passphrase typed at the terminal; without both options, that in {PASSPHRASE_VARIABLE} is "
-        "used, if set",
+        help="sign messages with a passphrase typed at the terminal. Without --signing-key and this option, the "
+        f"passphrase in {PASSPHRASE_VARIABLE} is used, if set",
     )
     add_number(group, "seed", "N")
 
 
 def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
-    """Return the link of the command line, else of the settings file, else *otherwise*.
+    """Return the link of the command line, else that of the settings file, else *otherwise*.
 
     Raises
     ------
@@ -196,7 +197,7 @@ def uri_of(args: argparse.Namespace, otherwise: str = "") -> str:
     """
     uri = args.connect or args.configured_link or otherwise
     if not uri:
-        raise UsageError("no vehicle given. Use --connect URI; `gcs-autotune ports` lists the vehicles heard")
+        raise UsageError("no vehicle given. Use --connect URI; `gcs-autotune ports` lists the vehicles in reach")
     return str(uri)
 
 
@@ -215,8 +216,8 @@ def add_fetch_log(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fetch-log",
         action="store_true",
-        help="after the run, once everything is restored, fetch the vehicle's own log into the run directory and "
-        "identify from it too; a vehicle without logs is rejected before arming",
+        help="after the run, fetch the vehicle's own log into the run directory and identify from it too. "
+        "A vehicle without logs is rejected before arming",
     )
 
 
@@ -232,7 +233,7 @@ def add_loudness(parser: argparse.ArgumentParser) -> None:
     loudness.add_argument(
         "--verbose",
         action="store_true",
-        help="keep the progress lines, show the vehicle's text messages, and show the traceback of an error",
+        help="keep every progress line; show the vehicle's text messages and the traceback of an error",
     )
 
 
@@ -263,14 +264,14 @@ def add_remote(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remote",
         action="store_true",
-        help="let a program be the operator: progress and questions as JSON lines on standard output, STOP and answers "
-        "on standard input; end of input is a STOP (docs/serve.md)",
+        help="let a program operate the run: progress and questions as JSON lines on standard output, STOP and answers "
+        "on standard input. End of input is a STOP (docs/serve.md)",
     )
 
 
 def add_envelope(parser: argparse.ArgumentParser) -> None:
     """Add the safety limits."""
-    group = parser.add_argument_group("safety limits; crossing one ends the manoeuvre with neutral actuators")
+    group = parser.add_argument_group("safety limits (when one is exceeded, the manoeuvre ends with neutral actuators)")
     for name in GUARDING:
         add_number(group, name)
 
@@ -305,8 +306,8 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
         "--stop-rule",
         choices=("design", "settled"),
         default="design",
-        help="design (default): stop once the gains are known; settled: fly until five periods agree within 10 %%, run "
-        "every step to its end, and turn a boat around before each manoeuvre",
+        help="design (default): end a relay as soon as the gains are known. settled: fly until five periods agree "
+        "within 10 %%, fly every step to its end, and turn a boat around before each manoeuvre",
     )
     add_number(group, "throttle")
     add_number(group, "speed")
@@ -316,13 +317,13 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--structure",
         choices=("linear", "nonlinear", "affine"),
-        help="damping; nonlinear is quadratic, affine both (default: chosen from the data)",
+        help="damping of the model: linear, nonlinear (quadratic) or affine (both) (default: chosen from the data)",
     )
 
 
 @contextmanager
 def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
-    """Open *uri* before everything else, even the slow imports, and yield the connection.
+    """Open *uri* first, before the slow imports, and yield the connection.
 
     Raises
     ------
@@ -337,12 +338,12 @@ def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
 
 
 def check_output(args: argparse.Namespace) -> None:
-    """Check that the run can be kept in ``--out``, before a link is opened.
+    """Check that ``--out`` can store the run, before a link is opened.
 
     Raises
     ------
     UsageError
-        It already holds a run, or cannot be created.
+        It already contains a run, or cannot be created.
     """
     if args.out is not None:
         check_run_folder(args.out)
@@ -362,18 +363,20 @@ def check_files(*paths: Path | None) -> None:
 
 
 def check_model_file(path: Path | None) -> None:
-    """Check that a model file can be read, before anything is opened; its contents are checked later.
+    """Check that a model file can be read, before anything is opened. Its contents are checked later.
 
     Raises
     ------
     BadFile
-        It cannot.
+        The file cannot be read.
     """
     if path is None:
         return
     check_files(path)
     if not isinstance(load_json(path, "a model file"), dict):
-        raise BadFile(f"{path} is not a model file: it has no JSON object with a model. Write one with identify --save")
+        raise BadFile(
+            f"{path} is not a model file: it contains no JSON object with a model. Write one with identify --save"
+        )
 
 
 def connection_of(args: argparse.Namespace, uri: str) -> Connection:
@@ -388,7 +391,8 @@ def _connection(args: argparse.Namespace, uri: str, signing: SigningKey | None) 
 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str = "") -> Path:
-    """Return ``--out``, or a new folder below ``runs/`` named for time, vehicle and *what* was done (its axis)."""
+    """Return ``--out``, or a new folder below ``runs/`` named after the time, the vehicle and *what* was done (its
+    axis)."""
     if args.out is not None:
         return Path(args.out)
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")

@@ -15,7 +15,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("shell", choices=SHELLS, help="shell to write the script for")
+    parser.add_argument("shell", choices=SHELLS, help="shell that will read the script")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -29,7 +29,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
-    """Mark path arguments for shtab, shorten the help of verbs to one line, and add the manoeuvres."""
+    """Prepare the parsers for shtab: mark path arguments, shorten the help of verbs to one line, and add the
+    manoeuvres."""
     from gcs_autotune.manoeuvres import MANOEUVRES
 
     for action in parser._actions:
@@ -45,8 +46,8 @@ def _made_for_a_shell(parser: argparse.ArgumentParser, mark: object) -> None:
 
 
 COMMAND = Command(
-    description="Print a completion script. bash: `gcs-autotune completion bash > "
-    "~/.local/share/bash-completion/completions/gcs-autotune`; zsh: `> ~/.zfunc/_gcs-autotune` (fpath); "
+    description="Print a completion script. Where to save it: bash: `gcs-autotune completion bash > "
+    "~/.local/share/bash-completion/completions/gcs-autotune`; zsh: `> ~/.zfunc/_gcs-autotune` (a folder in fpath); "
     "fish: `> ~/.config/fish/completions/gcs-autotune.fish`.",
     add_arguments=_add_arguments,
     run=_run,

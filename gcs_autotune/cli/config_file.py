@@ -1,4 +1,4 @@
-"""``gcs-autotune.toml``: link and safety limits that need not be typed each time.
+"""``gcs-autotune.toml``: settings file with the link and safety limits that are used often.
 
 ::
 
@@ -43,13 +43,13 @@ TABLES: Mapping[str, tuple[str, ...]] = {"link": (*_TEXTS, *_PATHS, *_NUMBERS), 
 
 @dataclass(frozen=True, slots=True)
 class ConfigFile:
-    """Settings of the file: option (without dashes) -> value as the command line has it; empty without a file."""
+    """Settings of the file: option (without dashes) -> value as on the command line; empty without a file."""
 
     path: Path | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
 
     def apply(self, parser: argparse.ArgumentParser) -> None:
-        """Make the values the defaults of *parser* and its verbs, and show them in the help of each option."""
+        """Use the values as defaults of *parser* and its verbs, and show them in the help of each option."""
         said = False
         for action in parser._actions:
             if isinstance(action, argparse._SubParsersAction):
@@ -69,7 +69,7 @@ class ConfigFile:
             parser.epilog = f"{parser.epilog + chr(10) * 2 if parser.epilog else ''}settings: {self.path}"
 
     def used_by(self, args: argparse.Namespace) -> dict[str, Any]:
-        """Return the settings of the file that apply in *args*: options of this command that were not typed."""
+        """Return the settings of the file that apply to *args*: options of this command that were not typed."""
         found = {}
         for name, value in self.values.items():
             if name == "connect":
@@ -85,7 +85,7 @@ NO_CONFIG = ConfigFile()
 
 
 def find_config() -> Path | None:
-    """Return the path of the settings file, None if there is none.
+    """Return the path of the settings file; None if there is none.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def read_config(path: Path | None) -> ConfigFile:
     try:
         tables = load_toml(path, "settings")
     except BadFile as error:
-        raise BadFile(f"{error}. Set {CONFIG_VARIABLE}={NONE} to run without it") from error
+        raise BadFile(f"{error}. Correct the file, or set {CONFIG_VARIABLE}={NONE} to run without it") from error
     values: dict[str, Any] = {}
     for table, pairs in tables.items():
         known = _found(TABLES, table, f"table in {path}")
@@ -147,7 +147,7 @@ def _found(table: Mapping[str, Any], name: str, kind: str) -> Any:
 
 
 def _value(name: str, value: object, folder: Path) -> Any:
-    """Return a value as the command line has it."""
+    """Return a value in the form of the command line."""
     if name in _TEXTS or name in _PATHS:
         if not isinstance(value, str) or not value:
             raise UsageError(f"must be text in quotation marks, not {clipped(repr(value))}")
@@ -158,5 +158,5 @@ def _value(name: str, value: object, folder: Path) -> Any:
 
 
 def shown_value(value: object) -> str:
-    """Return a value as it would be typed."""
+    """Return a value in the form in which it would be typed."""
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""The person at the terminal: Ctrl-C as a request, questions that keep the link alive, the live line."""
+"""The operator at the terminal: Ctrl-C as a stop request, questions that keep the link alive, the live line."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _STOP_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 class ConsoleOperator:
     """Turns signals into a request to stop and asks questions on the terminal.
 
-    The first Ctrl-C (or SIGTERM, or the terminal closing) requests an orderly stop: neutral actuators, mode
-    and parameters restored. Further ones only report that clean-up is under way; it is never cut short.
+    The first Ctrl-C (or SIGTERM, or the terminal closing) requests an orderly stop: neutral actuators, mode and
+    parameters restored. Further ones only report that the clean-up is in progress. It is never interrupted.
 
     yes : the answer to every question. otherwise : alternative to ``--yes`` that the error suggests. bell : ring
     the terminal's bell for questions and at the end.
@@ -37,7 +37,7 @@ class ConsoleOperator:
 
     @property
     def answered_beforehand(self) -> bool:
-        """Whether questions are answered by ``--yes``."""
+        """Whether ``--yes`` answers the questions."""
         return self._yes
 
     def ring(self) -> None:
@@ -47,12 +47,15 @@ class ConsoleOperator:
             sys.stderr.flush()
 
     def stop_requested(self) -> bool:
-        """Whether a stop signal has come."""
+        """Return whether a stop signal was received."""
         return self._stop
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Catch the stop signals inside; restore the previous handlers afterwards. Rings after an error."""
+        """Catch the stop signals inside this context and restore the previous handlers on exit.
+
+        Ring the bell after an error.
+        """
         numbers = [getattr(signal, name) for name in _STOP_SIGNALS if hasattr(signal, name)]
         previous = {number: signal.signal(number, self._note) for number in numbers}
         try:
@@ -65,7 +68,7 @@ class ConsoleOperator:
                 signal.signal(number, handler)
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask yes/no on the terminal; no answer but "y" or "yes" counts as yes.
+        """Ask a yes/no question on the terminal. Only "y" or "yes" counts as yes.
 
         Raises
         ------
@@ -76,7 +79,7 @@ class ConsoleOperator:
             return True
         if not sys.stdin or not sys.stdin.isatty():
             raise UsageError(
-                f"cannot ask '{question}': standard input is not a terminal. Add --yes to agree in advance"
+                f"cannot ask '{question}': standard input is not a terminal. Add --yes to answer yes in advance"
                 f"{self._otherwise}"
             )
         answers: list[str] = []
@@ -92,14 +95,16 @@ class ConsoleOperator:
     def _note(self, number: int, frame: FrameType | None) -> None:
         again = self._stop
         self._stop = True
-        _tell("Still restoring; please wait.\n" if again else "\nStopping: restoring mode and parameters.\n")
+        _tell(
+            "Still restoring the vehicle. Please wait.\n" if again else "\nStopping: restoring mode and parameters.\n"
+        )
 
 
 def _tell(text: str) -> None:
     """Write *text* to standard error from a signal handler, which must never raise into the flight loop.
 
-    Another write may be under way in the same thread, and its buffer rejects a second one: bypass the buffer.
-    A closing terminal sends its signal first and then accepts no output.
+    Another write may be in progress in the same thread, and its buffer rejects a second one, so the buffer is bypassed.
+    A closing terminal first sends its signal and then accepts no output.
     """
     try:
         number = sys.stderr.fileno()

@@ -1,4 +1,4 @@
-"""``gcs-autotune diagnose``: what a simulation gets wrong, and the cause."""
+"""``gcs-autotune diagnose``: report what a simulation gets wrong, and the cause."""
 
 from __future__ import annotations
 
@@ -20,8 +20,12 @@ __all__ = ["COMMAND"]
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_runs(parser)
     parser.add_argument("--list-effects", action="store_true", help="list the effects and their parameters, then exit")
-    base = parser.add_argument_group("simulation to examine (default: uncoupled, linear damping, fitted to the runs)")
-    base.add_argument("--model", type=Path, metavar="FILE", help="a model file of identify, tune or diagnose (JSON)")
+    base = parser.add_argument_group(
+        "simulation to examine (default: a plain model, uncoupled with linear damping, fitted to the runs)"
+    )
+    base.add_argument(
+        "--model", type=Path, metavar="FILE", help="model file written by identify, tune or diagnose (JSON)"
+    )
     base.add_argument(
         "--simulation",
         action="extend",
@@ -29,16 +33,18 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=Path,
         metavar="RUN",
-        help="output of another simulator for the same commands: one file per run, in the same order",
+        help="output of another simulator for the same commands, one file per run in the same order",
     )
     what = parser.add_argument_group("model and signals to examine")
     what.add_argument(
-        "--dof", metavar="A,B", help="degrees of freedom: yaw, surge, ..., or horizontal (default: all in the file)"
+        "--dof",
+        metavar="A,B",
+        help="degrees of freedom: yaw, surge, ..., or horizontal (default: all that the runs contain)",
     )
     what.add_argument("--use", metavar="A,B", help="signals to compare, e.g. psi,r (default: all measured)")
     tried = what.add_mutually_exclusive_group()
-    tried.add_argument("--effects", metavar="A,B", help="effects to try (default: all)")
-    tried.add_argument("--without", metavar="A,B", default="", help="effects not to try")
+    tried.add_argument("--effects", metavar="A,B", help="effects to try as causes (default: all)")
+    tried.add_argument("--without", metavar="A,B", default="", help="effects not to try as causes")
     parser.add_argument(
         "--validate",
         action="extend",
@@ -46,7 +52,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=Path,
         metavar="RUN",
-        help="held-out runs to measure the improvement on (default: parts of the runs are held out in turn)",
+        help="held-out run for measuring the improvement (default: parts of the runs are held out in turn)",
     )
     add_number(parser, "horizon", "S")
     add_number(parser, "max-seconds", "S")
@@ -54,7 +60,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--resume",
         type=Path,
         metavar="DIR",
-        help="continue the stopped search that wrote DIR, with the same runs and options; results go to DIR again",
+        help="continue the stopped search in DIR, with the same runs and options. The results go to DIR",
     )
     add_number(parser, "jobs", "N")
     add_reading(parser)
@@ -76,7 +82,7 @@ def _run(args: argparse.Namespace) -> int:
         check_files(*args.runs, *args.simulation, *args.validate, args.model, args.parameters, args.resume)
         if args.resume is not None and args.out is not None:
             raise UsageError(
-                "use --resume or --out, not both: a resumed search writes to the directory it was stopped in"
+                "--resume and --out exclude each other: a resumed search writes to its own directory. Leave out --out"
             )
     from gcs_autotune.report import diagnosis_document
     from gcs_autotune.workflow import DiagnosisSettings, run_diagnosis, write_diagnosis
@@ -125,9 +131,9 @@ def _names(text: str | None) -> tuple[str, ...]:
 
 
 COMMAND = Command(
-    description="Compare measured runs with a plain simulation of the same commands (or --model, or --simulation), "
-    "identify what is missing from it, and measure the improvement on held-out data. Every verdict exits with code 0. "
-    "Searches are limited by work, not by time, so every machine gives the same result.",
+    description="Compare measured runs with a simulation of the same commands, identify what the simulation lacks, and "
+    "measure the improvement on held-out data. The simulation is a plain model, or --model, or --simulation. Every "
+    "verdict exits with code 0. Searches are limited by work, not by time: every machine gives the same result.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -1,4 +1,4 @@
-"""``gcs-autotune doctor`` and ``gcs-autotune ports``: check this computer, list vehicles heard on its ports."""
+"""``gcs-autotune doctor`` and ``gcs-autotune ports``: check this computer, and list the vehicles on its ports."""
 
 from __future__ import annotations
 
@@ -73,14 +73,14 @@ def _print(sign: str, what: str, text: str) -> None:
 
 
 DOCTOR = Command(
-    description="Check what a tune needs of this computer, and listen on its ports. Nothing is sent and nothing moves. "
-    "A line with X prevents a tune (exit code 1); a line with ! is a caution.",
+    description="Check whether this computer can run a tune, and listen on its ports. Nothing is sent and nothing "
+    "moves. A line with X prevents a tune (exit code 1). A line with ! is a caution.",
     add_arguments=_add_listening,
     run=_doctor,
 )
 PORTS = Command(
-    description="List this computer's serial ports and UDP 14550, the vehicle heard on each, and its --connect option. "
-    "Nothing is sent.",
+    description="List this computer's serial ports and UDP 14550, the vehicle received on each, and its --connect "
+    "option. Nothing is sent.",
     add_arguments=_add_listening,
     run=_ports,
 )

@@ -1,4 +1,4 @@
-"""``gcs-autotune experiment``: fly relay experiments and identify; writes no parameter."""
+"""``gcs-autotune experiment``: fly relay experiments and identify a model. No parameter is written."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _experiment(args: argparse.Namespace, connection: Connection) -> int:
 
 
 COMMAND = Command(
-    description="Fly two relay experiments in one degree of freedom and identify it. No parameter is written. "
+    description="Fly two relay experiments in one degree of freedom and identify its model. No parameter is written. "
     "Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,

@@ -1,4 +1,4 @@
-"""``gcs-autotune export``: an identified model in the format of another simulator."""
+"""``gcs-autotune export``: write an identified model in the format of another simulator."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ TARGETS = ("ardupilot-json", "gazebo", "fossen", "matlab", "csv")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (of identify --save, tune or diagnose)")
+    parser.add_argument(
+        "model", type=Path, metavar="MODEL", help="model file written by identify --save, tune or diagnose"
+    )
     parser.add_argument("--to", required=True, choices=TARGETS, help="program that reads the exported model")
     parser.add_argument(
         "--full-scale",
         metavar="X=F,N=F",
         default="",
-        help="force [N] or moment [N m] at full output, for a model without it (ardupilot-json)",
+        help="force [N] or moment [N m] at full output, for a model that does not state it (ardupilot-json)",
     )
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="file to write (default MODEL with the target's suffix)"
@@ -43,7 +45,7 @@ def _run(args: argparse.Namespace) -> int:
     try:
         path.write_text(written.text, encoding="utf-8")
     except OSError as error:
-        raise BadFile(f"{path} cannot be written: {error.strerror}") from error
+        raise BadFile(f"{path} cannot be written: {error.strerror}. Choose another --out") from error
     for what in written.left:
         sys.stderr.write(f"Not exported: {visible(what)}\n")
     sys.stdout.write(f"{visible(str(path))}{replaced}\n")
@@ -52,7 +54,7 @@ def _run(args: argparse.Namespace) -> int:
 
 COMMAND = Command(
     description="Write an identified model for another simulator, with the effects that its format can express. "
-    "What it cannot express is listed on standard error and in the file.",
+    "Effects that it cannot express are listed on standard error and in the file.",
     add_arguments=_add_arguments,
     run=_run,
 )

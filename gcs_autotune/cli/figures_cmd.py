@@ -1,4 +1,4 @@
-"""``gcs-autotune figures``: IMO and ITTC figures of a zig-zag, turning circle, spiral, pull-out or stop."""
+"""``gcs-autotune figures``: compute IMO and ITTC figures of a zig-zag, turning circle, spiral, pull-out or stop."""
 
 from __future__ import annotations
 

@@ -59,27 +59,29 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preview",
         action="store_true",
-        help="only plot the predicted track and show time and space, from --model or the vehicle's own parameters",
+        help="plot the predicted track and show the time and space needed, without flying. Uses --model or the "
+        "vehicle's parameters",
     )
     parser.add_argument(
         "--resume",
         type=Path,
         metavar="DIR",
-        help="continue the plan in DIR without repeating completed runs; with --until: start from the runs in DIR",
+        help="continue the plan in DIR without repeating completed runs. With --until: start from the runs in DIR",
     )
     parser.add_argument(
         "--until",
         metavar="PRECISION",
-        help="identify after each run and fly the most informative one next, until these intervals are reached: 'N_r "
-        "5%%, Y_v 10%%'",
+        help="identify after each run and fly the most informative manoeuvre next, until these relative standard "
+        "errors are reached: 'N_r 5%%, Y_v 10%%'",
     )
     parser.add_argument(
         "--form",
         default="",
-        help="with --until: degree of freedom or coupled form to identify (default: the smallest with all parameters)",
+        help="with --until: degree of freedom or coupled form to identify (default: the smallest form with these "
+        "parameters)",
     )
     add_number(parser, "total-time", "MIN", marked=True)
-    add_connection(parser, otherwise=f"{DEFAULT_CONNECTION}; none for a --preview with --model")
+    add_connection(parser, otherwise=f"{DEFAULT_CONNECTION}; a --preview with --model needs none")
     add_output(parser)
     group = add_flight(parser, OPTIONS)
     group.add_argument("--first-to", choices=("starboard", "port"), default="starboard", help="side of the first turn")
@@ -87,9 +89,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--force",
         choices=tuple("XYZKMN"),
         default="",
-        help="force to drive, for manoeuvres that can drive any (default N)",
+        help="force or moment to drive, for manoeuvres that offer the choice (default N)",
     )
-    group.add_argument("--model", type=Path, metavar="FILE", help="model file for the preview (of identify --save)")
+    group.add_argument(
+        "--model", type=Path, metavar="FILE", help="model file for the preview (written by identify --save)"
+    )
     add_number(group, "full-scale", "F")
 
 
@@ -103,8 +107,8 @@ def add_flight(parser: argparse.ArgumentParser, options: Sequence[str]) -> argpa
     parser.add_argument(
         "--area",
         metavar="POLYGON|GEOJSON",
-        help="area the craft must stay in: corners 'lat,lon lat,lon lat,lon' in degrees, or a GeoJSON file; the "
-        "vehicle's own fence holds too",
+        help="area the craft must stay in: corners 'lat,lon lat,lon lat,lon' in degrees, or a GeoJSON file. The "
+        "vehicle's own fence also applies",
     )
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
     add_fetch_log(parser)
@@ -120,7 +124,7 @@ def _run(args: argparse.Namespace) -> int:
         return _list()
     check_output(args)
     if args.until is None and (args.form or args.total_time is not None):
-        raise UsageError(f"--{'form' if args.form else 'total-time'} needs --until, e.g. --until 'N_r 5%, Y_v 10%'")
+        raise UsageError(f"--{'form' if args.form else 'total-time'} needs --until. Add e.g. --until 'N_r 5%, Y_v 10%'")
     if args.manoeuvre is None and args.resume is None and args.until is None:
         raise UsageError("no manoeuvre given. See `gcs-autotune fly --list`")
     _verify_known(args)
@@ -143,7 +147,7 @@ def _verify_known(args: argparse.Namespace) -> None:
 def run_flight(
     args: argparse.Namespace, otherwise: str = DEFAULT_CONNECTION, *, recheck: AxisKind | None = None
 ) -> int:
-    """Open the link (default *otherwise*), fly, and show the result; *recheck*: judge the loop of that axis."""
+    """Open the link (default *otherwise*), fly, and show the result. *recheck*: evaluate the loop of that axis."""
     check_output(args)
     with connected(args, uri_of(args, otherwise)) as connection:
         return _fly(args, connection) if recheck is None else _recheck(args, connection, recheck)
@@ -190,7 +194,7 @@ def _list() -> int:
 
 
 def _precision(args: argparse.Namespace) -> Precision | None:
-    """Return the precision that ``--until`` requires, parsed before anything is opened."""
+    """Return the precision required by ``--until``. It is parsed before anything is opened."""
     if args.until is None:
         return None
     from gcs_autotune.workflow import precision_of
@@ -204,7 +208,7 @@ def _precision(args: argparse.Namespace) -> Precision | None:
 def _plan(
     args: argparse.Namespace, connection: Connection, now: datetime, label: str = ""
 ) -> tuple[FlightPlan, CommonSettings]:
-    """Return the flight plan and the settings its runs share; *label*: of the run directory."""
+    """Return the flight plan and the settings common to its runs. *label*: name for the run directory."""
     from gcs_autotune.identify import load_model
     from gcs_autotune.logs import load_runs
     from gcs_autotune.manoeuvres import MANOEUVRES, read_area
@@ -218,12 +222,12 @@ def _plan(
     typed = {name: value for name in OPTIONS if (value := getattr(args, name.replace("-", "_"))) is not None}
     if of_plan and (typed or args.force):
         raise UsageError(
-            f"--{next(iter(typed), 'force')} does not apply to a plan. Write it in the plan, under [defaults] or "
+            f"--{next(iter(typed), 'force')} does not apply to a plan. Set it in the plan file, under [defaults] or "
             f"[[run]]"
         )
     if of_plan and until is not None:
         raise UsageError(
-            "--until does not apply to a plan, which lists all its runs. Use it with one manoeuvre, or none"
+            "--until does not apply to a plan, which lists all its runs. Use --until with one manoeuvre or without any"
         )
     common = CommonSettings(
         connection=connection,
@@ -269,7 +273,7 @@ def _tell_preview(result: FlightResult) -> int:
     put_out(result.document, f"Report: {result.page}")
     troubles = [run.preview.trouble for run in result.runs if run.preview.trouble]
     if troubles:
-        raise UsageError(f"do not fly this: {troubles[0]}")
+        raise UsageError(f"this manoeuvre cannot be flown: {troubles[0]}")
     return 0
 
 
@@ -296,7 +300,7 @@ def _fly(args: argparse.Namespace, connection: Connection) -> int:
 
 
 COMMAND = Command(
-    description="Preview and announce a manoeuvre, fly it inside the safety limits, restore everything, and compute "
+    description="Preview a manoeuvre, fly it within the safety limits, restore the vehicle, and compute "
     "figures and a model from the record. No parameter is written. Without --connect a simulated boat is used.",
     add_arguments=_add_arguments,
     run=_run,

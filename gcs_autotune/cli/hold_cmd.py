@@ -35,10 +35,12 @@ if TYPE_CHECKING:
 
 __all__ = ["COMMAND"]
 
-HELD = {"heading": "heading", "depth": "depth", "line": "heading", "distance": "heading"}
+HELD = {"heading": "heading", "depth": "depth", "line": "heading", "distance": "heading", "position": "heading"}
 """What can be held -> the axis that is identified for it; ``workflow.hold.TASKS`` has the tasks."""
-EXAMPLES = {"distance": "sitl:videoray-lasers"}
+EXAMPLES = {"distance": "sitl:videoray-lasers", "position": "sitl:bluerov2-sway"}
 """What is held -> the simulated vehicle used by default, where it is not that of the axis."""
+POSITION = ("sliding", "pid")
+"""Names of the position laws, listed here for the same reason."""
 LAWS = ("indirect", "direct", "integral", "adaptive")
 """Names of the line laws, listed here because importing their table takes a second."""
 OTHERWISE = 8
@@ -46,10 +48,11 @@ OTHERWISE = 8
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", metavar="{heading,depth,line,distance}", choices=HELD, help="what to hold")
+    parser.add_argument("axis", choices=tuple(HELD), help="what to hold")
     add_connection(
         parser,
-        otherwise="sitl:charlie for heading and line, sitl:videoray for depth, sitl:videoray-lasers for distance",
+        otherwise="sitl:charlie for heading and line, sitl:videoray for depth, sitl:videoray-lasers for distance, "
+        "sitl:bluerov2-sway for position",
     )
     add_output(parser)
     add_fetch_log(parser)
@@ -67,6 +70,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(flown, "apart", "M")
     add_number(flown, "distance-step", "M")
     flown.add_argument("--guidance", choices=LAWS, default=LAWS[0], help="law that follows a line (default indirect)")
+    flown.add_argument(
+        "--law", choices=POSITION, default=POSITION[0], help="law that holds a position (default sliding)"
+    )
     add_experiment(parser)
     design = parser.add_argument_group("controller")
     design.add_argument(
@@ -135,6 +141,7 @@ def _hold(args: argparse.Namespace, connection: Connection) -> int:
         approach=math.radians(args.approach),
         apart=args.apart,
         distance_step=args.distance_step,
+        law=args.law,
     )
     with attending(args) as (operator, observer):
         held = hold(settings, operator, observer, now.isoformat(timespec="seconds"))

@@ -1,4 +1,4 @@
-"""``gcs-autotune identify``: a model from recorded runs, with a page of plots."""
+"""``gcs-autotune identify``: identify a model from recorded runs and write a page of plots."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 __all__ = ["COMMAND"]
 
 MOST = 1e12
-"""Largest constant of a craft or option of a method: that of a large ship in SI units."""
+"""Largest constant of a craft or option of a method that is accepted: that of a large ship in SI units."""
 
 _FORMS = resources.files("gcs_autotune") / "models" / "coupled" / "forms"
 MOTIONS = (*DOFS, *sorted(file.name.removesuffix(".toml") for file in _FORMS.iterdir() if file.name.endswith(".toml")))
-"""Names of degrees of freedom and shipped forms, to reject a typo before SciPy is imported."""
+"""Names of degrees of freedom and supplied forms, used to reject a typing error before SciPy is imported."""
 
 
 def _verify_method_known(name: str, *besides: str) -> None:
@@ -43,73 +43,85 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--dof",
         choices=MOTIONS,
         metavar="DOF",
-        help="yaw, surge, sway, heave, roll, pitch, horizontal or 6dof (default: what was excited)",
+        help="yaw, surge, sway, heave, roll, pitch, horizontal or 6dof (default: the excited ones)",
     )
     what.add_argument(
         "--structure",
         metavar="S",
-        help="one axis: damping linear, nonlinear (quadratic) or affine (both; default: chosen from the data); "
-        "coupled: form name or TOML file",
+        help="one axis: damping linear, nonlinear (quadratic) or affine (both) (default: chosen from the data). "
+        "Coupled model: name of the form, or a TOML file",
     )
     what.add_argument(
         "--known",
         action="append",
         default=[],
         metavar="K=V,..",
-        help="constants of the craft in SI units: m=11,I_z=2.1; x_P=0.3,y_P=-0.1 place the sensor of speed and "
-        "position, ahead and to starboard",
+        help="known constants of the craft in SI units: m=11,I_z=2.1. x_P=0.3,y_P=-0.1: distance of the speed and "
+        "position sensor ahead and to starboard",
     )
     what.add_argument(
         "--plan",
         metavar="PLAN",
-        help="identify by a sequence of experiments: usv_6dof or a TOML file (with --known, --json)",
+        help="identify step by step from a sequence of experiments: usv_6dof or a TOML file (with --known, --json)",
     )
     add_number(what, "delay", "S")
     what.add_argument(
         "--effects",
         metavar="A,B",
         default="",
-        help="effects to fit with the model, slug or slug@place: dead-zone@N (see diagnose --list-effects)",
+        help="effects to fit with the model, as NAME or NAME@CHANNEL: dead-zone@N (see diagnose --list-effects)",
     )
     what.add_argument(
         "--start",
         type=Path,
         metavar="FILE",
-        help="model file (of identify --save or diagnose) whose structure, effects and values start the fit",
+        help="model file (from identify --save or diagnose): the fit starts from its structure, effects and values",
     )
     how = parser.add_argument_group("method")
     how.add_argument(
-        "--method", default="output-error", metavar="M", help="default output-error; 'all' compares; 'list' lists"
+        "--method",
+        default="output-error",
+        metavar="M",
+        help="identification method (default output-error); 'all' compares all methods, 'list' lists them",
     )
-    how.add_argument("--use", metavar="A,B", help="signals to fit, e.g. psi,r (default: chosen)")
+    how.add_argument("--use", metavar="A,B", help="signals to fit, e.g. psi,r (default: chosen from the data)")
     how.add_argument("--robust", action="store_true", help="reduce the weight of outliers (soft-L1 loss)")
     how.add_argument(
-        "--option", action="append", default=[], metavar="K=V", help="an option of the method; --method list shows them"
+        "--option",
+        action="append",
+        default=[],
+        metavar="K=V",
+        help="option of the method (--method list shows the options)",
     )
     add_reading(parser)
     check = parser.add_argument_group("check")
     check.add_argument(
-        "--validate", action="append", default=[], type=Path, metavar="RUN", help="run to predict, not to identify from"
+        "--validate",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="RUN",
+        help="run used only to test the prediction, not for the fit",
     )
     check.add_argument("--no-check", action="store_true", help="skip the held-out check (faster)")
-    check.add_argument("--choose", action="store_true", help="coupled models: drop terms that the runs do not support")
+    check.add_argument("--choose", action="store_true", help="coupled model: remove terms that the runs do not support")
     add_number(check, "plan-next", "S", const=60.0)
     check.add_argument(
         "--profile",
         metavar="A,B",
         default="",
-        help="intervals of parameters by profile likelihood: alpha_r,beta_r",
+        help="parameters whose intervals are computed by profile likelihood: alpha_r,beta_r",
     )
     add_loudness(parser)
     check.add_argument(
         "--compare",
         metavar="MODEL",
-        help="model file or method to compare with: final value and settling time of a step",
+        help="model file or method to compare with, by final value and settling time of a step",
     )
     out = parser.add_argument_group("output")
-    out.add_argument("--page", type=Path, metavar="FILE", help="file for the page of plots (default identify-RUN.html)")
-    out.add_argument("--save", type=Path, metavar="FILE", help="write the model as a model file (sitl, tune, --start)")
-    out.add_argument("--no-page", action="store_true", help="write no page")
+    out.add_argument("--page", type=Path, metavar="FILE", help="file for the report page (default identify-RUN.html)")
+    out.add_argument("--save", type=Path, metavar="FILE", help="write the model to FILE, for sitl, tune and --start")
+    out.add_argument("--no-page", action="store_true", help="write no report page")
     out.add_argument("--json", action="store_true", help="print JSON on standard output; no page unless --page")
 
 
@@ -154,7 +166,7 @@ def _run(args: argparse.Namespace) -> int:
     with progress_bar(args) as bar:
         found = study(runs, unseen, settings, datetime.now().isoformat(timespec="seconds"), bar)
     document = study_document(found)
-    said = [] if begin == args.start else [f"Structure, effects and start values: those of {begin}"]
+    said = [] if begin == args.start else [f"Structure, effects and start values come from {begin}"]
     if args.save is not None:
         replaced = on_replacing(args.save)
         save_model(found.fit, args.save)
@@ -179,8 +191,8 @@ def _follow(args: argparse.Namespace, runs: Sequence[Trial], known: Mapping[str,
 def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | None:
     """Return the model file of the one run directory given, if its *runs* were fitted with effects.
 
-    Without these effects the runs may not be explained. None for other options, or if the runs alone determine the
-    thrust curve.
+    Without these effects the model may not explain the runs. Return None for other options, or if the runs alone
+    determine the thrust curve.
     """
     from gcs_autotune.identify import load_model
 
@@ -193,7 +205,7 @@ def _model_beside(args: argparse.Namespace, runs: Sequence[Trial]) -> Path | Non
 
 
 def _other(text: str | None, load: Callable[[Path], ModelFile]) -> ModelFile | str | None:
-    """Return the model to compare with: that of a file, or the name of a method."""
+    """Return the model to compare with, read from a file, or the name of a method."""
     return load(Path(text)) if text is not None and _is_file(text) else text
 
 
@@ -203,7 +215,7 @@ def _is_file(text: str) -> bool:
 
 
 def _numbers(pairs: list[str]) -> dict[str, float]:
-    """Read ``--known K=V[,K=V ...]`` with numbers only."""
+    """Parse ``--known K=V[,K=V ...]`` with numbers only."""
     found = {}
     for name, value in _options("--known", [pair.strip() for text in pairs for pair in text.split(",")]).items():
         if not isinstance(value, (int, float)) or isinstance(value, bool):
@@ -222,14 +234,14 @@ def _page(args: argparse.Namespace) -> Path | None:
 
 
 def _options(flag: str, pairs: list[str]) -> dict[str, Any]:
-    """Read ``K=V``: a number, true or false, a list with commas, or text."""
+    """Parse ``K=V``. The value is a number, true or false, a list with commas, or text."""
     found: dict[str, Any] = {}
     for pair in pairs:
         key, sign, value = pair.partition("=")
         if not sign or not key:
-            raise UsageError(f"{flag} {clipped(pair)}: not name=value. Write the name, = and the value")
+            raise UsageError(f"{flag} {clipped(pair)}: not NAME=VALUE. Write e.g. m=11")
         if value.strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
-            raise UsageError(f"{flag} {clipped(pair)}: not a finite number")
+            raise UsageError(f"{flag} {clipped(pair)}: the value is not a finite number. Write a number")
         found[key] = _value(flag, pair, value)
         if isinstance(found[key], (int, float)) and not abs(found[key]) <= MOST:
             raise UsageError(f"{flag} {clipped(pair)}: too large. The largest allowed is {MOST:g}")

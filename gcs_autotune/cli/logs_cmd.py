@@ -1,4 +1,4 @@
-"""``gcs-autotune logs``: show the contents of a log, write its runs as CSV files."""
+"""``gcs-autotune logs``: show the contents of a log, or write its runs as CSV files."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ FORMATS = (
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
-    show = actions.add_parser("list", help="show what is in logs: messages, modes, parameters, runs; writes nothing")
-    take = actions.add_parser("import", help="write the runs in logs as CSV files with their meta data")
+    show = actions.add_parser("list", help="show the messages, modes, parameters and runs in logs; write nothing")
+    take = actions.add_parser("import", help="write the runs in logs as CSV files with their metadata")
     fetch = actions.add_parser("fetch", help="fetch a log from the vehicle's SD card over the link")
     add_number(fetch, "number", "N")
     fetch.add_argument("--out", type=Path, metavar="FILE", help="file to write (default log-N.bin)")
@@ -48,16 +48,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_loudness(fetch)
     for action in (show, take):
         action.add_argument("files", nargs="+", type=Path, metavar="FILE", help=FORMATS)
-        add_number(action, "system-id", "ID", meaning="system id of the vehicle, in a log with several")
+        add_number(action, "system-id", "ID", meaning="system id of the vehicle, if the log contains several")
         add_parameters(action.add_argument_group("parameters"))
         action.add_argument("--json", action="store_true", help="print JSON on standard output")
     take.add_argument("--out", type=Path, metavar="DIR", help="folder for the runs (default runs/log-FILE)")
     take.add_argument(
         "--all",
         action="store_true",
-        help="also write segments that nothing can be identified from (motion only, at rest)",
+        help="also write segments without input or without motion, which do not allow identification",
     )
-    take.add_argument("--dry-run", action="store_true", help="show what would be imported, without writing")
+    take.add_argument("--dry-run", action="store_true", help="list what would be imported, without writing files")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -81,8 +81,10 @@ def _fetch(args: argparse.Namespace) -> int:
     try:
         path.write_bytes(data)
     except OSError as error:
-        raise BadFile(f"{path} cannot be written: {error.strerror}") from error
-    sys.stdout.write(f"{visible(str(path))}{replaced}: {len(data)} bytes; gcs-autotune identify {visible(str(path))}\n")
+        raise BadFile(f"{path} cannot be written: {error.strerror}. Choose another --out") from error
+    sys.stdout.write(
+        f"{visible(str(path))}{replaced}: {len(data)} bytes. Next: gcs-autotune identify {visible(str(path))}\n"
+    )
     return 0
 
 
@@ -110,7 +112,7 @@ def _show(args: argparse.Namespace) -> int:
             sys.stdout.write(f"{visible(str(path))}\n")
     if args.action == "import" and not args.dry_run and not written:
         raise NotInformative(
-            "no run was written: no segment has both input and motion. Use --all to write the other segments"
+            "no run was written: no segment contains both input and motion. Use --all to write the other segments"
         )
     return 0
 
@@ -123,12 +125,12 @@ def _read(path: Path, args: argparse.Namespace) -> tuple[Recording, Cut]:
     if log is None:
         form = format_of(path)
         if form is None and path.is_dir():
-            raise BadFile(f"{path} is a folder. Give the log files in it")
+            raise BadFile(f"{path} is a folder. Give the log files inside it")
         if form is None:
             load_trial(path)  # whatever is no table says so itself
         what = form.name if form else "a table of runs (name[unit] heads)"
         raise BadFile(
-            f"{path} is {what} and needs no import: gcs-autotune identify and diagnose read it. Logs: {FORMATS}"
+            f"{path} is {what}. It needs no import: gcs-autotune identify and diagnose read it. Logs are {FORMATS}"
         )
     return log, cut_runs(log)
 
@@ -147,8 +149,8 @@ def _print(data: dict[str, Any]) -> None:
 
 
 COMMAND = Command(
-    description=f"Read {FORMATS}. Show their contents, or write their runs as CSV files for the other commands; a run "
-    "is a segment armed in one mode. identify and diagnose also read the logs directly.",
+    description=f"Read {FORMATS}. Show their contents, or write their runs as CSV files. A run "
+    "is a segment in which the vehicle is armed and stays in one mode. identify and diagnose also read logs directly.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -17,13 +17,15 @@ __all__ = ["COMMAND"]
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     save = actions.add_parser("save", help="write the vehicle's whole parameter list to a file")
-    save.add_argument("file", type=Path, metavar="FILE", help="NAME,VALUE lines, or JSON when it ends in .json")
+    save.add_argument(
+        "file", type=Path, metavar="FILE", help="file to write: NAME,VALUE lines, or JSON if its name ends in .json"
+    )
     add_connection(save)
     add_loudness(save)
-    restore = actions.add_parser("restore", help="restore a file's parameters and verify each by reading back")
-    restore.add_argument("file", type=Path, metavar="FILE", help="as written by `params save` or by `tune`")
+    restore = actions.add_parser("restore", help="restore the parameters in a file and verify each by reading back")
+    restore.add_argument("file", type=Path, metavar="FILE", help="file written by `params save` or by `tune`")
     restore.add_argument("--yes", action="store_true", help="do not ask before writing")
-    add_connection(restore, otherwise="the link of the run the file belongs to", of_run=True)
+    add_connection(restore, otherwise="the link of the run that wrote the file", of_run=True)
     add_loudness(restore)
 
 
@@ -37,13 +39,15 @@ def _run(args: argparse.Namespace) -> int:
         if saving:
             replaced = on_replacing(args.file)
             count, changed = save_parameters(connection, args.file, operator, observer)
-            own = "" if changed is None else f" ({changed} are not the firmware's defaults)"
+            own = "" if changed is None else f" ({changed} differ from the firmware's defaults)"
             sys.stdout.write(f"{count} parameters saved to {args.file}{replaced}{own}\n")
         else:
             restored = restore_parameters(connection, args.file, operator, observer)
             for name, (found, wanted) in restored.items():
                 sys.stdout.write(f"{visible(name)}: {found:g} -> {wanted:g}\n")
-            sys.stdout.write(f"{len(restored)} parameters changed; all of {args.file} verified by reading back\n")
+            sys.stdout.write(
+                f"{len(restored)} parameters changed. All parameters in {args.file} verified by reading back\n"
+            )
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Options for reading recorded runs, shared by every command that takes runs."""
+"""Options for reading recorded runs, common to every command that reads runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["add_parameters", "add_reading", "add_runs", "full_scale", "read_othe
 
 
 _STRETCH = re.compile("0*[1-9][0-9]{0,5}")
-"""Largest segment number accepted; no log has a million segments."""
+"""Largest segment number accepted. No log has a million segments."""
 
 
 def add_runs(parser: argparse.ArgumentParser) -> None:
@@ -31,8 +31,8 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         type=Path,
         metavar="RUN",
-        help="run directory, CSV file with name[unit] column heads, telemetry log (.tlog), onboard log (.bin, .log), "
-        "CSV of a log from Mission Planner or mavlogdump, PX4 ULog, MATLAB file or ROS bag",
+        help="run directory, CSV file with column heads like psi[rad], telemetry log (.tlog), onboard log (.bin, "
+        ".log), CSV of a log from Mission Planner or mavlogdump, PX4 ULog, MATLAB file or ROS bag",
     )
 
 
@@ -40,13 +40,13 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     """Add ``--pick``, ``--system-id``, ``--columns`` and ``--full-scale``."""
     read = parser.add_argument_group("reading")
     read.add_argument("--pick", metavar="N[,N]", default="", help="segments of a log, by number (default: all)")
-    add_number(read, "system-id", "ID", meaning="system id of the vehicle, in a .tlog with several")
+    add_number(read, "system-id", "ID", meaning="system id of the vehicle, if the .tlog contains several")
     add_parameters(read)
     read.add_argument(
         "--columns",
         metavar="OLD=NEW,...",
         default="",
-        help="meaning of a file's own column names: t_sim=t[s],heading_deg=psi[deg],cmd=N",
+        help="signal and unit of each column of a CSV file: t_sim=t[s],heading_deg=psi[deg],cmd=N",
     )
     read.add_argument(
         "--full-scale",
@@ -62,18 +62,18 @@ def add_parameters(group: argparse._ArgumentGroup) -> None:
         "--parameters",
         type=Path,
         metavar="FILE",
-        help="the vehicle's parameters (NAME,VALUE lines, as ground stations save them), for a log without them; "
-        "their servo functions map outputs to inputs",
+        help="the vehicle's parameters (NAME,VALUE lines, as ground stations save them), for a log without them. "
+        "The servo functions in them map outputs to inputs",
     )
 
 
 def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
-    """Return the parameters of ``--parameters``, None without it.
+    """Return the parameters of ``--parameters``; None without it.
 
     Raises
     ------
     BadFile
-        It cannot be read.
+        The file cannot be read.
     """
     if args.parameters is None:
         return None
@@ -83,7 +83,7 @@ def read_parameters(args: argparse.Namespace) -> dict[str, float] | None:
 
 
 def read_runs(args: argparse.Namespace) -> list[Trial]:
-    """Read the runs on the command line; of logs the segments picked.
+    """Read the runs on the command line. From logs, read the segments picked.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_runs(args: argparse.Namespace) -> list[Trial]:
 
 
 def read_others(args: argparse.Namespace, paths: Sequence[Path]) -> list[Trial]:
-    """Read further runs in the same way, whole."""
+    """Read further runs in the same way, but complete."""
     return _read(args, paths, ())
 
 
@@ -115,7 +115,7 @@ def _read(args: argparse.Namespace, paths: Sequence[Path], pick: tuple[int, ...]
 
 
 def full_scale(text: str) -> dict[str, float]:
-    """Read ``X=8,N=0.17``."""
+    """Parse ``X=8,N=0.17``."""
     found = {}
     for piece in text.split(",") if text else ():
         name, _, value = piece.strip().partition("=")
@@ -134,5 +134,5 @@ def full_scale(text: str) -> dict[str, float]:
 def _stretches(text: str) -> tuple[int, ...]:
     pieces = [piece.strip() for piece in text.split(",") if piece.strip()]
     if not all(_STRETCH.fullmatch(piece) for piece in pieces):
-        raise UsageError(f"--pick {clipped(text)}: not a list of segment numbers. They count from 1, e.g. --pick 2,3")
+        raise UsageError(f"--pick {clipped(text)}: not a list of segment numbers. Numbers start at 1, e.g. --pick 2,3")
     return tuple(int(piece) for piece in pieces)

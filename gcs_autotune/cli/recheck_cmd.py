@@ -1,4 +1,4 @@
-"""``gcs-autotune recheck``: is the old tune of a loop still good? Nothing is written."""
+"""``gcs-autotune recheck``: test whether the gains of an earlier tune are still good. Nothing is written."""
 
 from __future__ import annotations
 
@@ -33,10 +33,11 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    description="Fly two relays on the autopilot's own set-point of heading, depth (ROVs) or speed (boats), like fly "
-    "set-point-relay. The verdict is good, degraded since the tune, poorly damped, oscillates, or not identifiable. "
-    "Without a clear result the relays are halved and flown again. The results are compared with the last tune of "
-    "the same vehicle in the folder of runs. No parameter is written. Without --connect a simulated vehicle is used.",
+    description="Fly two relay experiments on the autopilot's set-point of heading, depth (ROVs) or speed (boats), "
+    "like fly set-point-relay. Compare the result with the last tune of the same vehicle in the folder of runs. The "
+    "verdict is good, degraded since the tune, poorly damped, oscillates, or not identifiable. If the result is "
+    "unclear, the relays are flown again at half the size. No parameter is written. Without --connect a simulated "
+    "vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
 )

@@ -1,8 +1,9 @@
-"""A program in the operator's place: JSON lines on standard output and input instead of a terminal (docs/serve.md).
+"""Interface for a program in place of the operator: JSON lines on standard output and input (docs/serve.md).
 
 Each line is an object with one key. Out: ``samples``, ``now``, ``say``, ``words``, ``intentions``, ``vitals``,
-``room``, ``cost``, ``proposal``, ``track``, ``left``, ``question``, ``dropped``; in SI and radians, null where
-unknown. In: ``stop`` and ``answer``. Without standard input the craft cannot be stopped, so its end is a STOP.
+``room``, ``cost``, ``proposal``, ``track``, ``left``, ``question``, ``dropped``; in SI and radians, null if unknown.
+In: ``stop`` and ``answer``. Without standard input the craft could not be stopped, so the end of standard input counts
+as a STOP.
 
 The flight loop never waits for the listener. Ticks and sentences go into ring buffers that drop the oldest; a
 separate thread writes them out.
@@ -47,11 +48,11 @@ __all__ = ["COLUMNS", "RemoteObserver", "RemoteOperator", "attending"]
 COLUMNS = ("t", "value", "target", "output", "rate", "x", "y", "psi")
 """Fields of a row of ``samples``."""
 EVERY = 0.1
-"""Time between two writes [s, wall clock]. Chosen: the eye follows about ten updates a second."""
+"""Time between two writes [s, wall clock]; the eye follows about ten updates a second. Project choice."""
 MOST_TICKS, MOST_FACTS = 1000, 500
-"""Lines kept for a slow listener; older ones are dropped and counted. Chosen."""
+"""Most lines kept for a slow listener: ticks, facts. Older ones are dropped and counted. Project choice."""
 _GRACE = 2.0
-"""Longest wait for a slow listener at the end [s]. Chosen."""
+"""Longest wait for a slow listener at the end [s]. Project choice."""
 _KEYS: Mapping[type, str] = {
     Intentions: "intentions",
     Vitals: "vitals",
@@ -65,7 +66,7 @@ _KEYS: Mapping[type, str] = {
 
 
 class RemoteObserver:
-    """Write reports to *stream* as JSON lines, ten times a second, from a separate thread."""
+    """Writes reports to *stream* as JSON lines, ten times a second, from a separate thread."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
@@ -131,7 +132,7 @@ def _line(key: str, value: object) -> bytes:
 
 
 def _plain(thing: Any) -> Any:
-    """Return *thing* in JSON types, numbers to six digits."""
+    """Return *thing* in JSON types, with numbers rounded to six digits."""
     if isinstance(thing, float):
         return float(f"{thing:.6g}") if math.isfinite(thing) else None
     if isinstance(thing, Mapping):
@@ -142,9 +143,9 @@ def _plain(thing: Any) -> Any:
 
 
 class RemoteOperator(ConsoleOperator):
-    """Ask through *observer*; a thread reads answers and STOP as lines from the file descriptor *source*.
+    """Asks through *observer*. A thread reads answers and STOP as lines from the file descriptor *source*.
 
-    A signal is a stop request here too. *yes* is the answer to every question.
+    A signal also counts as a stop request. *yes* is the answer to every question.
     """
 
     def __init__(self, observer: RemoteObserver, source: int, *, yes: bool = False) -> None:
@@ -156,7 +157,7 @@ class RemoteOperator(ConsoleOperator):
         threading.Thread(target=self._listen, name="stop", daemon=True).start()
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Ask, and wait for the answer to this question; *while_waiting* raises if a STOP comes first."""
+        """Ask and wait for the answer to this question. *while_waiting* raises an error if a STOP comes first."""
         if self._yes:
             return True
         self._asked += 1
@@ -194,7 +195,7 @@ def _read(source: int) -> bytes:
 
 @contextmanager
 def attending(args: argparse.Namespace, otherwise: str = "") -> Iterator[tuple[ConsoleOperator, Observer]]:
-    """Yield operator and observer: the person at the terminal, or with ``--remote`` a program.
+    """Yield operator and observer: those of the terminal, or with ``--remote`` those of a program.
 
     Objects loaded so far are frozen for the garbage collector. Scanning them all takes about 60 ms, too long for
     the loop that holds the sticks.

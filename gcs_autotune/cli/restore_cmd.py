@@ -1,4 +1,4 @@
-"""``gcs-autotune restore``: finish the clean-up of a run that was cut off."""
+"""``gcs-autotune restore``: complete the clean-up of a run that was interrupted."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         type=Path,
         metavar="RUN",
-        help="run directory (or its journal.jsonl); default: the newest in runs/ with something left to restore",
+        help="run directory or its journal.jsonl (default: the newest in runs/ with something left to restore)",
     )
     parser.add_argument(
         "--yes",
         action="store_true",
-        help="do not ask before writing; parameters another operator changed since are left, with exit code 9",
+        help="do not ask before writing. Parameters that another operator changed since the run stay, with exit code 9",
     )
     add_connection(parser, otherwise="the link of the run", of_run=True)
     add_loudness(parser)
@@ -47,9 +47,9 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    description="Read the journal of an interrupted run (power, radio, kill) and restore the vehicle: actuators "
-    "neutral, parameters at their original values, verified by reading back. Asks before it touches parameters that "
-    "another operator changed since.",
+    description="Restore the vehicle after an interrupted run (lost power, lost radio, killed process): actuators "
+    "neutral, parameters at their original values, verified by reading back. The run's journal lists what to restore. "
+    "Parameters that another operator changed since are written only after a question.",
     add_arguments=_add_arguments,
     run=_run,
 )

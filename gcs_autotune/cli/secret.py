@@ -1,4 +1,4 @@
-"""The signing key from the command line, the terminal or the environment. It is never shown."""
+"""Read the signing key from the command line, the terminal or the environment. It is never shown."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ PASSPHRASE_VARIABLE = "GCS_AUTOTUNE_SIGNING_PASSPHRASE"
 
 
 def signing_of(args: argparse.Namespace, uri: str) -> SigningKey | None:
-    """Return the key from the options or the environment for the vehicle at *uri*, None if there is none.
+    """Return the signing key for the vehicle at *uri*, from the options or the environment; None if there is none.
 
     The embedded simulator has no key; the environment variable applies to other vehicles.
 
     Raises
     ------
     UsageError, BadFile
-        Both options are used, standard input is not a terminal, or the file has no key.
+        Both options are used, standard input is not a terminal, or the file contains no key.
     """
     from gcs_autotune.mavlink import SigningKey
 
@@ -38,7 +38,7 @@ def signing_of(args: argparse.Namespace, uri: str) -> SigningKey | None:
         if not sys.stdin or not sys.stdin.isatty():
             raise UsageError(
                 "cannot ask for the signing passphrase: standard input is not a terminal. "
-                f"Use --signing-key FILE, or set {PASSPHRASE_VARIABLE}"
+                f"Use --signing-key FILE or set {PASSPHRASE_VARIABLE}"
             )
         return SigningKey.from_passphrase(getpass.getpass("Signing passphrase: "), "passphrase typed")
     passphrase = os.environ.get(PASSPHRASE_VARIABLE)

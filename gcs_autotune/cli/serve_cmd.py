@@ -1,4 +1,4 @@
-"""``gcs-autotune serve``: the tune on a page."""
+"""``gcs-autotune serve``: run a tune from a web page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_autotune_files import Refused, shown, whole
 __all__ = ["COMMAND"]
 
 EXTRA = ("starlette", "uvicorn", "websockets", "segno")
-"""What the extra ``web`` brings."""
+"""Packages installed by the extra ``web``."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,26 +22,26 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--host",
         metavar="ADDRESS",
         default="127.0.0.1",
-        help="address to listen on (default 127.0.0.1: this computer only). With any other, e.g. 0.0.0.0, everything "
-        "but looking needs a token, shown as link and QR code",
+        help="address to listen on (default 127.0.0.1: this computer only). At any other address, e.g. 0.0.0.0, "
+        "viewing is open and everything else needs a token, shown as link and QR code",
     )
     parser.add_argument(
-        "--port", type=_port, default=8090, metavar="N", help="TCP port; 0: any free one (default 8090)"
+        "--port", type=_port, default=8090, metavar="N", help="TCP port, or 0 for any free port (default 8090)"
     )
     parser.add_argument(
-        "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where runs are kept (default runs)"
+        "--runs", type=Path, default=Path("runs"), metavar="DIR", help="folder of the runs (default runs)"
     )
     parser.add_argument(
         "--allow-host",
         action="append",
         default=[],
         metavar="NAME",
-        help="further host name of this server; addresses, localhost and *.local are always accepted; repeatable",
+        help="further host name of this server (addresses, localhost and *.local are always accepted); repeatable",
     )
     parser.add_argument(
         "--joystick-stop",
         action="store_true",
-        help="offer Cockpit a STOP for a joystick button; every viewer can then stop a run, but do nothing else",
+        help="offer Cockpit a STOP for a joystick button. Every viewer can then stop a run, and nothing else",
     )
 
 
@@ -71,9 +71,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    description="Serve a page that starts a tune or an experiment, shows it live, asks its questions, and has a STOP. "
-    "The run is a process of its own. Closing the page does not affect it; Ctrl-C here stops it and restores "
-    "everything.",
+    description="Serve a web page that starts a tune or an experiment, shows it live, asks its questions, and has a "
+    "STOP button. Closing the page does not end the run. Ctrl-C here stops the run and restores the vehicle.",
     add_arguments=_add_arguments,
     run=_run,
 )

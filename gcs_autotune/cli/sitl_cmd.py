@@ -1,4 +1,4 @@
-"""``gcs-autotune sitl``: run a simulated vehicle as a process of its own."""
+"""``gcs-autotune sitl``: run a simulated vehicle in its own process."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ __all__ = ["COMMAND", "hand_over"]
 def hand_over(arguments: Sequence[str]) -> int:
     """Run ``python -m sitl`` with *arguments* and return its exit code.
 
-    The simulator is a separate program with its own options; the two packages meet only on the wire. Where the
-    system allows, it replaces this process, so that one signal ends both.
+    The simulator is a separate program with its own options. The two packages communicate only over the link. If the
+    system allows it, the simulator replaces this process, so that one signal ends both.
     """
     command = [sys.executable, "-m", "sitl", *arguments]
     if os.name == "posix":
@@ -39,7 +39,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 COMMAND = Command(
-    description="Run a simulated vehicle (`--list` shows them), or its hull under the real ArduPilot.",
+    description="Run a simulated vehicle (`--list` lists them), or simulate only its hull for the real ArduPilot.",
     add_arguments=_add_arguments,
     run=_run,
 )

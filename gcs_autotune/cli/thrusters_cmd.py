@@ -1,4 +1,5 @@
-"""``gcs-autotune thrusters``: a thruster's map from a pull test, a propeller's coefficients from an open-water test."""
+"""``gcs-autotune thrusters``: compute a thruster's map from a pull test, or a propeller's coefficients from an
+open-water test."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ __all__ = ["COMMAND"]
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "file", type=Path, metavar="FILE", help="CSV with name[unit] heads: n[rpm],T[N] or pwm[us],T[kgf]"
+        "file", type=Path, metavar="FILE", help="CSV file with column heads n[rpm],T[N] or pwm[us],T[kgf]"
     )
     parser.add_argument(
         "--command", dest="column", metavar="COLUMN", help="column of the command (default: n, command, pwm ...)"
@@ -26,8 +27,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--forces",
         metavar="F,F,...|LOG.csv",
-        help="pull of each row [N], instead of a column; or a load cell's log (t[s], force[N]), matched by time to the "
-        "levels of fly bollard-staircase",
+        help="pull of each row [N], instead of a column. Or the log of a load cell (t[s], force[N]), matched by "
+        "time to the levels of fly bollard-staircase",
     )
     add_number(parser, "neutral", "C")
     water = parser.add_argument_group("open-water test: columns n, V_A, T and optionally Q")
@@ -70,7 +71,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _pulls(text: str | None) -> list[float] | None:
-    """Read ``0,1.2,4.8``."""
+    """Parse ``0,1.2,4.8``."""
     if text is None:
         return None
     try:
@@ -82,8 +83,8 @@ def _pulls(text: str | None) -> list[float] | None:
 
 
 COMMAND = Command(
-    description="Map command to force from a bollard pull test: coefficients ahead and astern, dead zone, and the "
-    "inverse map. Or identify K_T(J), K_Q(J) and C_n, C_v of a propeller from an open-water test.",
+    description="Identify a thruster's force over command from a bollard pull test: coefficients ahead and astern, "
+    "dead zone, and the inverse map. Or identify K_T(J), K_Q(J) and C_n, C_v of a propeller from an open-water test.",
     add_arguments=_add_arguments,
     run=_run,
 )

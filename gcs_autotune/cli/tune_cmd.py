@@ -46,7 +46,7 @@ STANDS_ON = {LINE: "heading"}
 ONLY_STEPS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "resume", "omega_0")
 """Options that `tune line` has no use for."""
 RESTORED = 8
-"""Exit code: tuned, but the old gains proved better and are back."""
+"""Exit code: the new gains were tested but the old ones proved better and are restored."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
-    parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write nothing")
+    parser.add_argument("--dry-run", action="store_true", help="fly, identify and design, but write no parameter")
     add_loudness(parser)
     add_remote(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON on standard output")
@@ -63,7 +63,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--resume",
         type=Path,
         metavar="RUN",
-        help="resume a run that ended early: its completed experiments are used if vehicle, parameters, axis "
+        help="resume the run in DIR that ended early. Its completed experiments are used if vehicle, parameters, axis "
         "and settings are unchanged",
     )
     step = parser.add_argument_group("proof")
@@ -76,21 +76,21 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model",
         type=Path,
         metavar="FILE",
-        help="design from this model (of identify --save or diagnose), without experiments",
+        help="design from this model file (written by identify --save or diagnose), without experiments",
     )
     design.add_argument(
         "--gains",
         type=Path,
         metavar="FILE",
-        help="prove these gains, then keep or restore: proposed.param of a dry run (or its directory), or any "
-        "NAME,VALUE file",
+        help="test these gains by a step, and keep them only if better: proposed.param of a dry run, its directory, "
+        "or any NAME,VALUE file",
     )
     add_number(design, "full-scale")
     design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="reference model (default bessel)")
     design.add_argument(
         "--beyond-ranges",
         action="store_true",
-        help="allow gains outside ArduPilot's documented ranges, with the same stability margins",
+        help="allow gains outside ArduPilot's documented ranges; the stability margins stay the same",
     )
     add_number(design, "settling-time", "S")
     add_number(design, "omega-0", "RAD_S")
@@ -106,7 +106,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Check that the options agree, before anything is opened."""
+    """Check that the options are consistent, before anything is opened."""
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
     if getattr(args, "what", "") == LINE:
@@ -119,9 +119,9 @@ def _check(args: argparse.Namespace) -> None:
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
-        raise UsageError(f"--model takes a model file. For the reference model use --function {args.model}")
+        raise UsageError(f"--model needs a model file. For the reference model use --function {args.model}")
     if args.model is not None and args.gains is not None:
-        raise UsageError("--gains proves existing gains and --model designs new ones. Use one of the two")
+        raise UsageError("--gains tests existing gains and --model designs new gains. Use one of the two")
     check_model_file(args.model)
     check_files(args.gains, args.resume)
 
@@ -200,7 +200,7 @@ DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model"
 
 
 def _proving(args: argparse.Namespace) -> str:
-    """Return the command that proves the gains of a file under the same options as here."""
+    """Return the command that proves the gains of a file under the present options."""
     parser = argparse.ArgumentParser(add_help=False)
     _add_arguments(parser)
     words = ["gcs-autotune", "tune", args.axis]
@@ -221,8 +221,9 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
 
 
 COMMAND = Command(
-    description="Tune one loop of an ArduPilot boat or ROV. The present gains are flown first. New gains stay only if "
-    "they follow the same step better. Without --connect a simulated vehicle is used.",
+    description="Tune one loop of an ArduPilot boat or ROV. A step is flown with the present gains, then with the "
+    "new gains. The new gains stay only if they follow the step better. Without --connect a simulated vehicle is "
+    "used.",
     add_arguments=_add_arguments,
     run=_run,
 )

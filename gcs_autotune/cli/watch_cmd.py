@@ -1,4 +1,4 @@
-"""``gcs-autotune watch``: identify each log and compare it with the first, the one the craft was tuned with."""
+"""``gcs-autotune watch``: identify each log and compare it with the first one, with which the craft was tuned."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="LOG",
-        help="logs of one craft, the oldest first: .tlog, .bin, run directories, CSV files; the first is the reference",
+        help="logs of one craft, oldest first (.tlog, .bin, run directories, CSV files). The first is the reference",
     )
-    parser.add_argument("--dof", choices=DOFS, help="one degree of freedom only (default: all that each log excites)")
+    parser.add_argument("--dof", choices=DOFS, help="degree of freedom to check (default: all that each log excites)")
     add_number(parser, "system-id", "ID", meaning="system id of the vehicle, in a .tlog with several")
     add_parameters(parser.add_argument_group("parameters"))
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
@@ -42,7 +42,7 @@ def _run(args: argparse.Namespace) -> int:
     from gcs_autotune.logs import load_runs
 
     if len(args.logs) < 2:
-        raise UsageError("at least two logs are needed: the one the craft was tuned with, and a later one")
+        raise UsageError("fewer than two logs given. Give the log of the tune first, then at least one later log")
     given = read_parameters(args)
     references: dict[str, AxisFit] = {}
     rows = []
@@ -62,7 +62,9 @@ def _run(args: argparse.Namespace) -> int:
             else:
                 rows.append({"log": str(path), **compare_craft(references[dof], fit).to_dict()})
         if path == args.logs[0] and not references:
-            raise NotInformative(f"nothing can be identified from {path}, the reference. See --verbose for the reasons")
+            raise NotInformative(
+                f"nothing can be identified from the reference log {path}. Use --verbose to see the reasons"
+            )
     if args.json:
         sys.stdout.write(json_text({"schema": 1, "rows": rows}))
         return 0
@@ -70,7 +72,7 @@ def _run(args: argparse.Namespace) -> int:
         sign = "!" if row["changed"] else " "
         sys.stdout.write(f"{sign} {visible(str(row['log']))}, {row['dof']}: {row['told']}\n")
     if not any(row["changed"] for row in rows):
-        sys.stdout.write("No change: every parameter is inside its interval.\n")
+        sys.stdout.write("No change: every parameter is within its interval.\n")
     return 0
 
 
@@ -83,13 +85,14 @@ def _identified(trials: list[Trial], dof: str, structure: str | None) -> AxisFit
     own = NAMES[dof]
     telling = [t for t in trials if own.force in t and (own.position in t or own.velocity in t)]
     if not telling:
-        raise NotInformative(f"no run has {own.force} together with {own.position} or {own.velocity}")
+        raise NotInformative(f"no run contains {own.force} together with {own.position} or {own.velocity}")
     return fit_axis(telling, dof=dof, structure=cast("Structure | None", structure))
 
 
 COMMAND = Command(
-    description="Identify each log of a craft again and report when inertia, drag, thrust or trim has left its "
-    "interval (payload, fouling, a weak thruster). Causes are named as in `diagnose`. Every result exits with code 0.",
+    description="Identify a model from each log of a craft and report when inertia, drag, thrust or trim has left its "
+    "interval (payload, fouling, a weak thruster). Causes have the names of `diagnose`. Every result exits with code "
+    "0.",
     add_arguments=_add_arguments,
     run=_run,
 )

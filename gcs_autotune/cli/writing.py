@@ -1,4 +1,7 @@
-"""Where results go: reports to standard output, files to disk; replacing those of an earlier run is reported."""
+"""Where results are written: reports to standard output, results to files.
+
+Replacing files of an earlier run is reported.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,9 @@ __all__ = ["fresh", "on_replacing", "put_out"]
 
 
 def fresh(path: Path) -> Path:
-    """Return *path*, or if it exists, the first free one of ``NAME-2``, ``NAME-3``, ...
+    """Return *path*, or if it exists, the first unused one of ``NAME-2``, ``NAME-3``, ...
 
-    For names that a command chooses. A name that the user supplied is overwritten, and the command reports it.
+    It is for names that a command chooses. A file named by the user is overwritten, and the command reports this.
     """
     later = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
     return next(p for p in itertools.chain([path], later) if not p.exists())
@@ -32,7 +35,7 @@ def on_replacing(path: Path) -> str:
 
 
 def put_out(document: Document, *lines: str, as_json: bool = False) -> None:
-    """Print a report on standard output, as JSON or for people; for these followed by *lines*, such as its file."""
+    """Print a report on standard output, as JSON or as text. Text is followed by *lines*, such as its file."""
     from gcs_autotune.report import print_document, to_json
 
     if as_json:

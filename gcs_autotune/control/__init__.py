@@ -31,7 +31,15 @@ from gcs_autotune.control.line import (
     design_indirect,
     simplify,
 )
-from gcs_autotune.control.position import PidPosition, Pose, PositionTarget, RigidModel, SlidingMode
+from gcs_autotune.control.position import (
+    POSITION_LAWS,
+    PidPosition,
+    Pose,
+    PositionController,
+    PositionTarget,
+    RigidModel,
+    SlidingMode,
+)
 from gcs_autotune.control.reference_model import (
     REFERENCE_MODELS,
     SETTLED,
@@ -49,6 +57,7 @@ from gcs_autotune.control.wall_filter import WallEstimate, WallFilter, WallReadi
 
 __all__ = [
     "LINE_LAWS",
+    "POSITION_LAWS",
     "REFERENCE_MODELS",
     "SETTLED",
     "STRUCTURES",
@@ -70,6 +79,7 @@ __all__ = [
     "OwnLoop",
     "PidPosition",
     "Pose",
+    "PositionController",
     "PositionTarget",
     "ReferenceModel",
     "ReferenceStep",

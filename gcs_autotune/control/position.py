@@ -8,17 +8,20 @@ craft.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs_autotune.control.choice import OwnDesign
 from gcs_autotune.control.feedback import FeedbackController, FeedbackLaw
+from gcs_autotune.control.structure import STRUCTURES
 from gcs_autotune.sname import wrap
 
-__all__ = ["PidPosition", "Pose", "PositionController", "PositionTarget", "RigidModel", "SlidingMode"]
+__all__ = ["POSITION_LAWS", "PidPosition", "Pose", "PositionController", "PositionTarget", "RigidModel", "SlidingMode"]
 
 Array = NDArray[np.float64]
 Four = tuple[float, float, float, float]
@@ -43,18 +46,24 @@ class PositionTarget:
 
 @dataclass(frozen=True, slots=True)
 class RigidModel:
-    """Diagonal masses with added mass, linear and quadratic drag, and the constant force on the craft, per axis."""
+    """Diagonal masses with added mass, linear and quadratic drag, and the constant force on the craft, per axis.
+
+    ``couples``: whether the masses are in one unit, so that the Coriolis forces follow from them.
+    """
 
     mass: Four
     drag: Four
     drag_quadratic: Four
     constant: Four = (0.0, 0.0, 0.0, 0.0)
+    couples: bool = True
 
     def coriolis(self, velocity: Array) -> Array:
         """Return the Coriolis and centripetal matrix (4, 4) that belongs to the masses, Gomes2003, eq. (7)."""
         u, v = velocity[0], velocity[1]
         m_u, m_v = self.mass[0], self.mass[1]
         C = np.zeros((4, 4))
+        if not self.couples:
+            return C
         C[0, 3], C[1, 3] = -m_v * v, m_u * u
         C[3, 0], C[3, 1] = m_v * v, -m_u * u
         return C
@@ -154,3 +163,63 @@ def _error(position: Four, target: Four) -> Array:
     error: Array = np.array(position) - np.array(target)
     error[3] = wrap(error[3])
     return error
+
+
+# --- laws for a craft, from the loops of its single motions ---------------------------------------------------------
+
+SLIDING = 0.5
+"""Bandwidth of the sliding surface relative to the fastest loop of its axis. Chosen: error and surface each take half
+of what the delay allows."""
+RESERVE = 0.05
+"""Switching gain for forces that the model lacks [of full output]. Chosen: a tether, a light current."""
+UNCERTAIN = 0.1
+"""Relative error of the model that the switching term covers at least."""
+
+
+def design_sliding(surge: OwnDesign, sway: OwnDesign, yaw: OwnDesign) -> SlidingMode:
+    """Return the sliding-mode law whose axes are as fast as the delay and the actuators allow; heave is left out."""
+    three = (surge, sway, yaw)
+    omega = [SLIDING * d.wanted.omega_0 for d in three]
+    alpha = [d.model.alpha for d in three]
+
+    def axes(values: Sequence[float], heave: float) -> Four:
+        return (values[0], values[1], heave, values[2])
+
+    model = RigidModel(
+        axes(alpha, 1.0),
+        axes([d.model.beta for d in three], 0.0),
+        axes([d.model.beta_quadratic for d in three], 0.0),
+        axes([d.model.delta for d in three], 0.0),
+        # masses in units of each axis' own input say nothing about how the axes push each other
+        couples=False,
+    )
+    # within the layer the switching term acts as damping of RESERVE/layer; half of the surface's own
+    layer = [RESERVE / (0.5 * a * w) for a, w in zip(alpha, omega, strict=True)]
+    return SlidingMode(
+        model,
+        axes(omega, 1.0),
+        axes([0.5 * a * w for a, w in zip(alpha, omega, strict=True)], 0.0),
+        axes(layer, 1.0),
+        UNCERTAIN,
+        axes([RESERVE] * 3, 0.0),
+        axes([min(-d.law.limits[0], d.law.limits[1]) for d in three], 0.0),
+    )
+
+
+def design_pid(surge: OwnDesign, sway: OwnDesign, yaw: OwnDesign) -> list[FeedbackLaw]:
+    """Return PI-D laws of the three axes with the gains of their I-PD loops, and none of heave."""
+    laws = [replace(d.law, structure=STRUCTURES["PI-D"], is_angle=False) for d in (surge, sway, yaw)]
+    none = FeedbackLaw(STRUCTURES["P"], K_P=0.0)
+    return [laws[0], laws[1], none, laws[2]]
+
+
+POSITION_LAWS: Mapping[str, Callable[[OwnDesign, OwnDesign, OwnDesign], Callable[[], PositionController]]] = {
+    "sliding": lambda *designs: partial(_same, design_sliding(*designs)),
+    "pid": lambda *designs: partial(PidPosition, design_pid(*designs)),
+}
+"""Name -> rule that returns a maker of controllers from the designs of surge, sway and yaw."""
+
+
+def _same(law: SlidingMode) -> SlidingMode:
+    """Return *law*: it has no memory, so it is its own controller."""
+    return law

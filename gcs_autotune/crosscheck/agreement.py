@@ -58,7 +58,7 @@ BETTER = 0.6
 
 
 PART, STANDING = 8.0, 0.2
-"""Limits for a part of a run in which one side stands still.
+"""Limits for a part of a run in which one side does not change.
 
 PART [s]: least duration. STANDING: largest motion relative to the other side. Both are set by hand.
 """
@@ -93,7 +93,7 @@ class Comparison:
     factor, std : ratio of the position's change to the integral of the rate. shift, shift_std : time [s] by which the
     position is later than the rate. coherence : -1..1 at that shift. moved, predicted : rms slope of the position and
     of the rate's integral. clear : rms slope of the quieter side, in standard deviations of its noise. during : the
-    stretch [s] in which one side stands still while the rest of the run agrees; None for the whole run.
+    stretch [s] in which one side does not change while the rest of the run agrees; None for the whole run.
     """
 
     kind: Kind
@@ -153,7 +153,7 @@ def _is_strange(windows: Windows, position: Series, rate: Series, expected: Expe
 def _still_part(
     windows: Windows, position: Series, rate: Series, total: Array, expected: Expected, whole: Comparison
 ) -> Comparison | None:
-    """Return a comparison if one side stands still, or at one value, in a part of the run while the rest agrees."""
+    """Return a comparison if one side does not change in a part of the run, while the rest of the run agrees."""
     sides = windows.slopes(position.x), _predicted(windows, position, rate, total, 0.0)
     noises = _noises(windows, position, rate)
     hop = windows.span / windows.overlap

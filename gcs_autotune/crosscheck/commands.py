@@ -62,7 +62,7 @@ def _compared(run: str, command: Channel, output: Channel) -> Contradiction | No
     same_unit = command.unit == output.unit
     if np.std(came) == 0.0 or (same_unit and np.std(came) < STILL * np.std(asked)):
         cause = (
-            f"{output.name} stands still while {command.name} moves (run '{run}'). {output.name} is more likely wrong"
+            f"{output.name} does not change while {command.name} does (run '{run}'). {output.name} is more likely wrong"
         )
         cure = "check the servo, its power and linkage, SERVOn_FUNCTION and the safety switch"
         return Contradiction(pair, "still", 0.0, 0.0, output.name, columns, cause, _used(cure, command.name))
@@ -76,7 +76,7 @@ def _compared(run: str, command: Channel, output: Channel) -> Contradiction | No
     factor = float(np.std(b) / np.std(a)) * math.copysign(1.0, rho)
     std = abs(factor) * math.sqrt(max(1.0 - rho**2, 0.0) / max(int(np.count_nonzero(np.diff(asked))), 1))
     if rho < -FOLLOWS or (negative and rho < -FOLLOWS + 0.15):
-        cause = f"{output.name} goes the other way than {command.name} commands (run '{run}')"
+        cause = f"{output.name} moves in the opposite direction to its command {command.name} (run '{run}')"
         cure = "check SERVOn_REVERSED, RCn_REVERSED and the sign of both columns"
         return Contradiction(pair, "sign", factor, std, "", columns, cause, _used(cure, ""))
     if max(map(abs, cosines)) < APART:
@@ -85,7 +85,7 @@ def _compared(run: str, command: Channel, output: Channel) -> Contradiction | No
         return Contradiction(pair, "unrelated", math.nan, math.nan, "", columns, cause, _used(cure, ""))
     if same_unit and rho > 0.95 and abs(math.log(abs(factor))) > math.log1p(FACTOR):
         size = f"{factor:.2g} times as far as {command.name} commands (+- {max(std, 0.01):.1g})"
-        cause = f"{output.name} goes {size} (run '{run}')"
+        cause = f"{output.name} moves {size} (run '{run}')"
         cure = "check SERVOn_MIN, TRIM and MAX, and the units of both columns"
         return Contradiction(pair, "factor", factor, std, "", columns, cause, _used(cure, ""))
     return None
@@ -105,5 +105,5 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 def _used(cure: str, right: str) -> str:
-    wrong = f"identify from {right} instead" if right else "drop the wrong column"
-    return f"{cure}; until then {wrong} (--columns)"
+    wrong = f"identify from {right} instead" if right else "omit the wrong column"
+    return f"{cure}. Until then {wrong} (--columns)"

@@ -127,7 +127,7 @@ def _compared(position: Series, rate: Channel, expected: Expected) -> Comparison
 def _suspect(
     trial: Trial, pair: _Pair, found: Comparison, position: Series, course: Callable[[Trial], Series | None]
 ) -> str:
-    """Return the column that is more likely wrong: the one that stands still, or that a third one contradicts."""
+    """Return the column that is more likely wrong: one that does not change, or that a third one contradicts."""
     if found.kind == "still-position":
         return pair.position
     if found.kind == "still-rate":

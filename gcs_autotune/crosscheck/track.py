@@ -160,15 +160,17 @@ def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
     side = "" if degrees > 170.0 else " to starboard" if angle > 0.0 else " to port"
     throttle = " ahead" if "X" in trial else ""
     cause = (
-        f"psi against the track over ground (run '{trial.name}'): the craft went {way:.0f} m{throttle} at {speed:.1f} "
-        f"m/s along a track {degrees:.0f} deg off its heading{side} (+- {max(math.degrees(std), 1.0):.0f}): the "
-        f"compass is mounted turned{' or the thrust is reversed' if degrees > 120.0 else ''}"
+        f"psi does not match the track over ground (run '{trial.name}'). The craft went {way:.0f} m{throttle} at "
+        f"{speed:.1f} m/s along a track {degrees:.0f} deg off its heading{side} (+- "
+        f"{max(math.degrees(std), 1.0):.0f}). The compass is mounted turned"
+        f"{' or the thrust is reversed' if degrees > 120.0 else ''}"
         f"{', or x and y are exchanged' if exchanged else '. psi is more likely wrong'}"
     )
     cure = (
-        f"{'check that x is north and y is east; ' if exchanged else ''}check COMPASS_ORIENT and AHRS_ORIENTATION"
-        f"{', and that the propellers drive it ahead (SERVOn_REVERSED)' if degrees > 120.0 else ''}; look before any "
-        f"GPS mode{'' if 'X' in trial else '. If it went that way on purpose (astern, sideways), record its X and Y'}"
+        f"{'check that x is north and y is east; ' if exchanged else ''}check COMPASS_ORIENT and "
+        f"AHRS_ORIENTATION{', and that the propellers drive it ahead (SERVOn_REVERSED)' if degrees > 120.0 else ''}. "
+        "Check this before you use any GPS "
+        f"mode{'' if 'X' in trial else '. If it went that way on purpose (astern, sideways), record its X and Y'}"
     )
     suspect = "" if exchanged else "psi"
     yield Contradiction("psi against track", "turned", angle, std, suspect, ("psi", "x", "y"), cause, cure)
@@ -177,8 +179,8 @@ def heading_contradictions(trial: Trial) -> Iterator[Contradiction]:
 def _exchange(trial: Trial, way: float, speed: float) -> Contradiction:
     """Return the contradiction that the columns of the positions are exchanged."""
     cause = (
-        f"x and y against psi (run '{trial.name}'): the craft went {way:.0f} m at {speed:.1f} m/s along tracks that "
-        "fit its headings with x and y exchanged only"
+        f"x and y do not match psi (run '{trial.name}'). The craft went {way:.0f} m at {speed:.1f} m/s, and its "
+        "tracks fit its headings only with x and y exchanged"
     )
     cure = "check that x is north and y is east"
     return Contradiction("psi against track", "exchanged", math.nan, math.nan, "x", ("x", "y", "psi"), cause, cure)

@@ -51,14 +51,14 @@ def told(run: str, position: str, rate: str, verb: str, found: Comparison, suspe
     factor, unit = unit_of(position, found) if kind in ("factor", "sign") else (1.0, "")
     cause = f"{said} (run '{run}')"
     if unit:
-        sure = f"so one of the columns is in {unit} and its head states another unit"
+        sure = f"so one of the columns is in {unit} and its header states another unit"
         perhaps = f"so perhaps one of the columns is in {unit}"
-        cause += f": {factor:.3g} is the factor of {unit}, {sure if factor > MISTAKABLE else perhaps}"
+        cause += f". The factor of {unit} is {factor:.3g}, {sure if factor > MISTAKABLE else perhaps}"
     elif suspect and kind == "still":
-        cause += f". {suspect} is more likely wrong: a dead, disturbed or wrongly scaled sensor"
+        cause += f". {suspect} is more likely wrong, from a dead, disturbed or wrongly scaled sensor"
     elif suspect:
         other = rate if suspect == position else position
-        cause += f". {suspect} is more likely wrong, for the rest of the run agrees with {other}"
+        cause += f". {suspect} is more likely wrong, because the rest of the run agrees with {other}"
     else:
         cause += f". Nothing else in the run shows which of {position} and {rate} is wrong"
     pair, columns = f"{position} against {rate}", _columns(position, rate)
@@ -75,14 +75,15 @@ def _said(position: str, rate: str, does: str, found: Comparison) -> tuple[str, 
         moves = "turns" if does.startswith("turn") else "moves"
         return f"{position} {still} still{when} while {rate} {moves}", found.factor, found.std, "still"
     if found.kind == "unrelated":
-        return f"{position} and {rate} move, but not together", math.nan, math.nan, "unrelated"
+        return f"{position} and {rate} change, but independently of each other", math.nan, math.nan, "unrelated"
     integrates = "integrates" if "," not in rate else "integrate"
     if found.kind == "shift":
         late = f"{abs(found.shift):.2g} s {'later' if found.shift > 0.0 else 'earlier'}"
         does_not = f"{position} {does} {late} than {rate} {integrates} to (+- {max(found.shift_std, 0.01):.2g} s)"
         return does_not, found.shift, found.shift_std, "shift"
     digits = (
-        f"{found.factor:.3g} times what {rate} {integrates} to (+- {max(found.std, 0.0005 * abs(found.factor)):.1g})"
+        f"{found.factor:.3g} times as much as {rate} {integrates} to (+- "
+        f"{max(found.std, 0.0005 * abs(found.factor)):.1g})"
     )
     if found.kind == "sign":
         return f"{position} {does} {digits}, so they have opposite signs", found.factor, found.std, "sign"
@@ -107,8 +108,8 @@ def _cure(position: str, rate: str, suspect: str, kind: str) -> str:
         check = f"check the stamps of {position} and {rate}, and the filters of both"
     kept = rate if suspect == position else position
     wrong = suspect or "the wrong column"
-    use = f"--use {kept}" if suspect and "," not in kept else "--use with the names of the others"
-    return f"{check}; until then leave {wrong} out ({use})"
+    use = f"--use {kept}" if suspect and "," not in kept else "--use with the names of the other columns"
+    return f"{check}. Until then omit {wrong} ({use})"
 
 
 def _columns(*names: str) -> tuple[str, ...]:

@@ -171,7 +171,8 @@ def _output_for(actuator: Actuator, force: float) -> float:
     reach = actuator.static(grid) * math.copysign(1.0, force)
     if reach[-1] < abs(force):
         raise NoGainsMeetSpec(
-            f"a constant force of {force:.2f} of full cannot be held: the actuator reaches at most {reach[-1]:.2f}"
+            f"the actuator cannot hold the constant force on the craft, {force:.2f} of full output. It reaches at "
+            f"most {reach[-1]:.2f}. Trim the craft first"
         )
     first = int(np.argmax(reach >= abs(force)))
     share = (abs(force) - reach[first - 1]) / max(reach[first] - reach[first - 1], 1e-300)

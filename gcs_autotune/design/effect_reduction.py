@@ -40,7 +40,8 @@ class Remark:
     @property
     def sentence(self) -> str:
         """Treatment and advice as text."""
-        return f"{self.slug} at {self.place}: {self.treated}" + (f"; {self.advice}" if self.advice else "")
+        advice = f". {self.advice[0].upper()}{self.advice[1:]}" if self.advice else ""
+        return f"{self.slug} at {self.place}: {self.treated}{advice}"
 
 
 @dataclass(slots=True)
@@ -68,11 +69,11 @@ def take(draft: Draft, own: EffectInstance) -> None:
         treated, advice = _LEFT_OUT[own.slug]
     elif own.place in draft.channel.split("+"):
         treated, advice = (
-            "it acts on one of several thrusters; the design omits it",
-            "prove the gains carefully",
+            "it acts on one of several thrusters, so the design omits it",
+            "check the gains carefully on the water",
         )
     else:
-        treated, advice = "it does not act in this loop; the design omits it", ""
+        treated, advice = "it does not act in this loop, so the design omits it", ""
     draft.remarks.append(Remark(own.slug, own.place, treated, advice))
 
 
@@ -83,37 +84,37 @@ def _concerns(own: EffectInstance, draft: Draft) -> bool:
 
 def _delay(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["delay"] += own["delay"]
-    return f"the delay of {own['delay']:.2f} s is part of the loop and slows it", ""
+    return f"the loop includes the delay of {own['delay']:.2f} s, which slows it", ""
 
 
 def _late(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     if not {draft.dof.position, draft.dof.velocity} & set(own.place.split("+")):
-        return "it does not act in this loop; the design omits it", ""
+        return "it does not act in this loop, so the design omits it", ""
     treated, _ = _delay(draft, own)
-    return treated, "if it is in the telemetry and not in the sensor, set it as link delay for a faster loop"
+    return treated, "if the delay is in the telemetry and not in the sensor, set it as link delay for a faster loop"
 
 
 def _lag(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, lag=draft.actuator.lag + own["time_constant"])
-    return f"the lag of {own['time_constant']:.2f} s is part of the loop", ""
+    return f"the loop includes the lag of {own['time_constant']:.2f} s", ""
 
 
 def _limit(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, limit=min(draft.actuator.limit, own["limit"]))
-    return "the step is simulated with the output clipped there", "check SERVOn_MIN and SERVOn_MAX"
+    return "the simulated step clips the output at this limit", "check SERVOn_MIN and SERVOn_MAX"
 
 
 def _rate(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, rate=min(draft.actuator.rate, own["rate"]))
     advice = "for thrusters check MOT_SLEWRATE" if draft.law.startswith("rover") else ""
-    return "the step is simulated with this slew rate", advice
+    return "the simulated step includes this slew rate", advice
 
 
 def _backlash(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, backlash=own["width"])
     return (
-        "the gains are chosen with the backlash in the loop, for the smallest limit cycle",
-        "no parameter removes backlash; repair the linkage",
+        "the gains give the smallest limit cycle with the backlash in the loop",
+        "repair the linkage, since no parameter removes backlash",
     )
 
 
@@ -124,21 +125,21 @@ def _dead(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 
 
 _MEND_DEAD_ZONE: Mapping[str, str] = {
-    "rover-heading": "for thrusters raise small outputs with MOT_THR_MIN (percent of full, at most 20), then "
-    "diagnose and tune again; for a rudder servo repair the linkage, since no parameter helps",
-    "sub-heading": "calibrate the ESCs; ArduSub has no parameter that raises small outputs",
-    "sub-depth": "calibrate the ESCs; ArduSub has no parameter that raises small outputs",
+    "rover-heading": "for thrusters, raise small outputs with MOT_THR_MIN (percent of full, at most 20). Then "
+    "diagnose and tune again. For a rudder servo, repair the linkage, since no parameter helps",
+    "sub-heading": "calibrate the ESCs. ArduSub has no parameter that raises small outputs",
+    "sub-depth": "calibrate the ESCs. ArduSub has no parameter that raises small outputs",
 }
 
 
 def _bent(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, square=own["share"], reference=own.constants.get("u_ref", 1.0))
-    advice = "ArduSub has no parameter for it"
+    advice = "ArduSub has no parameter that linearises the thrust"
     if draft.law.startswith("rover"):
         expo = float(np.clip(own["share"], -1.0, 1.0))
-        advice = f"for thrusters set MOT_THST_EXPO to about {expo:.2f} to linearise it, then tune again"
+        advice = f"for thrusters, set MOT_THST_EXPO to about {expo:.2f} to linearise the thrust, then tune again"
     return (
-        "margins cover outputs from small to half of full; at full output it is at most twice as strong",
+        "margins cover small outputs up to half of full output. At full output the actuator is at most twice as strong",
         advice,
     )
 
@@ -146,8 +147,8 @@ def _bent(draft: Draft, own: EffectInstance) -> tuple[str, str]:
 def _stall(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.actuator = replace(draft.actuator, limit=min(draft.actuator.limit, own["angle"]))
     return (
-        f"the step is simulated with a rudder limit of {math.degrees(own['angle']):.0f} deg",
-        "steering is worse beyond; narrow SERVOn_MIN and SERVOn_MAX to that angle, then tune again",
+        f"the simulated step limits the rudder to {math.degrees(own['angle']):.0f} deg",
+        "narrow SERVOn_MIN and SERVOn_MAX to that angle, since more rudder steers less. Then tune again",
     )
 
 
@@ -157,39 +158,42 @@ def _asymmetric(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     advice = "trim the weaker side with SERVOn_MIN or SERVOn_MAX"
     if draft.law.startswith("rover"):
         stronger = max(ratio, 1.0 / ratio)
-        advice += f"; if each thruster is weaker astern, set MOT_THST_ASYM to about {stronger:.2f}"
-    return "margins cover both directions, and both steps are simulated", advice
+        advice += f". If each thruster is weaker astern, set MOT_THST_ASYM to about {stronger:.2f}"
+    return "margins cover both directions, and both are simulated", advice
 
 
 def _drift(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     left = float(np.clip(1.0 - own["rate"] * IN_USE, WEAKEST, 2.0))
     draft.actuator = replace(draft.actuator, weakest=left)
-    return f"margins cover thrust down to {left:.0%}, the value in half an hour", ""
+    return f"margins cover a thrust down to {left:.0%}, the value after half an hour", ""
 
 
 def _steering(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     reference = own.constants.get("U_ref", math.nan)
     if draft.speed is None or not reference > 0.0:
-        return "the gains are valid only at the speed of the runs", ""
+        return "the gains are valid only at the speed of the identification runs", ""
     factor = (1.0 - own["share"]) + own["share"] * (draft.speed / reference) ** 2
     draft.gain *= factor
-    return f"designed for {draft.speed:.1f} m/s, where the rudder effect is {factor:.2f} times that of the runs", ""
+    return (
+        f"the design is for {draft.speed:.1f} m/s, where the rudder effect is {factor:.2f} times that of the "
+        "identification runs"
+    ), ""
 
 
 def _linear(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["beta"] += own["coefficient"]
-    return "part of the design drag", ""
+    return "the design includes this drag", ""
 
 
 def _quadratic(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.numbers["beta_quadratic"] += own["coefficient"]
-    return "part of the drag; margins cover rest and under way", ""
+    return "the design includes this drag. Margins cover the craft at rest and under way", ""
 
 
 def _constant(name: str) -> Callable[[Draft, EffectInstance], tuple[str, str]]:
     def treat(draft: Draft, own: EffectInstance) -> tuple[str, str]:
         draft.numbers["delta"] += own[name]
-        return "the integral gain removes it", "trim the craft if possible, since it uses output"
+        return "the integral gain removes its error", "trim the craft if possible, since the force uses up output"
 
     return treat
 
@@ -197,13 +201,13 @@ def _constant(name: str) -> Callable[[Draft, EffectInstance], tuple[str, str]]:
 def _payload(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     draft.heavier = max(own["ratio"], 1.0 / own["ratio"])
     draft.numbers["alpha"] *= min(own["ratio"], 1.0)
-    return f"margins cover the inertia with and without it (times {own['ratio']:.2f})", ""
+    return f"margins cover the inertia before and after the change (ratio {own['ratio']:.2f})", ""
 
 
 def _coarse(draft: Draft, own: EffectInstance) -> tuple[str, str]:
     if own.place == draft.dof.position:
         draft.quantum = max(draft.quantum, own["step"])
-        return "errors within one step count as zero", ""
+        return "errors smaller than one step of the sensor count as zero", ""
     return "it is omitted", ""
 
 
@@ -232,7 +236,7 @@ _REDUCED: Mapping[str, Callable[[Draft, EffectInstance], tuple[str, str]]] = {
 _ANYWHERE = frozenset({"measurement-delay", "quantisation", "mass-change", "time-scale"})
 """Effects that act on every axis, whatever their place."""
 
-_FILE = ("the fault is in the record, not in the craft; the design uses corrected numbers", "")
+_FILE = ("the fault is in the record and not in the craft, so the design uses corrected numbers", "")
 
 _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "time-scale": _FILE,
@@ -240,35 +244,38 @@ _LEFT_OUT: Mapping[str, tuple[str, str]] = {
     "unit-error": _FILE,
     "sign-error": (
         "the design uses the physical sign",
-        "check that the record is wrong and not SERVOn_REVERSED; with a wrong one the craft spins",
+        "check that the record is wrong and not SERVOn_REVERSED. With a wrong SERVOn_REVERSED the craft spins",
     ),
     "channel-swap": (_FILE[0], "check that the record is wrong and not the wiring"),
-    "propeller-wash": ("the gains hold at the thrust of the runs only", ""),
-    "command-coupling": ("omitted: the other axis' command is a disturbance of this loop", ""),
-    "advance-speed-loss": ("omitted: it only adds damping, so the margins are conservative", ""),
-    "ground-effect": ("omitted: drag is higher near the bottom, so the margins are conservative", ""),
-    "coriolis-coupling": ("omitted: it is a disturbance of this loop", ""),
-    "sway-yaw-coupling": ("omitted: hold the speed of the runs during the proof", ""),
-    "sway-moment": ("omitted: hold the speed of the runs during the proof", ""),
+    "propeller-wash": ("the gains are valid only at the thrust of the identification runs", ""),
+    "command-coupling": ("omitted, since the other axis' command is only a disturbance of this loop", ""),
+    "advance-speed-loss": ("omitted, since it only adds damping. The margins are therefore conservative", ""),
+    "ground-effect": ("omitted, since drag is only higher near the bottom. The margins are therefore conservative", ""),
+    "coriolis-coupling": ("omitted, since it is only a disturbance of this loop", ""),
+    "sway-yaw-coupling": ("omitted. Fly the test steps at the speed of the identification runs", ""),
+    "sway-moment": ("omitted. Fly the test steps at the speed of the identification runs", ""),
     "speed-damping": (
-        "omitted: the damping of the loop is that of the plain model at rest",
-        "prove the gains at their intended speed",
+        "omitted. The loop is designed with the damping of the plain model at rest",
+        "check the gains at the speed where they will be used",
     ),
-    "munk-moment": ("omitted: hold the speed of the runs during the proof", ""),
-    "velocity-product": ("omitted: hold the speed of the runs during the proof", ""),
-    "steady-current": ("omitted: it does not affect heading or depth", ""),
-    "wind-moment": ("omitted: it is a disturbance, removed by the integral gain", ""),
+    "munk-moment": ("omitted. Fly the test steps at the speed of the identification runs", ""),
+    "velocity-product": ("omitted. Fly the test steps at the speed of the identification runs", ""),
+    "steady-current": ("omitted, since it does not affect heading or depth", ""),
+    "wind-moment": ("omitted, since the integral gain removes its error", ""),
     "wave-disturbance": (
-        "omitted: waves are a disturbance of this loop",
-        "for less actuator use in waves, use a longer settling time",
+        "omitted, since waves are only a disturbance of this loop",
+        "for less actuator use in waves, set a longer settling time",
     ),
-    "tether-pull": ("omitted: it is a constant pull, removed by the integral gain", ""),
+    "tether-pull": ("omitted, since the integral gain removes its error", ""),
     "sensor-position": (
-        "omitted: it does not affect heading or turn rate",
-        "set its position in the autopilot",
+        "omitted, since it does not affect heading or turn rate",
+        "set the sensor's position in the autopilot",
     ),
-    "compass-deviation": ("omitted: the loop follows the compass, deviation included", "calibrate the compass"),
-    "gyro-bias": ("omitted: the autopilot removes it at start-up, at rest", "start the autopilot at rest"),
-    "outliers": ("left out", "repair the sensor, which the autopilot uses too"),
+    "compass-deviation": ("omitted, since the loop follows the compass with its deviation", "calibrate the compass"),
+    "gyro-bias": (
+        "omitted, since the autopilot removes it at start-up if the craft is at rest",
+        "start the autopilot with the craft at rest",
+    ),
+    "outliers": ("left out", "repair the sensor, since the autopilot uses it too"),
 }
 """Slug -> (treatment, advice) of effects that the design omits."""

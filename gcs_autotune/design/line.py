@@ -17,13 +17,13 @@ from gcs_autotune.design.result import Change
 __all__ = ["LINE_PARAMETERS", "HullTurn", "line_changes"]
 
 CORNER = math.radians(90.0)
-"""The corner that a boat rounds without leaving the route by more than it must. Chosen: the most common one."""
+"""The corner that a boat rounds without leaving the route by more than it must. Project choice: the most common one."""
 SHARE = 0.8
-"""Share of the greatest turn rate that corners use; the rest is for corrections. Chosen."""
+"""Share of the greatest turn rate that corners use; the rest is for corrections. Project choice."""
 LAGS = 3.0
 """Time constants until a turn rate is reached and again is over. Found with four simulated hulls."""
 WIDER = 1.1
-"""WP_RADIUS as a multiple of the distance at which the target passes a U-turn. Chosen."""
+"""WP_RADIUS as a multiple of the distance at which the target passes a U-turn. Project choice."""
 VELOCITY_GAIN = 2.0
 """PSC_VEL_P [1/s]. Found by a search on four simulated hulls; from 1.5 to 3 the distance from the route is flat."""
 LAG_PRODUCT, POSITION_GAIN = 0.5, (0.1, 0.5)

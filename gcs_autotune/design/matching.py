@@ -58,7 +58,8 @@ RELUCTANCE = 0.02
 """Weight of a deviation from the start values, per full documented range; the response's residuals are rms
 fractions."""
 RESERVE = 1.05
-"""Factor of margins above the specification, a reserve for rounding and the compromises of least squares."""
+"""Factor by which margins must exceed the specification, as a reserve for rounding and for compromises of least
+squares."""
 HARDEST = 2
 """Number of samples of the 95 % region whose margins are checked during the descent: the worst ones at the start."""
 DESCENTS = 3
@@ -233,9 +234,9 @@ class _Residuals:
         self._last = None
 
     def __call__(self, x: Array, anchor: Array) -> Array:
-        """Return the vector at *x*.
+        """Return the residual vector at *x*.
 
-        It is cached, because least squares asks for the slopes at the point of its last step.
+        It is cached, because least squares next needs the slopes at the point of its last step.
         """
         asked = x.tobytes()
         if self._last is not None and self._last[0] == asked and self._last[1] is anchor:

@@ -29,7 +29,7 @@ __all__ = ["NEAR_LIMIT", "at_speed", "notes_on", "on_other_speeds", "other_mode_
 LONG_DELAY = 0.05
 """Delay [s] above which a note explains that its location matters. It is set by hand."""
 TINY = {d.name: math.radians(0.05) if d.angular else 0.005 for d in DOFS.values()}
-"""Errors [rad or m] too small to mention."""
+"""Errors [rad or m] below which a note does not mention them."""
 POOR_MATCH = 0.08
 """Rms deviation from the reference step, relative to it, above which a note is given. It is set by hand."""
 NEAR_LIMIT = 0.01
@@ -66,7 +66,10 @@ def said(before: Hunting, after: Hunting, dof: str) -> Iterator[str]:
     """Yield sentences on the residual motion after a small step, with the present and the proposed gains."""
     if max(h.amplitude for h in (before, after)) == 0.0 and max(abs(h.offset) for h in (before, after)) < TINY[dof]:
         return
-    yield f"after a small step the loop {_left(before, dof)} with the present gains, and {_left(after, dof)} with these"
+    yield (
+        f"after a small step the loop {_left(before, dof)} with the present gains, and {_left(after, dof)} with "
+        "the new gains"
+    )
 
 
 def _left(h: Hunting, dof: str) -> str:
@@ -76,8 +79,8 @@ def _left(h: Hunting, dof: str) -> str:
     if h.swings:
         return f"oscillates by +-{size(h.amplitude)} with a period of {h.period:.0f} s"
     if h.amplitude > 0.0:
-        return f"still creeps after {LONG:.0f} s, {size(abs(h.offset) + h.amplitude)} off target"
-    return f"rests {size(abs(h.offset))} off target" if abs(h.offset) > TINY[dof] else "comes to rest"
+        return f"is still moving after {LONG:.0f} s, {size(abs(h.offset) + h.amplitude)} off target"
+    return f"comes to rest {size(abs(h.offset))} off target" if abs(h.offset) > TINY[dof] else "comes to rest"
 
 
 def _on_the_present(problem: DesignProblem, axis: Axis) -> Iterator[str]:
@@ -90,22 +93,22 @@ def _on_the_present(problem: DesignProblem, axis: Axis) -> Iterator[str]:
 
 def _on_the_change(before: GainCandidate, shown: GainCandidate, changed: bool) -> Iterator[str]:
     if not changed:
-        yield "no better gains than the present ones exist inside the documented ranges"
+        yield "no gains inside the documented ranges are better than the present ones"
     elif not before.worst_margins.stable:
         yield "with the present gains the loop is unstable for the identified model or part of its 95 % region"
     elif not is_better(before.prediction.metrics, shown.prediction.metrics, before.free_overshoot).better:
         old, new = (math.degrees(c.worst_margins.phase) for c in (before, shown))
         yield (
-            "the predicted step is not better than with the present gains. Only the margin changes: worst "
-            f"phase margin {old:.0f} -> {new:.0f} deg"
+            "the predicted step is not better than with the present gains. Only the worst phase margin changes, from "
+            f"{old:.0f} to {new:.0f} deg"
         )
 
 
 def _on_the_model(problem: DesignProblem) -> Iterator[str]:
     if problem.model.delay > LONG_DELAY:
         yield (
-            f"the identified delay of {problem.model.delay:.2f} s is assumed between autopilot and force. If it is in "
-            "the telemetry link, set it as link delay for a faster loop"
+            f"the design assumes that the identified delay of {problem.model.delay:.2f} s is between autopilot and "
+            "force. If it is in the telemetry link, set it as link delay for a faster loop"
         )
     if not problem.region.samples:
         yield "the model has no uncertainty, so the worst margins are those of the model itself"
@@ -113,13 +116,16 @@ def _on_the_model(problem: DesignProblem) -> Iterator[str]:
 
 def _on_the_specification(problem: DesignProblem, axis: Axis, shown: GainCandidate, is_refined: bool) -> Iterator[str]:
     for objection in shown.objections:
-        yield f"below the specification, but the best inside the documented ranges: {objection}"
+        yield (
+            "the gains do not meet the specification, but are the best inside the documented ranges. Not met: "
+            f"{objection}"
+        )
     if is_refined:
         settled = settling_time(shown.wanted.kind, shown.wanted.omega_0)
         yield (
             "the gains minimise the predicted tracking error (ITAE), with actuator saturation. The search started "
-            f"from gains matched to a {shown.wanted.kind} step settling in {settled:.1f} s, or from the present ones. "
-            "Set a settling time to get the matched gains"
+            f"from the present gains or from gains matched to a {shown.wanted.kind} step settling in {settled:.1f} "
+            "s. Set a settling time to get the matched gains"
         )
         return
     use, velocity = problem.demand(problem.model, shown.wanted)
@@ -135,9 +141,9 @@ def _on_the_ranges(problem: DesignProblem, axis: Axis, shown: GainCandidate, wid
     gains = ", ".join(f"{name} {axis.names.own_value(name, wider.settings[name]):.3g}" for name in moved)
     old, new = shown.prediction.metrics.itae, wider.prediction.metrics.itae
     return (
-        f"ArduPilot's documented ranges limit these gains; they were chosen for cars and copters. Beyond them, with "
-        f"the same margins, the predicted tracking error is {new:.3g} instead of {old:.3g} s^2 ({gains}). "
-        "--beyond-ranges allows such gains"
+        "ArduPilot's documented ranges limit these gains. The ranges were chosen for cars and copters. Beyond them, "
+        f"the predicted tracking error is {new:.3g} instead of {old:.3g} s^2 with the same margins ({gains}). To "
+        "allow such gains, use --beyond-ranges"
     )
 
 
@@ -153,9 +159,9 @@ BESIDE: Mapping[str, str] = {
 def other_mode_notes(beside: Beside) -> Iterator[str]:
     """Yield the prediction for the other mode with the same gains."""
     yield (
-        f"{BESIDE[beside.law]}: predicted shortfall {beside.after:.1%} (time-weighted mean; "
-        f"{beside.before:.1%} with the present gains)"
-        + (f"; this costs the main step {beside.given_up:.0%}" if beside.given_up > 0.005 else "")
+        f"{BESIDE[beside.law]}: predicted tracking shortfall {beside.after:.1%} (time-weighted mean), "
+        f"{beside.before:.1%} with the present gains"
+        + (f". This increases the error of the main step by {beside.given_up:.0%}" if beside.given_up > 0.005 else "")
     )
 
 
@@ -192,8 +198,9 @@ def on_other_speeds(problem: DesignProblem, settings: Settings, wanted: Referenc
         told.append(f"{share * speed:.2f} m/s {_remaining(margins)}")
         thin = thin or not margins.stable or margins.gain < ENOUGH_GAIN or margins.phase < ENOUGH_PHASE
     yield (
-        f"margins at other speeds, if turn rate per rudder is proportional to speed and the time constant inversely: "
-        f"{'; '.join(told)}" + (". Tune there before using these gains there" if thin else "")
+        f"margins at other speeds: {'; '.join(told)}. They assume a turn rate per rudder proportional to speed and a "
+        "time constant inversely proportional to it"
+        + (". Tune at those speeds before using these gains there" if thin else "")
     )
 
 
@@ -201,4 +208,4 @@ def _remaining(margins: Margins) -> str:
     if not margins.stable:
         return "unstable"
     gain = f"{margins.gain:.1f}" if margins.gain <= MOST else f"more than {MOST:.0f}"
-    return f"a factor of {gain} in gain and {math.degrees(margins.phase):.0f} deg of phase"
+    return f"a gain margin of {gain} (factor) and a phase margin of {math.degrees(margins.phase):.0f} deg"

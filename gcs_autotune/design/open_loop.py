@@ -95,12 +95,12 @@ def open_loop(controller: Rational, alpha: float, drag: float, delay: float) -> 
 
 
 def constant(gain: float) -> Rational:
-    """Return a pure gain."""
+    """Return a constant gain as a rational function."""
     return Rational(np.array([gain]), np.array([1.0]))
 
 
 def integrator(gain: float = 1.0) -> Rational:
-    """Return ``gain/s``."""
+    """Return the integrator ``gain/s``."""
     return Rational(np.array([gain]), np.array([1.0, 0.0]))
 
 

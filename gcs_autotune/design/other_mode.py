@@ -30,7 +30,7 @@ at the edge of its thrusters' dead zone. The end of such a step is random (ITAE 
 SETTLE_OF_TIME = 5.0
 """Duration of a turn-rate step, in time constants of the craft."""
 LEAST_UNDER_WAY, LEAST_AT_REST, MOST = 6.0, 3.5, 20.0
-"""Bounds [s] of that duration: minimum with speed, minimum at rest, and maximum."""
+"""Bounds [s] of the duration of a turn-rate step: minimum with speed, minimum at rest, and maximum."""
 SWEEP, SWEEP_AT_REST = math.radians(75.0), math.radians(105.0)
 """Largest change of heading [rad] during one step, with speed and at rest.
 

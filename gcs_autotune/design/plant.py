@@ -53,7 +53,7 @@ def in_fractions(
         )
     scale = 1.0 if full_scale is None else full_scale
     if scale == 0.0 or not math.isfinite(scale):
-        raise UsageError(f"the full scale must be a number other than zero, not {scale}")
+        raise UsageError(f"the full scale must be a finite number other than zero, not {scale}")
     shrink = np.array([1.0 / scale] * 4 + [1.0])
     numbers = np.array(_numbers(model)) * shrink
     _check(model, numbers)
@@ -105,16 +105,16 @@ def _physical(model: SingleDof, numbers: NDArray[np.float64]) -> NDArray[np.floa
 
 def _check(model: SingleDof, numbers: NDArray[np.float64]) -> None:
     if not np.all(np.isfinite(numbers)):
-        raise NoGainsMeetSpec(f"the {model.dof} model has numbers that are not finite. Identify again")
+        raise NoGainsMeetSpec(f"the {model.dof} model contains numbers that are not finite. Identify again")
     if numbers[0] <= 0.0:
         raise NoGainsMeetSpec(
-            f"in the {model.dof} model the craft moves against its output (inertia {numbers[0]:.3g}). "
-            "Check the actuator's direction (SERVOn_REVERSED, MOT_n_DIRECTION) before tuning"
+            f"in the {model.dof} model the craft moves against its output (inertia {numbers[0]:.3g}). Check the "
+            "actuator's direction (SERVOn_REVERSED, MOT_n_DIRECTION) before tuning"
         )
     if numbers[4] < 0.0:
         raise NoGainsMeetSpec(f"the {model.dof} model has a negative delay ({numbers[4]:.3g} s). Identify again")
     if abs(numbers[3]) >= 0.9:
         raise NoGainsMeetSpec(
-            f"a constant force (trim, wind, weight) uses {abs(numbers[3]):.0%} of the {model.dof} actuator. "
-            "Trim the craft first"
+            f"a constant force (trim, wind, weight) uses {abs(numbers[3]):.0%} of the {model.dof} actuator. Trim the "
+            "craft first"
         )

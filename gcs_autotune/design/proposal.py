@@ -301,16 +301,18 @@ def _left(problem: DesignProblem, pair: tuple[GainCandidate, GainCandidate]) -> 
 
 def _check(model: SingleDof, axis: Axis, present: Mapping[str, float], spec: Spec) -> None:
     if model.dof != axis.dof:
-        raise UsageError(f"the {axis.name} axis needs a model of {axis.dof}, not of {model.dof}")
+        raise UsageError(
+            f"the {axis.name} axis needs a model of {axis.dof}, not of {model.dof}. Identify {axis.dof} first"
+        )
     for gain in axis.gains:
         if not math.isfinite(present.get(gain.parameter, math.nan)):
             raise ParameterMissing(
-                f"the present value of {gain.parameter} is unknown, so it could not be restored. "
-                "Read the vehicle's parameters first",
+                f"the present value of {gain.parameter} is unknown, so it could not be restored later. Read the "
+                "vehicle's parameters first",
                 name=gain.parameter,
             )
     if axis.needs_speed and spec.speed is None:
-        raise UsageError(f"the {axis.name} axis needs speed. Supply the speed at which it was identified")
+        raise UsageError(f"the {axis.name} axis needs the speed at which the model was identified. Supply that speed")
 
 
 def _problem(
@@ -380,7 +382,7 @@ def _changes(law: Law, axis: Axis, before: GainCandidate, after: GainCandidate, 
 
 def _reason(law: Law, gain: Gain, after: GainCandidate, is_refined: bool) -> str:
     if gain.parameter in law.measured:
-        return f"{gain.meaning}: measured on the water, the speed at this throttle"
+        return f"{gain.meaning}: set to the speed measured at this throttle"
     if gain.parameter in law.fixed and after.settings[gain.parameter] == law.fixed[gain.parameter]:
         return f"{gain.meaning}: not needed, since the identified model has no lag"
     wanted, new = after.wanted, after.settings[gain.parameter]

@@ -64,7 +64,7 @@ def reduce(
     """
     form = model.base.form
     if dof not in form.dofs:
-        raise UsageError(f"the model is of {', '.join(form.dofs)}, not of {dof}")
+        raise UsageError(f"the model contains {', '.join(form.dofs)}, but not {dof}. Identify {dof} first")
     axis = DOFS[dof]
     channel, gain, words = _drive(model, axis)
     at = form.dofs.index(dof)
@@ -101,10 +101,10 @@ def _drive(model: ExtendedModel, axis: Dof) -> tuple[str, float, str]:
                 value = gain if isinstance(gain, float | int) else _named(model, gain)
                 drives[channel] = drives.get(channel, 0.0) + float(value)
     if not drives:
-        raise UsageError(f"no input of the model drives {axis.name}; its inputs are {', '.join(form.inputs)}")
+        raise UsageError(f"no input of the model drives {axis.name}. The model's inputs are {', '.join(form.inputs)}")
     words = ""
     if len(form.dofs) > 1:
-        words = "the loop is designed for this axis alone, without its coupling to the others"
+        words = "the loop is designed for this axis alone, without its coupling to the other axes"
     if len(drives) == 1:
         (channel, gain), *_ = drives.items()
         return channel, gain, words

@@ -54,8 +54,10 @@ Each 1 % counts like half a percent of the cost. It is set by hand.
 RESERVE = 1.05
 """Factor by which margins and noise must be better than required, as a reserve for the later rounding of gains."""
 RESERVE_BESIDE = 1.01
-"""The same factor if another mode counts too; it is smaller, so that the mode can use the reserve of the first
-search."""
+"""Value of :data:`RESERVE` if another mode counts too.
+
+It is smaller, so that the other mode can use the reserve of the first search.
+"""
 MIN_ERROR = 1e-3
 """Lower limit [s^2] of the error over time, so that penalties still count if the error is zero."""
 HARDEST = 3
@@ -80,7 +82,7 @@ DESCENTS = 2
 SEARCHED = 8
 """Logarithm (base 2) of the number of points tried before the present gains count as the best."""
 CLOSER = 32
-"""Number of these points, the best predicted ones, that are fully judged."""
+"""Number of points of this search, the best predicted ones, that are fully evaluated."""
 WORTH = 0.95
 """Relative cost below which a gain that matching leaves fixed is used; such a gain makes the actuator busier."""
 CALM = 0.01

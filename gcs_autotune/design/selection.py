@@ -139,21 +139,21 @@ def objections(problem: DesignProblem, settings: Settings, low: Margins, predict
         yield "the loop is unstable for part of the 95 % region of the identified model"
     else:
         if low.gain < spec.gain_margin:
-            yield f"gain margin {low.gain:.2f}, less than {spec.gain_margin:.2f}"
+            yield f"gain margin {low.gain:.2f} is less than {spec.gain_margin:.2f}"
         if low.phase < spec.phase_margin:
             has, wants = math.degrees(low.phase), math.degrees(spec.phase_margin)
             digits = 0 if wants - has >= 1.0 else 1
-            yield f"phase margin {has:.{digits}f} deg, less than {wants:.0f} deg"
+            yield f"phase margin {has:.{digits}f} deg is less than {wants:.0f} deg"
         needed = 2.0 * problem.law.loop_period(settings) + problem.model.delay
         if low.delay < needed:
-            yield f"delay margin {low.delay:.2f} s, less than the {needed:.2f} s required"
+            yield f"delay margin {low.delay:.2f} s is less than the required {needed:.2f} s"
     metrics = prediction.metrics
     most = max_overshoot(problem)
     if metrics.overshoot > most:
-        yield f"predicted overshoot {metrics.overshoot:.0%}, more than {most:.0%}"
+        yield f"predicted overshoot {metrics.overshoot:.0%} is more than {most:.0%}"
     noise = output_noise(problem, settings)
     if noise > NOISE_LIMIT:
-        yield f"measurement noise would move the actuator by {noise:.1%} rms, more than {NOISE_LIMIT:.0%}"
+        yield f"measurement noise would move the actuator by {noise:.1%} rms, which is more than {NOISE_LIMIT:.0%}"
 
 
 def max_overshoot(problem: DesignProblem) -> float:
@@ -204,7 +204,7 @@ def _fastest(problem: DesignProblem) -> float:
 def _refusal(problem: DesignProblem, last: GainCandidate) -> NoGainsMeetSpec:
     settled = settling_time(last.wanted.kind, last.wanted.omega_0)
     return NoGainsMeetSpec(
-        f"no gains inside the documented ranges give an acceptable {problem.law.name} loop. The last try, "
-        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a longer settling time, a "
-        "smaller step, or a longer experiment (less uncertainty)"
+        f"no gains inside the documented ranges give an acceptable {problem.law.name} loop. The last attempt, "
+        f"settling in {settled:.1f} s, failed: {'; '.join(last.objections)}. Try a longer settling time, a smaller "
+        "step, or a longer experiment for less uncertainty"
     )

@@ -34,7 +34,7 @@ The widest parabola for which they do is used. The value is the best on syntheti
 smaller ones leave more noise (tests/design/test_error_estimate.py).
 """
 LAST_PART = 1.0 / 3.0
-"""Fraction of the record, at its end, that the steady state is evaluated on."""
+"""Fraction of the record, at its end, from which the steady state is calculated."""
 
 
 class StepError(NamedTuple):
@@ -140,7 +140,10 @@ def _floor_of(size: float, noise_std: float, quantum: float) -> float:
     """Return the result of :func:`noise_floor` relative to a step of *size*."""
     floor = noise_floor(noise_std, quantum)
     if abs(size) <= 2.0 * floor:
-        raise NotInformative(f"no step to measure: the target moved by {size:.3g}, within the noise. Use a larger step")
+        raise NotInformative(
+            f"there is no step to measure, because the target moved by only {size:.3g}, within the noise. Use a "
+            "larger step"
+        )
     return floor / abs(size)
 
 
@@ -218,13 +221,15 @@ def _read_behind(error: Array, sums: Array, halves: NDArray[np.int64], interval:
 def _checked(*signals: Array) -> list[Array]:
     arrays = [np.asarray(s, dtype=np.float64) for s in signals]
     if len({a.shape for a in arrays}) != 1 or arrays[0].ndim != 1:
-        raise NotInformative("time, target, position and output of a step must be equally long")
+        raise NotInformative(
+            "time, target, position and output of a step must be one-dimensional and have the same number of samples"
+        )
     if not np.all(np.isfinite(np.array(arrays))):
         raise NotInformative("the step contains samples that are not finite. Drop them first")
     if len(arrays[0]) < MIN_SAMPLES:
-        raise NotInformative(f"a step of {len(arrays[0])} samples cannot be measured. Record longer")
+        raise NotInformative(f"a step of {len(arrays[0])} samples is too short to measure. Record longer")
     if np.any(np.diff(arrays[0]) < 0.0) or arrays[0][-1] <= arrays[0][0]:
-        raise NotInformative("the time of the step does not increase")
+        raise NotInformative("the time of the step does not increase. Check the recording")
     return arrays
 
 

@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 RATIO = 0.95
 """Largest ratio of the new to the old rms distance: it must be at least 5 % lower. Chosen, as for the ITAE of steps."""
 CORNER_RATIO, CORNER = 1.1, 0.5
-"""Relative and absolute [m] increase of a corner that counts as scatter. Chosen: the noise of a GNSS."""
+"""Relative and absolute [m] increase of a corner that counts as scatter. Project choice: the noise of a GNSS."""
 LATE_RATIO, LATE = 1.25, 0.05
-"""Increase in the second half of legs that is allowed, relative and [of a leg's length]. Chosen."""
+"""Increase in the second half of legs that is allowed, relative and [of a leg's length]. Project choice."""
 TIME_RATIO = 1.5
-"""Longest time, relative to the time before. Chosen: slower is easily better."""
+"""Longest time, relative to the time before. Project choice: slower is easily better."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,12 +116,12 @@ def _itae(before: StepMetrics, after: StepMetrics, other: tuple[float, float] | 
     if not math.isfinite(new):
         return False, "the tracking error of the new step could not be measured"
     if not math.isfinite(old):
-        return True, f"tracking error (ITAE) {new:.3g} s^2; not measurable before"
+        return True, f"tracking error (ITAE) {new:.3g} s^2, not measurable before"
     good = new <= ITAE_RATIO * old
     change = f"{abs(1.0 - new / old):.0%} {'lower' if new <= old else 'higher'}" if old > 0.0 else "higher"
-    tail = "" if good else f"; at least {1.0 - ITAE_RATIO:.0%} lower is required"
+    tail = "" if good else f", but at least {1.0 - ITAE_RATIO:.0%} lower is required"
     if not good and other is not None and new <= NO_WORSE * old and other[1] <= CLEARLY * other[0]:
-        good, tail = True, f"; the other mode's error is {1.0 - other[1] / other[0]:.0%} lower"
+        good, tail = True, f". It is accepted, because the other mode's error is {1.0 - other[1] / other[0]:.0%} lower"
     return good, f"tracking error (ITAE) {old:.3g} -> {new:.3g} s^2, {change}{tail}"
 
 
@@ -134,7 +134,7 @@ def _limit(what: str, new: float, least: float, old: float, scatter: float) -> t
     good = new <= most
     text = f"{what} {old:.1%} -> {new:.1%} of the step"
     if good and new > max(least, old):
-        text += ", within measurement scatter"
+        text += ", within the measurement scatter"
     return good, text if good else f"{text}, more than the {most:.1%} allowed"
 
 
@@ -149,7 +149,7 @@ def _settles(before: StepMetrics, after: StepMetrics) -> tuple[bool, str]:
     if math.isfinite(after.settling):
         return True, f"settled after {after.settling:.1f} s"
     if after.hidden_by_noise:
-        return True, "settling time not readable: the noise exceeds the 5 % band"
+        return True, "settling time not measurable, because the noise exceeds the 5 % band"
     if math.isfinite(before.settling):
-        return False, f"not settled within 5 %; the old gains settled in {before.settling:.1f} s"
-    return True, "neither step settled within 5 % in its record"
+        return False, f"not settled within 5 %, although the old gains settled in {before.settling:.1f} s"
+    return True, "neither step settled within 5 % during its record"

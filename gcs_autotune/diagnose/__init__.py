@@ -1,29 +1,29 @@
-"""What a simulation gets wrong, and why: :func:`diagnose`.
+"""Identify what a simulation gets wrong, and why: :func:`diagnose`.
 
-====================  =================================================================
-api                   the search from end to end
-intake                runs prepared, or rejected with the reason
-excitation_check      whether runs can distinguish causes at all
+====================  ============================================================================
+api                   the search from start to end
+intake                preparation of runs, or their rejection with the reason
+excitation_check      test whether runs can distinguish causes at all
 state                 the question, the model so far, one step
-strategies            what follows a state: search, retries, removal
+strategies            search, retries and removal of causes, as steps from state to state
 search                one step of the search
 retries               the search repeated on all runs, or on pieces of them
 search_with_noise     the search with a drifting force in the model
-candidates            effects worth a fit; fitted roughly, then finally
-starting_points       starting points for fits where the plain model diverges
-score                 evidence, gain, winner
-evidence              gain of each cause; hints: causes with too little evidence
+candidates            selection of promising effects, and their rough and final fits
+starting_points       starting points for fits, if the plain model diverges
+score                 evidence, gain and winner of a step
+evidence              evidence for each cause; hints, which are causes with too little evidence
 heldout               errors on held-out data
-adequacy              what remains; would a law without a physical cause be better?
-resonance_check       waves, or ringing of the craft itself
-numbers               which numbers of a supplied model are wrong
-simulation            a user's simulator, modelled
-simulation_alignment  its clock, order, signs and units against the run's
-command_match         the same by the commands that both files contain
+adequacy              tests of the residuals, and comparison with laws without a physical cause
+resonance_check       test whether an apparent wave is ringing of the craft itself
+numbers               wrong numbers of a supplied model
+simulation            model of the output of a user's simulator
+simulation_alignment  clock, order, signs and units of that output relative to the run
+command_match         the same from the commands that both files contain
 result                the result
-report_builder        from a finished search to a :class:`Diagnosis`
-craft_changes         has a craft changed between two identifications?
-====================  =================================================================
+report_builder        conversion of a finished search to a :class:`Diagnosis`
+craft_changes         changes of a craft between two identifications
+====================  ============================================================================
 
 Prepared runs and fits with effects come from :mod:`gcs_autotune.identify.extended`.
 """

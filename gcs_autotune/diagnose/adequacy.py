@@ -49,11 +49,11 @@ SHORT, LONG = 8, 40
 """Maximum lags, in samples, of the two portmanteau tests (Ljung1978)."""
 
 LATE, RESPONSE, MOST_MEMORY = "measurement-delay", 2.5, 3
-"""Constants for late sensors.
+"""Constants for sensors that report late.
 
-LATE: effects that make a sensor late. RESPONSE: duration of the response of a low-pass (Butterworth, second order), in
-units of its delay. MOST_MEMORY: maximum number of lags left out of tests for it. The remaining lags are tested with the
-variance of Bartlett1946.
+LATE: slug of the effect. RESPONSE: duration of the response of a low-pass filter (Butterworth, second order), in units
+of its delay. MOST_MEMORY: maximum number of lags that the tests omit because of the filter. The remaining lags are
+tested with the variance of Bartlett1946.
 """
 
 WHITE = 0.005
@@ -81,7 +81,8 @@ def whiteness_of(tests: list[Test]) -> float:
 
 
 def tests_of(problem: Problem, fitted: Fitted) -> list[Test]:
-    """Return all tests of the residuals of a fit."""
+    """Return all tests of the residuals of a fit: correlation, drift, spectral lines, tails, generic forces,
+    ringing."""
     ringing = [Test(words, "", p) for words, p in resonance_checks(problem, fitted)]
     return [*_portmanteaus(fitted, problem.data_summary.lags), *_scores(problem, fitted), *ringing]
 
@@ -175,8 +176,8 @@ def _tails(series: list[Array], name: str) -> Test:
     joined = np.concatenate(series)
     if len(joined) < FEWEST_FOR_TAILS or scipy_stats().kurtosis(joined) <= 0.0:
         return Test("heavy tails", name, 1.0)
-    found = scipy_stats().kurtosistest(joined, alternative="greater")
-    return Test("heavy tails", name, float(found.pvalue), float(scipy_stats().kurtosis(joined)))
+    result = scipy_stats().kurtosistest(joined, alternative="greater")
+    return Test("heavy tails", name, float(result.pvalue), float(scipy_stats().kurtosis(joined)))
 
 
 def _line(series: list[Array], name: str) -> Test:
@@ -196,7 +197,7 @@ def _line(series: list[Array], name: str) -> Test:
 
 def generic_terms(form: Form) -> dict[str, str]:
     """Return generic forces: name of the derivative -> description."""
-    found: dict[str, str] = {}
+    terms: dict[str, str] = {}
     for dof in form.dofs:
         d = DOFS[dof]
         f, nu = d.force, d.velocity
@@ -207,8 +208,8 @@ def generic_terms(form: Form) -> dict[str, str]:
         }
         if "yaw" in form.dofs:
             own |= {
-                f"{f}_sinpsi": "a force that depends on the heading",
-                f"{f}_cospsi": "a force that depends on the heading",
+                f"{f}_sinpsi": "a force proportional to the sine of the heading",
+                f"{f}_cospsi": "a force proportional to the cosine of the heading",
             }
         if dof in ("yaw", "heave"):
             own[f"{f}_{d.position}"] = f"a force proportional to {d.position}"
@@ -226,8 +227,8 @@ def generic_terms(form: Form) -> dict[str, str]:
                 term_of(name, tuple(form.inputs))
             except BadFile:
                 continue
-            found[name] = words
-    return found
+            terms[name] = words
+    return terms
 
 
 def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
@@ -254,7 +255,7 @@ def _scores(problem: Problem, fitted: Fitted) -> Iterator[Test]:
 
 
 def _directions(group: Array, Q: Array) -> Array:
-    """Return an orthonormal basis (n, k) of the part of *group* (n, j) that the columns of *Q* do not span."""
+    """Return an orthonormal basis (n, k) of the part of *group* (n, j) outside the span of the columns of *Q*."""
     free = group - Q @ (Q.T @ group)
     before, after = np.linalg.norm(group, axis=0), np.linalg.norm(free, axis=0)
     free = free[:, (after > 1e-3 * before) & (after > 0.0)]
@@ -290,12 +291,12 @@ def leaves_nothing(problem: Problem, fit: Fitted) -> bool:
     return whiteness_of(tests_of(problem, fit)) >= SIGNIFICANCE
 
 
-def explains_all(problem: Problem, found: SearchStep[Fitted]) -> bool:
+def explains_all(problem: Problem, step: SearchStep[Fitted]) -> bool:
     """Return whether some candidate of a step leaves only noise on the fitted runs.
 
     Its prediction of held-out data is not considered.
     """
-    return any(leaves_nothing(problem, j.fit) for j in found.judged if j.evidence > 0.0)
+    return any(leaves_nothing(problem, j.fit) for j in step.judged if j.evidence > 0.0)
 
 
 TRIALS = 30
@@ -311,15 +312,15 @@ def _cubic_thrust(own: EffectInstance, form: Form) -> Sequence[str]:
 
 
 LAWS: Mapping[str, tuple[Callable[[EffectInstance, Form], Sequence[str]], str]] = {
-    "quadratic-drag": (_cubic_drag, "cubic drag fits better than quadratic drag"),
-    "quadratic-actuator": (_cubic_thrust, "thrust cubic in the command fits better than thrust quadratic in it"),
+    "quadratic-drag": (_cubic_drag, "a cubic drag law fits better than a quadratic one"),
+    "quadratic-actuator": (_cubic_thrust, "a cubic thrust curve fits better than a quadratic one"),
 }
 """Slug of a cause -> derivatives of the generic law to compare it with, and the meaning of a better fit of that law."""
 
 
 def nonparametric_rivals(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
     """Return descriptions of the generic laws that are likelier than the causes of *fitted* that they replace."""
-    found = []
+    rivals = []
     for own in fitted.effects:
         if own.slug not in LAWS:
             continue
@@ -332,5 +333,5 @@ def nonparametric_rivals(problem: Problem, fitted: Fitted) -> tuple[str, ...]:
         start = np.array([values.get(n, 0.0) for n in form.parameters])
         fit = other.fit(start, rest, fitted.initial, trials=TRIALS, shift=fitted.shift) if names else None
         if fit is not None and fit.cost < fitted.cost - ALIKE:
-            found.append(words)
-    return tuple(found)
+            rivals.append(words)
+    return tuple(rivals)

@@ -144,7 +144,7 @@ def _diagnosed(
     if not effort.stopped:
         chosen = state.pieces is not None or (state.with_noise is not None and bool(state.with_noise.accepted))
         try:
-            check_effort("what is left over")
+            check_effort("analysis of the remaining residual")
             sure = not chosen and (horizon is None or math.isinf(horizon) or improves_prediction(state, whole))
             return build_report(state, doubts, together, others, sure=sure)
         except OutOfTime:

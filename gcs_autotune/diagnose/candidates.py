@@ -293,7 +293,7 @@ def _begun(problem: Problem, fitted: Fitted, own: EffectInstance) -> Fitted:
 
 
 def _grown(entry: Effect, own: EffectInstance, growing: Sequence[str], share: float) -> EffectInstance:
-    """Return an effect scaled by a factor."""
+    """Return an effect whose distance from no effect is scaled by a factor."""
     zero = {n: entry.neutral.get(n, 0.0) for n in growing}
     return own.with_values({n: zero[n] + share * (own.values[n] - zero[n]) for n in growing})
 
@@ -314,7 +314,8 @@ RUNNERS = 5
 """Number of candidates per step that are fitted to convergence."""
 
 MOMENTS, FEW = 6, 3
-"""MOMENTS: number of moments tried on either side of the estimated one. FEW: iterations of each of these fits."""
+"""MOMENTS: number of times tried before and after the estimated time of an effect. FEW: iterations of each of these
+fits."""
 
 
 def best_of_each(attempts: Sequence[Attempt], present: Fitted) -> list[Attempt]:
@@ -333,21 +334,21 @@ def fitted_roughly(problem: Problem, candidate: EffectCandidate) -> Fitted | Non
     """
     begin, fit = candidate.begin, problem.fit
     theta, effects, initial = problem.moved(begin, candidate.adapted)
-    found = fit(theta, (*effects, candidate.effect), initial, trials=ROUGH, shift=begin.shift)
-    if found is None or found.cost > begin.cost:
+    fitted = fit(theta, (*effects, candidate.effect), initial, trials=ROUGH, shift=begin.shift)
+    if fitted is None or fitted.cost > begin.cost:
         for own in (candidate.effect, *candidate.also):
             again = fit(begin.theta, (*begin.effects, own), begin.initial, trials=ROUGH, shift=begin.shift)
-            found = again if found is None or (again is not None and again.cost < found.cost) else found
-            if found is not None and found.cost <= begin.cost:
+            fitted = again if fitted is None or (again is not None and again.cost < fitted.cost) else fitted
+            if fitted is not None and fitted.cost <= begin.cost:
                 break
-    return found
+    return fitted
 
 
 def fitted_to_the_end(problem: Problem, candidate: EffectCandidate, rough: Fitted) -> Fitted:
     """Return the converged fit.
 
-    The cost has many local minima for effects that act on commands and for effects that happen at a moment. Other start
-    values, or moments near the estimated one, are then tried too.
+    The cost has many local minima for effects that act on commands, and for effects that happen at one time. Other
+    start values, or times near the estimated one, are then tried too.
     """
     best = rough
     if "commands" in EFFECTS[candidate.effect.slug].acts_on and candidate.effect.values:
@@ -370,8 +371,7 @@ def _settled(problem: Problem, best: Fitted) -> Fitted:
 
 
 def _at_another_moment(problem: Problem, own: EffectInstance, name: str, best: Fitted) -> Fitted:
-    """Return the best fit with the moment *name* shifted earlier or later, by multiples of the craft's time
-    constant."""
+    """Return the best fit with the time *name* of an effect shifted by multiples of the craft's time constant."""
     now = best.own(own)
     others = []
     for k in range(1, MOMENTS + 1):

@@ -65,8 +65,8 @@ class Command:
 
 def commands_of(trial: Trial) -> dict[str, Command]:
     """Return the commands of a run that change: name -> command."""
-    found = {name: _command(trial[name]) for name in sorted(COMMANDS) if name in trial}
-    return {name: c for name, c in found.items() if c is not None}
+    commands = {name: _command(trial[name]) for name in sorted(COMMANDS) if name in trial}
+    return {name: c for name, c in commands.items() if c is not None}
 
 
 def _command(channel: Channel) -> Command | None:

@@ -51,7 +51,7 @@ NEAR: largest distance, relative to the usual interval between changes. SIZES: l
 FEWEST, FREE = 3, 4
 """Minimum number of paired changes to fit an offset (FEWEST), and to fit a scale as well (FREE).
 
-Each is one more than the number of parameters of the line, plus one for the check.
+More changes are required than the line has parameters, so that the fit can be checked.
 """
 
 NEIGHBOURS = 5
@@ -149,7 +149,7 @@ class Line:
 
 
 class Guess(NamedTuple):
-    """A first guess of the clock: scale, a time of the run, and the simulation's time at that moment [s].
+    """A first guess of the clock: scale, a time on the run's clock, and the same time on the simulation's clock [s].
 
     ``is_usual``: the alignment is one of the usual ones (equal stamps, equal beginnings). ``is_stamped``: it is the
     alignment of the stamps themselves.
@@ -326,9 +326,9 @@ def _same_shape(pairs: Sequence[Pair], t: Array, at: tuple[float, float, float],
         shifted = there + usual * scale * p[-1] + scale * math.exp(min(max(stretch * p[0], -4.0), 4.0)) * (t - middle)
         return np.concatenate([_unlike(s.at(shifted), o.at(t)) for s, o in pairs])
 
-    found = least_squares(error, np.ones(size), method="lm", diff_step=np.full(size, step), max_nfev=60)
-    moved = found.x - 1.0
-    left, slopes = np.asarray(found.fun, dtype=np.float64), np.asarray(found.jac, dtype=np.float64)
+    solution = least_squares(error, np.ones(size), method="lm", diff_step=np.full(size, step), max_nfev=60)
+    moved = solution.x - 1.0
+    left, slopes = np.asarray(solution.fun, dtype=np.float64), np.asarray(solution.jac, dtype=np.float64)
     noise = float(left @ left) / max(len(left) - 4, 1) * _colour(left)
     std = np.sqrt(np.maximum(np.diag(np.linalg.pinv(slopes.T @ slopes)) * noise, 0.0))
     now = scale * math.exp(min(max(stretch * float(moved[0]), -4.0), 4.0))
@@ -410,6 +410,6 @@ def compared_commands(theirs: Command, ours: Command, line: Line) -> MatchedComm
     return MatchedCommand(ours.name, theirs.name, factor, zero, xy / math.sqrt(xx * yy))
 
 
-def agreement(found: MatchedCommand | None) -> float:
+def agreement(match: MatchedCommand | None) -> float:
     """Return the log-likelihood per sample that two commands are equal up to factor and offset."""
-    return 0.0 if found is None else -math.log(1.001 - min(found.correlation**2, 1.0))
+    return 0.0 if match is None else -math.log(1.001 - min(match.correlation**2, 1.0))

@@ -69,7 +69,10 @@ SURELY_OTHER = 2.0
 """Log-likelihood per sample and exchanged channel by which a different channel order must be likelier."""
 
 CHANCE, CHANCE_USUAL = 1e-3, 1e-2
-"""Largest probability that unrelated changes lie as close to a line, for any alignment and for a usual one."""
+"""Largest accepted probability that unrelated changes lie this close to a line.
+
+CHANCE: for an alignment found by search. CHANCE_USUAL: for a usual alignment, such as equal stamps.
+"""
 
 AT_ONCE = 3.0
 """Scatter of a line, relative to that of the row interval, up to which it is accepted without trying others."""
@@ -344,8 +347,8 @@ def _nearest_shift(line: Line, pair: Pair, natural: Sequence[Guess]) -> Line:
 
 
 def _sign(line: Line, pair: Pair) -> float:
-    found = compared_commands(*pair, line)
-    return 0.0 if found is None else math.copysign(1.0, found.correlation)
+    matched = compared_commands(*pair, line)
+    return 0.0 if matched is None else math.copysign(1.0, matched.correlation)
 
 
 def _equals(line: Line, pair: Pair) -> list[Line]:
@@ -425,8 +428,8 @@ def _on_other_clocks(
 
     Each has its own line and the name of the run's channel that it matches.
     """
-    told = {name for p in pairs for name in (p[0].name, p[1].name)}
-    rest = [(theirs[n], ours[n]) for n in theirs if n in ours and n not in told]
+    paired = {name for p in pairs for name in (p[0].name, p[1].name)}
+    rest = [(theirs[n], ours[n]) for n in theirs if n in ours and n not in paired]
     own = [(p, _own(p, line, steady)) for p in [*pairs, *rest]]
     known = [(p, o) for p, o in own if o is not line and len(o.t) >= max(FREE, 0.9 * _coverage(o, p)[1])]
     if len(known) < 2:
@@ -472,8 +475,8 @@ def _ordered(theirs: Mapping[str, Command], ours: Mapping[str, Command], line: L
     Channels of the same name match, unless another order fits far better.
     """
     rows, columns = list(theirs), list(ours)
-    found = {(s, o): compared_commands(theirs[s], ours[o], line) for s in rows for o in columns}
-    nats = {k: agreement(c) for k, c in found.items()}
+    matched = {(s, o): compared_commands(theirs[s], ours[o], line) for s in rows for o in columns}
+    nats = {k: agreement(c) for k, c in matched.items()}
     table = np.array([[nats[s, o] for o in columns] for s in rows])
     i, j = linear_sum_assignment(-table)
     best = {rows[a]: columns[b] for a, b in zip(i, j, strict=True)}
@@ -482,5 +485,5 @@ def _ordered(theirs: Mapping[str, Command], ours: Mapping[str, Command], line: L
     gain = sum(nats[s, best[s]] - (nats[s, s] if s in same else 0.0) for s in moved)
     if gain <= SURELY_OTHER * len(moved):
         best = same
-    chosen = [found[s, o] for s, o in best.items()]
+    chosen = [matched[s, o] for s, o in best.items()]
     return [c for c in chosen if c is not None and abs(c.correlation) >= ALIKE]

@@ -55,7 +55,13 @@ CHANGES: Sequence[CraftChange] = (
     CraftChange(
         "thrust", (-1.0, -1.0, 0.0), "gain-drift", "stronger thruster, fuller battery", "weak thruster, flat battery"
     ),
-    CraftChange("trim", (0.0, 0.0, 1.0), "input-bias", "trim to the positive side", "trim to the negative side"),
+    CraftChange(
+        "trim",
+        (0.0, 0.0, 1.0),
+        "input-bias",
+        "larger constant force in the positive direction",
+        "larger constant force in the negative direction",
+    ),
 )
 
 
@@ -86,7 +92,10 @@ class CraftComparison:
         if not self.changed:
             return "unchanged"
         if not self.causes:
-            return f"changed ({', '.join(self.outside) or 'all together'}), no single cause explains it: tune again"
+            return (
+                f"changed ({', '.join(self.outside) or 'all together'}). No single cause explains the change. "
+                "Tune again"
+            )
         said = [
             f"{c.name} {'by ' + format(size, '+.3g') if c.name == 'trim' else 'x ' + format(size, '.2f')} "
             f"({c.more if (size > 0.0 if c.name == 'trim' else size > 1.0) else c.less}; {c.slug})"
@@ -95,7 +104,7 @@ class CraftComparison:
         return " and ".join(said)
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data."""
+        """Return the comparison as plain data for a JSON file."""
         return {
             "dof": self.dof,
             "used": list(self.used),
@@ -120,8 +129,8 @@ def compare_craft(reference: AxisFit, now: AxisFit) -> CraftComparison:
     """
     if (reference.dof, reference.model.input_unit) != (now.dof, now.model.input_unit):
         raise UsageError(
-            f"a model of {reference.dof} [{reference.model.input_unit}] cannot be compared with one of {now.dof} "
-            f"[{now.model.input_unit}]"
+            f"cannot compare a model of {reference.dof} [{reference.model.input_unit}] with one of {now.dof} "
+            f"[{now.model.input_unit}]. Compare fits of the same axis and input unit"
         )
     speed = min(_speed(reference), _speed(now))
     scale = reference.model.equivalent_drag(speed) * speed or 1.0

@@ -32,10 +32,10 @@ __all__ = [
 ]
 
 FAINT, ENOUGH = 3.0, 10.0
-"""Log-likelihood gain per number that makes a hint (FAINT), and that supports a cause (ENOUGH).
+"""Log-likelihood gain of an effect with one parameter that makes a hint (FAINT), and that supports a cause (ENOUGH).
 
-The cause must also improve the prediction of held-out data. The gains correspond to odds of twenty to one, and of
-twenty thousand to one.
+The gain of an effect with several parameters is converted, see :func:`worth`. A cause must also improve the prediction
+of held-out data. The gains correspond to odds of twenty to one, and of twenty thousand to one.
 """
 
 RARE = 0.05
@@ -111,12 +111,12 @@ def weak_among(search: Search) -> list[WeakCandidate]:
     return [*held, *(w for w in ranked if w not in held)]
 
 
-def _ranked(found: Sequence[WeakCandidate]) -> list[WeakCandidate]:
+def _ranked(candidates: Sequence[WeakCandidate]) -> list[WeakCandidate]:
     """Return the candidates with enough evidence, the strongest first; of equals, the more common cause first."""
-    slugs = {w.one.effect.slug for w in found}
+    slugs = {w.one.effect.slug for w in candidates}
     enough = []
-    for own in (w for w in found if w.size >= _least(w.one.effect) and w.chance <= RARE):
-        near = [w for w in found if w is not own and abs(w.size - own.size) < ALIKE]
+    for own in (w for w in candidates if w.size >= _least(w.one.effect) and w.chance <= RARE):
+        near = [w for w in candidates if w is not own and abs(w.size - own.size) < ALIKE]
         names = (w.one.effect.slug for w in sorted(near, key=lambda w: -w.size))
         enough.append(replace(own, alike=tuple(n for n in dict.fromkeys(names) if n != own.one.effect.slug)))
     return sorted(enough, key=lambda w: (-w.size, len(slugs & set(EFFECTS[w.one.effect.slug].yields_to))))

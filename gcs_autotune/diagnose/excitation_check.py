@@ -55,12 +55,13 @@ def check_alive(runs: Sequence[Trial]) -> None:
     if inputs and not _vary(runs, inputs):
         still = "" if _vary(runs, motions) or not motions else f", nor does any motion ({', '.join(motions)})"
         raise NotInformative(
-            f"no input ({', '.join(inputs)}) ever changes{still}. Without commands, errors of a simulation cannot "
-            "be distinguished from a wrong initial state. Fly steps both ways, a zig-zag or a relay"
+            f"no input ({', '.join(inputs)}) ever changes{still}. Without commands the errors of a simulation look "
+            "like a wrong initial state. Fly steps both ways, a zig-zag or a relay"
         )
     if inputs and motions and not _vary(runs, motions):
         raise NotInformative(
-            f"no motion: {', '.join(motions)} never change. Check that the logger is connected to the sensors"
+            f"the runs contain no motion: {', '.join(motions)} never change. Check that the logger is connected to the "
+            "sensors"
         )
 
 
@@ -82,7 +83,7 @@ def check_excitation(runs: Sequence[Trial], form: Form, signals: Sequence[str] |
     samples = max((sum(len(run[n]) for run in runs if n in run) for n in there), default=0)
     if samples < FEWEST:
         raise NotInformative(
-            f"{samples} samples are too few to distinguish causes. At least {FEWEST} are needed, 500 are better. "
+            f"{samples} samples are too few to identify a cause. At least {FEWEST} are needed, and 500 are better. "
             "Fly longer or log faster"
         )
     _check_commands(runs, form)
@@ -106,13 +107,13 @@ def _check_commands(runs: Sequence[Trial], form: Form) -> None:
 def _changes(channels: Sequence[Channel]) -> tuple[int, int]:
     """Return the number of large moves of an input, and the number of levels it stays at, over all runs."""
     low = min(float(c.values.min()) for c in channels)
-    swing = max(float(c.values.max()) for c in channels) - low
-    if not swing > 0.0:
+    span = max(float(c.values.max()) for c in channels) - low
+    if not span > 0.0:
         return 0, 1
     moves = 0
     spent = np.zeros(BINS)
     for c in channels:
-        share = (c.values - low) / swing
+        share = (c.values - low) / span
         at = np.minimum((BINS * share).astype(int), BINS - 1)
         spent += np.bincount(at, minlength=BINS)
         moves += _moves(share)
@@ -144,13 +145,13 @@ def _check_answer(runs: Sequence[Trial], form: Form, signals: Sequence[str]) -> 
                 best = max(best, coherence(y, u), coherence(y, u, integrated=True))
     if samples and best < max(ANSWER, 10.0 / samples):
         raise NotInformative(
-            f"the motion ({', '.join(signals)}) does not follow the inputs ({', '.join(form.inputs)}): they "
-            f"account for {100 * best:.0f} % of it. Check that all columns are of one craft and one clock"
+            f"the motion ({', '.join(signals)}) does not follow the inputs ({', '.join(form.inputs)}). The inputs "
+            f"explain {100 * best:.0f} % of it. Check that all columns come from one craft and one clock"
         )
 
 
 GRID = 2000
-"""Maximum number of samples of the common grid."""
+"""Maximum number of samples of the common time grid of :func:`on_grid`."""
 
 LAGS = np.geomspace(0.3, 300.0, 13)
 """Time constants tried, in steps of the common grid."""

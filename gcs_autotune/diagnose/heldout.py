@@ -103,24 +103,26 @@ def parts_of(problem: Problem, unseen: Sequence[Segment] = (), *, in_blocks: boo
     if unseen:
         fold = HeldOutFold(tuple(segments), tuple(unseen))
         names = ", ".join(dict.fromkeys(s.run for s in unseen))
-        return _begun(problem, "apart", [fold], f"runs not used for fitting: {names}")
+        return _begun(problem, "apart", [fold], f"held-out runs: {names}")
     if len(runs) > 1 and in_blocks:
         pieces = [s.pieces(MOST_FOLDS) for s in segments]
         label = [k for own in pieces for k in range(len(own))]
-        words = f"{max(label) + 1} blocks of every run left out in turn"
+        words = f"{max(label) + 1} blocks of every run held out in turn"
         return _begun(problem, "blocks", _labelled([p for own in pieces for p in own], label), words)
     if len(runs) > 1:
         count = min(len(runs), MOST_FOLDS)
         group = {run: i % count for i, run in enumerate(runs)}
         words = (
-            f"each of {len(runs)} runs left out in turn" if count == len(runs) else f"{count} groups of runs in turn"
+            f"each of {len(runs)} runs held out in turn"
+            if count == len(runs)
+            else f"{count} groups of runs held out in turn"
         )
         return _begun(problem, "runs", _labelled(segments, [group[s.run] for s in segments]), words)
     longest = max(range(len(segments)), key=lambda i: len(segments[i].stamps))
     blocks = segments[longest].pieces(MOST_FOLDS)
     pool = [*blocks, *(s for i, s in enumerate(segments) if i != longest)]
     folds = _labelled(pool, [i % len(blocks) for i in range(len(pool))])
-    return _begun(problem, "blocks", folds, f"{len(blocks)} blocks of the run left out in turn")
+    return _begun(problem, "blocks", folds, f"{len(blocks)} blocks of the run held out in turn")
 
 
 def _labelled(pool: Sequence[Segment], label: Sequence[int]) -> list[HeldOutFold]:
@@ -184,14 +186,14 @@ def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[
     """
     total = sum(len(r.judged) for r in before)
     size = max(FEWEST, total // BLOCKS)
-    found = []
+    folds = []
     for old, new in zip(before, after, strict=True):
         count = max(1, len(old.judged) // size)
         for a, b in zip(np.array_split(old.judged, count), np.array_split(new.judged, count), strict=True):
             good = np.isfinite(a) & np.isfinite(b)
             sole = np.isfinite(a) & ~np.isfinite(b)
             if good.any():
-                found.append(
+                folds.append(
                     (
                         old.signal,
                         float(np.sum(a[good] ** 2) + np.sum(a[sole] ** 2)),
@@ -199,7 +201,7 @@ def blocks(before: Sequence[Residual], after: Sequence[Residual]) -> tuple[list[
                         int(good.sum()),
                     )
                 )
-    return found, size
+    return folds, size
 
 
 def p_value(

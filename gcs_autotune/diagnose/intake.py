@@ -1,8 +1,7 @@
 """Prepare runs for a diagnosis, or reject them with the reason.
 
-Nothing that an effect could explain is corrected. Wrong units, signs, offsets, and clocks that are fast or late are
-left to the effects. Runs from which no cause could be identified are rejected: a clock in the wrong unit, a broken
-heading, exchanged columns.
+Nothing that an effect could explain is corrected: wrong units, signs, offsets, and clocks that are fast or late. Runs
+from which no cause could be identified are rejected: a clock in the wrong unit, a broken heading, exchanged columns.
 """
 
 from __future__ import annotations
@@ -80,16 +79,16 @@ def check_clock(run: Trial) -> None:
         return
     step = min(steps)
     if step >= SLOW:
-        told = (
-            f"{step:.4g} s apart and the run lasts {run.duration / 3600.0:.3g} h: the time seems to be in milliseconds"
+        spacing = (
+            f"{step:.4g} s apart and the run lasts {run.duration / 3600.0:.3g} h. The time seems to be in milliseconds"
         )
         head = "t[ms]"
         if step >= 1e4:
-            told, head = told.replace("milliseconds", "microseconds"), "t[us]"
+            spacing, head = spacing.replace("milliseconds", "microseconds"), "t[us]"
     else:
-        told = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s: the time seems to be in seconds already"
+        spacing = f"{step:.2g} s apart and the run lasts {run.duration:.2g} s. The time seems to be in seconds already"
         head = "t[s]"
-    raise BadFile(f"samples of run '{run.name}' are {told}; rename that column {head}")
+    raise BadFile(f"the samples of run '{run.name}' are {spacing}. Rename the time column to {head}")
 
 
 def _confirmed(run: Trial) -> bool:
@@ -104,8 +103,8 @@ def _confirmed(run: Trial) -> bool:
         speed = np.interp(grid, rate.t, rate.values)
         angle = np.unwrap(position.values) if dof.angular else position.values
         moved = np.diff(np.interp(grid, position.t, angle)) / np.diff(grid)
-        size, told = float(np.std(moved)), float(np.std(speed))
-        if told > 0.0 and 1.0 / CONFIRMED < size / told < CONFIRMED:
+        size, rate_std = float(np.std(moved)), float(np.std(speed))
+        if rate_std > 0.0 and 1.0 / CONFIRMED < size / rate_std < CONFIRMED:
             return True
     return False
 
@@ -123,9 +122,9 @@ def check_heading(run: Trial) -> None:
     torn = _tears(run["psi"].values)
     if torn:
         raise BadFile(
-            f"the heading of run '{run.name}' jumps {len(torn)} time(s), by "
+            f"the heading of run '{run.name}' jumps {len(torn)} time(s) by "
             f"{math.degrees(float(np.median(torn))):.0f} deg instead of a full turn. It was wrapped wrongly, or "
-            "averaged across north. Log psi as the vehicle sends it, from 0 to 360 deg or from -180 to 180 deg"
+            "averaged across north. Log psi unaltered, from 0 to 360 deg or from -180 to 180 deg"
         )
 
 
@@ -138,7 +137,7 @@ def _tears(x: Array) -> list[float]:
     """
     d = np.diff(x)
     large = np.flatnonzero(np.abs(d) > TORN)
-    found = []
+    jumps = []
     for group in np.split(large, np.flatnonzero(np.diff(large) > 1) + 1):
         if not 0 < len(group) <= NEIGHBOURS:
             continue
@@ -149,10 +148,10 @@ def _tears(x: Array) -> list[float]:
             continue
         turn = any(abs(float(steps.sum()) / whole - 1.0) < SAME for whole in TURNS)
         if len(group) == 1 and not turn:
-            found.append(float(steps[0]))
+            jumps.append(float(steps[0]))
         elif len(group) > 1 and turn and abs(float(np.sign(d[group]).sum())) == len(group):
-            found.append(float(steps.max()))
-    return found
+            jumps.append(float(steps.max()))
+    return jumps
 
 
 def check_roles(run: Trial) -> None:
@@ -186,8 +185,8 @@ def _check_pair(run: Trial, dof: Dof, name: str, output: str) -> None:
     forward = max(coherence(y, u), coherence(y, u, integrated=True) if integrated else 0.0)
     if backward > LEADS and 1.0 - backward < ALONE * (1.0 - forward):
         raise BadFile(
-            f"{name} and {output} of run '{run.name}' look swapped. {name} is smooth and follows {output} "
-            f"({100 * backward:.0f} % of it), while {output} jumps like a command. Swap the names of the two "
+            f"columns {name} and {output} of run '{run.name}' look swapped. {name} is smooth and follows "
+            f"{output} ({100 * backward:.0f} % of it), while {output} jumps like a command. Swap the names of the two "
             "columns"
         )
 
@@ -203,17 +202,17 @@ def taken_in(runs: Sequence[Trial]) -> tuple[list[Trial], list[Doubt]]:
     BadFile, MissingChannel
         No run can be used; the error is that of the first run.
     """
-    found: list[Trial] = []
+    usable: list[Trial] = []
     doubts: list[Doubt] = []
     failures: list[tuple[str, DataError]] = []
     for run in runs:
         try:
-            found += _usable(run, doubts)
+            usable += _usable(run, doubts)
         except DataError as error:
             failures.append((run.name, error))
-    if not found:
+    if not usable:
         raise failures[0][1]
-    return found, [*doubts, *(left_out(name, failure) for name, failure in failures)]
+    return usable, [*doubts, *(left_out(name, failure) for name, failure in failures)]
 
 
 def within_manoeuvre(run: Trial, driven: Collection[str]) -> Trial:
@@ -273,8 +272,8 @@ def without_repeats(runs: Sequence[Trial], unseen: Sequence[Trial]) -> tuple[lis
     for run in unseen:
         if any(_same(run, k) for k in kept):
             raise UsageError(
-                f"run '{run.name}' is used both to fit and to validate, so the gain would be measured on fitted "
-                "data. Use another run after --validate, or omit --validate to hold out blocks in turn"
+                f"run '{run.name}' is used both to fit and to validate. The gain would then be measured on fitted "
+                "data. Pass another run to --validate, or omit --validate to hold out parts of each run in turn"
             )
     return kept, doubts
 
@@ -318,8 +317,8 @@ def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
     motions = [n for n in channels if n in MOTIONS and len(channels[n]) >= MIN_SAMPLES]
     if not motions and not any(n in SIGNALS and n not in MOTIONS for n in channels):
         raise MissingChannel(
-            f"run '{run.name}' has no known column; it has {', '.join(channels)}. Rename the columns like t[s], "
-            "psi[rad], r[rad/s], N[N m]"
+            f"run '{run.name}' has no column with a known name. Its columns are {', '.join(channels)}. Rename them, "
+            "for example to t[s], psi[rad], r[rad/s], N[N m]"
         )
     still = {n for n in motions if np.ptp(channels[n].values) == 0.0}
     for dof in DOFS.values():
@@ -328,7 +327,7 @@ def _numbers_only(run: Trial, doubts: list[Doubt]) -> Trial:
         if dead and pair - still:
             name = dead.pop()
             doubts.append(
-                _doubt(run, name, "never changes while the craft moves", "check that sensor; the column was ignored")
+                _doubt(run, name, "never changes while the craft moves, so it was ignored", "check that sensor")
             )
             del channels[name]
     return replace(run, channels=channels)

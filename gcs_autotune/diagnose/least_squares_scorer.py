@@ -84,7 +84,7 @@ class LeastSquares:
 
     @property
     def runners(self) -> int:
-        """Number of candidates that are fitted until they converge."""
+        """Number of candidates that are fitted to convergence."""
         return RUNNERS
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[Attempt]:
@@ -108,24 +108,24 @@ class LeastSquares:
         return rough
 
     def _rough(self, listed: Sequence[EffectCandidate]) -> list[Attempt]:
-        def told(done: int, total: int) -> None:
+        def report(done: int, total: int) -> None:
             self.question.say(self.stage + ": fitting", done, total)
 
-        told(0, len(listed))
-        fits = self.question.executor.map(partial(fitted_roughly, self.problem), listed, told)
+        report(0, len(listed))
+        fits = self.question.executor.map(partial(fitted_roughly, self.problem), listed, report)
         return [(c, fit) for c, fit in zip(listed, fits, strict=True) if fit is not None]
 
     def to_the_end(self, rough: Sequence[Attempt]) -> list[Attempt]:
         """Fit the roughly fitted candidates to convergence."""
 
-        def told(done: int, total: int) -> None:
+        def report(done: int, total: int) -> None:
             self.question.say(self.stage + ": final fits", done, total)
 
-        fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, told)
+        fits = self.question.executor.map(partial(_fitted_to_the_end, self.problem), rough, report)
         return [(candidate, fit) for (candidate, _), fit in zip(rough, fits, strict=True)]
 
     def rebased(self, ends: Sequence[Attempt]) -> LeastSquares:
-        """Return this scorer unchanged: a better base is looked for only after a candidate is accepted."""
+        """Return this scorer unchanged: a better base is searched for only after a candidate is accepted."""
         return self
 
     def scores(self, ends: Sequence[Attempt]) -> list[CandidateScore[Fitted]]:
@@ -136,12 +136,12 @@ class LeastSquares:
         best = min((fit for _, fit in ends), key=lambda f: f.cost + bic_penalty(f, self.present), default=self.present)
         silent = replace(self, question=replace(self.question, progress=None))
 
-        def told(done: int, total: int) -> None:
+        def report(done: int, total: int) -> None:
             self.question.say(self.stage + ": held-out runs", done, total)
 
         executor = SerialExecutor() if self.quick else self.question.executor
         score = partial(_score_of, silent, correlation_of(best))
-        return ordered(list(executor.map(score, [(c.effect, fit) for c, fit in ends], told)))
+        return ordered(list(executor.map(score, [(c.effect, fit) for c, fit in ends], report)))
 
     def score(self, effect: EffectInstance, fit: Fitted, common: float | None = None) -> CandidateScore[Fitted]:
         """Return the score of a fit.
@@ -171,7 +171,7 @@ class LeastSquares:
     def winner(self, scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted] | None:
         """Return the best candidate that may be accepted; return None if there is none.
 
-        An effect at a moment is passed over if a recorded command explains the runs as well.
+        An effect that happens at one time is passed over if a recorded command explains the runs as well.
         """
         left = [] if self.quick else list(scores)
         while (winner := winner_of(left)) is not None and self.follows_a_command(winner.effect, winner.fit):

@@ -93,7 +93,7 @@ def _estimated(search: NoiseSearch, inertia: float) -> list[_Estimate]:
     d, n = DOFS[search.dof], len(bank.states)
     rate = bank.states.index(d.velocity)
     found = []
-    gain = float(search.fit.theta[0])
+    gain = search.fit.gain
     for track, path, var, original in zip(
         bank.tracks, smoothed.trajectories, smoothed.variances, search.problem.segments, strict=True
     ):
@@ -162,8 +162,8 @@ def _curve_over(name: str, unit: str, estimates: Sequence[_Estimate]) -> Missing
         curve = means(np.concatenate([p[0] for p in others]), np.concatenate([p[1] for p in others]))
         at = np.clip(np.searchsorted(edges, own_x, side="right") - 1, 0, len(edges) - 2)
         constant = float(np.mean(np.concatenate([p[1] for p in others])))
-        told = np.where(np.isfinite(curve[at]), curve[at], constant)
-        left += float(np.sum((own_y - told) ** 2))
+        predicted = np.where(np.isfinite(curve[at]), curve[at], constant)
+        left += float(np.sum((own_y - predicted) ** 2))
         whole += float(np.sum((own_y - constant) ** 2))
     # Between runs, for samples of one run are not independent; what one alone has seen has no band.
     each = np.array([means(p[0], p[1]) for p in pieces])
@@ -187,20 +187,23 @@ AXES: Mapping[str, str] = {
     "w": "the speed down",
     "drift": "the drift angle",
     "psi": "the heading",
-    "time": "the time since the start of the run",
+    "time": "the time since the run started",
 }
 
 TELLING: Mapping[str, str] = {
-    "command": "steps of four sizes to each side, each held until the rate is steady: a dependence on the command "
-    "points to the actuator",
-    "r": "turning circles at three rates each way, each held for a full turn: a dependence on the turn rate is damping",
-    "u": "the same zig-zag at slow, half and full speed, each begun at a steady speed",
-    "v": "pull-outs: a hard turn, then no command until the craft runs straight, at two speeds, with the sideways "
-    "speed recorded",
-    "drift": "turning circles at two rudder angles each way, with the sideways speed recorded, then pull-outs",
-    "w": "equal vertical commands up and down at two depths",
-    "psi": "two slow full turns, one each way: what depends on the heading is wind, current or the compass",
-    "time": "the first manoeuvre again at the end of the run: what changes with time is battery, fouling or wind",
+    "command": "fly steps of four sizes each way and hold each until the rate is steady. A force that depends on the "
+    "command is a fault of the actuator",
+    "r": "fly turning circles at three rates each way, a full turn at each. A force that depends on the turn rate "
+    "is damping",
+    "u": "fly the same zig-zag at slow, half and full speed. Start each at a steady speed",
+    "v": "fly pull-outs at two speeds: turn hard, then give no command until the craft runs straight. Record the "
+    "sideways speed",
+    "drift": "fly turning circles at two rudder angles each way, then pull-outs. Record the sideways speed",
+    "w": "send equal vertical commands up and down at two depths",
+    "psi": "make two slow full turns, one each way. A force that depends on the heading is wind, current or a "
+    "compass error",
+    "time": "repeat the first manoeuvre at the end of the run. A force that changes with time comes from the "
+    "battery, fouling or wind",
 }
 """Quantity that the missing force depends on -> the manoeuvre that identifies the cause."""
 
@@ -215,36 +218,38 @@ def words_of_noise(search: NoiseSearch) -> str:
 
 def words_of(search: NoiseSearch, missing: MissingForce | None) -> tuple[str, ...]:
     """Return a description of the missing force, and why causes that fit the runs were rejected."""
-    found = []
+    lines = []
     if missing is not None:
         kind = "moment" if DOFS[missing.dof].angular else "force"
         share = "" if math.isnan(missing.share) else f", {100.0 * missing.share:.0f} % of the command (rms)"
-        found.append(
-            f"a {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) is missing in {missing.dof}; "
-            f"its correlation time is {missing.memory:.3g} s{_sure_of(missing)}"
+        lines.append(
+            f"a drifting {kind} of {missing.size:.3g} {_of(missing)} (standard deviation{share}) acts in "
+            f"{missing.dof} and is not in the model. Its correlation time is {missing.memory:.3g} "
+            f"s{_sure_of(missing)}"
         )
         if missing.waves is not None:
-            found.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
-        told = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
-        for curve in told[:2]:
+            lines.append(_words_of_waves(missing, missing.waves, next(iter(search.problem.segments[0].signals))))
+        dependencies = [c for c in missing.curves.values() if c.share > TOLD and c.varies]
+        for curve in dependencies[:2]:
             low, high = int(np.argmin(curve.force)), int(np.argmax(curve.force))
             x = f" {curve.unit}" if curve.unit else ""
-            found.append(
-                f"{100.0 * curve.share:.0f} % of it depends on {AXES.get(curve.over, curve.over)}, "
-                f"predicted by {curve.predicted_by}: "
-                f"{curve.force[low]:+.3g} +- {curve.band[low]:.2g} at {curve.x[low]:.3g}{x}, "
-                f"{curve.force[high]:+.3g} +- {curve.band[high]:.2g} at {curve.x[high]:.3g}{x}"
+            lines.append(
+                f"{100.0 * curve.share:.0f} % of the drifting force depends on {AXES.get(curve.over, curve.over)}, "
+                f"as predicted by {curve.predicted_by}. It is {curve.force[low]:+.3g} +- {curve.band[low]:.2g} at "
+                f"{curve.x[low]:.3g}{x} and {curve.force[high]:+.3g} +- {curve.band[high]:.2g} at "
+                f"{curve.x[high]:.3g}{x}"
             )
-        if not told:
+        if not dependencies:
             others = f" ({', '.join(missing.curves)})" if missing.curves else ""
-            found.append(
-                f"it depends on no recorded quantity{others}: it is waves, wind or current, or a quantity not recorded"
+            lines.append(
+                f"the drifting force depends on no recorded quantity{others}. It comes from waves, wind, current or "
+                "a quantity that was not recorded"
             )
     accepted = {key_of(a.effect) for a in search.accepted}
     last = {key_of(a.effect): a for step in search.steps for a in step.judged}  # beside all accepted before it
     short = {k: a for k, a in last.items() if a.gained > a.needed and (a.unsound or not a.holds)}
-    found += [_shortfall_of(a) for k, a in short.items() if k not in accepted]
-    return tuple(found)
+    lines += [_shortfall_of(a) for k, a in short.items() if k not in accepted]
+    return tuple(lines)
 
 
 def _sure_of(missing: MissingForce) -> str:
@@ -253,18 +258,18 @@ def _sure_of(missing: MissingForce) -> str:
     if not math.isfinite(high):
         return ""
     until = f"{late:.3g} s" if math.isfinite(late) else "no limit"
-    words = f" (95 %: size {low:.2g} to {high:.2g}, time {soon:.2g} s to {until})"
-    return words + "; these runs do not distinguish it from a constant force" * (late > missing.longest)
+    words = f" (95 % intervals: size {low:.2g} to {high:.2g}, time {soon:.2g} s to {until})"
+    return words + ". These runs do not distinguish it from a constant force" * (late > missing.longest)
 
 
 def _words_of_waves(missing: MissingForce, waves: Waves, signal: str) -> str:
     unit = SIGNALS[signal][0]
-    swing = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
+    amplitude = f"{math.degrees(waves.swing):.2g} deg" if unit == "rad" else f"{waves.swing:.2g} {unit}"
     kind = "moment" if DOFS[missing.dof].angular else "force"
     return (
-        f"it also oscillates with a period of {waves.period:.2g} s, as from waves or a loose sensor mount: "
-        f"{AXES.get(signal, signal)} by {swing}, driven by a {kind} of {waves.force:.2g} {_of(missing)} (standard "
-        "deviations); this is not counted as a cause"
+        f"{AXES.get(signal, signal)} also oscillates by {amplitude} with a period of {waves.period:.2g} s, as from "
+        f"waves or a loose sensor mount. The {kind} behind it is {waves.force:.2g} {_of(missing)}. Both sizes are "
+        "standard deviations. This is not counted as a cause"
     )
 
 
@@ -277,17 +282,17 @@ def _shortfall_of(unnamed: CandidateScore[NoisyFit]) -> str:
     candidate = f"{unnamed.effect.slug} of {unnamed.effect.place}"
     fits = f"{candidate} improves the log-likelihood of the fitted runs by {unnamed.gained:.1f}"
     if unnamed.unsound:
-        return f"{fits}, but {unnamed.unsound}: not reported as a cause"
+        return f"{fits}. It is rejected because {unnamed.unsound}"
     if unnamed.held_out_gain > 0.0 and unnamed.interval[0] < 0.0:
         low, high = unnamed.interval
         return (
-            f"{fits}, that of held-out runs by {unnamed.held_out_gain:+.1f} (90 % interval {low:+.1f} to {high:+.1f}): "
-            "too uncertain to report as a cause"
+            f"{fits} and that of the held-out runs by {unnamed.held_out_gain:+.1f} (90 % interval {low:+.1f} to "
+            f"{high:+.1f}). This is too uncertain to report it as a cause"
         )
     if unnamed.held_out_gain > 0.0:
-        together = f"that of all held-out runs by {unnamed.held_out_gain:+.1f}, but not of each"
-        return f"{fits}, {together}: not reported as a cause"
-    return f"{fits}, but lowers that of held-out runs ({unnamed.held_out_gain:+.1f}): rejected"
+        together = f"that of the held-out runs by {unnamed.held_out_gain:+.1f}, but not of every run"
+        return f"{fits} and {together}. It is not reported as a cause"
+    return f"{fits}, but lowers that of the held-out runs ({unnamed.held_out_gain:+.1f}). It is rejected"
 
 
 def next_of(missing: MissingForce | None) -> str | None:
@@ -297,7 +302,7 @@ def next_of(missing: MissingForce | None) -> str | None:
     best = next((c for c in missing.curves.values() if c.varies), None)
     if best is None or best.share <= TOLD:
         return (
-            f"repeat the manoeuvre in calm water, or four times as long: a drifting force of {missing.size:.2g} "
-            f"{_of(missing)} masks smaller effects"
+            "repeat the manoeuvre in calm water, or make it four times as long. A drifting force of "
+            f"{missing.size:.2g} {_of(missing)} hides smaller effects"
         )
     return TELLING.get(best.over, TELLING["command"])

@@ -104,7 +104,7 @@ class WithProcessNoise:
 
     @property
     def runners(self) -> int:
-        """Number of candidates that are fitted until they converge."""
+        """Number of candidates that are fitted to convergence."""
         return RUNNERS
 
     def rough(self, choices: Sequence[Sequence[EffectInstance]]) -> list[Attempt]:
@@ -222,7 +222,7 @@ class WithProcessNoise:
         found = replace(found, ahead=after / before if 0.0 < before < math.inf else 1.0)
         if ratio < 1.0:
             return found
-        why = f"does not improve prediction {seconds:g} s ahead ({ratio:.2f} times the error)"
+        why = f"it does not improve prediction {seconds:g} s ahead ({ratio:.2f} times the error)"
         return replace(found, lacks="no-gain", unsound=why)
 
     def winner(self, scores: Sequence[Score]) -> Score | None:
@@ -278,8 +278,8 @@ def may_be_told(slug: str) -> bool:
 def may_be_weighed(effect: EffectInstance, inputs: Container[str]) -> bool:
     """Return whether a filter can score an effect that another search found.
 
-    This includes effects that happen at a moment, and errors of the record at a column of *inputs*. The filter cannot
-    find the moment itself, but it can score the effect once the moment is known.
+    This includes effects that happen at one time, and errors of the record at a column of *inputs*. The filter cannot
+    find the time itself, but it can score the effect once the time is known.
     """
     if EFFECTS[effect.slug].family == "data errors":
         return all(n in inputs for n in columns_of(effect.place))
@@ -295,11 +295,11 @@ def _is_brief(problem: NoisyProblem, effect: EffectInstance, fit: NoisyFit) -> b
     """Return whether an effect is too fast for these runs to identify.
 
     Its time may then be a filter of the recorded signal, or the craft's inertia. If commands react to the heading, its
-    time must also exceed the interval between judged samples.
+    time must also exceed the sampling interval of the thinned runs.
     """
     time, short = lasts(effect, problem.data_summary), BRIEF * problem.data_summary.interval
     # Of a craft that shows no inertia, what takes time is that inertia.
-    if time < short or (math.isfinite(time) and 1.0 < abs(float(fit.theta[1])) * short):
+    if time < short or (math.isfinite(time) and 1.0 < abs(fit.damping) * short):
         return True
     return time < problem.interval and answers_heading(problem, fit)
 
@@ -308,8 +308,8 @@ def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
     """Return whether commands react to the disturbance just before them, because an operator or controller holds a
     course.
 
-    Between two judged samples such commands react to disturbances that the filter has not yet processed. They then look
-    delayed. The test is a rank correlation between innovations and the next changes of the commands.
+    Between two samples of the thinned runs, such commands react to disturbances that the filter has not yet processed.
+    They then look delayed. The test is a rank correlation between innovations and the next changes of the commands.
     """
     pushed, turned = [], []
     for segment, (t, e, S) in zip(problem.segments, fit.innovations, strict=True):
@@ -321,7 +321,7 @@ def answers_heading(problem: NoisyProblem, fit: NoisyFit) -> bool:
     one, two = np.concatenate(pushed), np.concatenate(turned)
     if len(one) < FEWEST_TO_COMPARE or not np.ptp(two) > 0.0:
         return False
-    sense = math.copysign(1.0, float(fit.theta[0]))
+    sense = math.copysign(1.0, fit.gain)
     return sense * float(scipy_stats().spearmanr(one, two).statistic) * math.sqrt(len(one)) < -AGAINST
 
 

@@ -311,12 +311,12 @@ def _as_plain(weighing: _Weighing, *, judged: bool) -> list[Number]:
         if (kind, where) not in theirs:
             continue
         old = theirs[kind, where]
-        told = {"delay": LATE, "trim": CONSTANT}.get(kind, frozenset()) & named
+        related_causes = {"delay": LATE, "trim": CONSTANT}.get(kind, frozenset()) & named
         floor = OFF * data.amplitude.get(where, 0.0) if kind == "trim" else least[kind]
         ways = {_off(old, value, std, floor) for value, std in ((new.value, new.std), new.beside)}
-        wrong = judged and not told and len(ways) == 1 and ways != {0}
+        wrong = judged and not related_causes and len(ways) == 1 and ways != {0}
         differs = abs(new.value - old.value) > SURE * math.hypot(old.std, new.std)
-        explained = (bool(told) and differs) or len(ways) > 1
+        explained = (bool(related_causes) and differs) or len(ways) > 1
         scale = {"delay": data.time_constant, "trim": data.amplitude.get(where, 0.0)}.get(kind, 0.0)
         theirs_told, ours_told = (if_told(n.value, n.std, scale or abs(n.value)) for n in (old, new))
         number = _number(f"{kind} of {where}", new.unit, PLAIN[kind], theirs_told, ours_told, wrong)

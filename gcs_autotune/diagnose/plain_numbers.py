@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 
 PLAIN: Mapping[str, str] = {
     "gain": "steady speed per unit of command",
-    "time constant": "time to 63 % of the steady speed after a step",
-    "delay": "from command to force",
+    "time constant": "time to reach 63 % of the steady speed after a step",
+    "delay": "time from command to force",
     "trim": "command that holds the craft still",
 }
 """Number of the plain model -> its meaning."""
@@ -95,7 +95,7 @@ def plain_numbers(
     if fit is None:
         return {}
     reading = _Reading(fit, sizes, frozenset(causes))
-    found: dict[Key, PlainNumber] = {}
+    numbers: dict[Key, PlainNumber] = {}
     for dof, (channel, gain) in driven.items():
         axis, unit = DOFS[dof], problem.data_summary.inputs.get(channel, "1")
         rate = "rad/s" if axis.angular else "m/s"
@@ -103,12 +103,12 @@ def plain_numbers(
         for kind, own, k in (("gain", per, 0), ("time constant", "s", 1), ("trim", unit, 2)):
             where = channel if kind == "trim" else dof
             if kind == "trim" or sizes.get(channel, 0.0) > 0.0:
-                reading.add(found, (kind, where), own, _step_of(dof, channel, gain, k))
+                reading.add(numbers, (kind, where), own, _step_of(dof, channel, gain, k))
     for channel in dict.fromkeys(c for c, _ in driven.values()):
         if any(_delays(e, channel, problem) for e in fit.effects):
-            reading.add(found, ("delay", channel), "s", _delay_of(channel, problem))
+            reading.add(numbers, ("delay", channel), "s", _delay_of(channel, problem))
     order = list(PLAIN)
-    return dict(sorted(found.items(), key=lambda item: order.index(item[0][0])))
+    return dict(sorted(numbers.items(), key=lambda item: order.index(item[0][0])))
 
 
 def _with_delay_and_trim(

@@ -21,7 +21,7 @@ from gcs_autotune.diagnose.process_noise_starts import Say, at_the_right_interva
 from gcs_autotune.diagnose.result import ErrorReduction, Value
 from gcs_autotune.diagnose.run_to_run import differing
 from gcs_autotune.diagnose.sampling_interval import OF_THE_COMMAND, changes_at, commanded
-from gcs_autotune.diagnose.score import WORTH, CandidateScore, SearchStep, key_of, may_be_none
+from gcs_autotune.diagnose.score import FAR_MORE, WORTH, CandidateScore, SearchStep, key_of, may_be_none
 from gcs_autotune.diagnose.search import add_one_by_one, fits_of, judge
 from gcs_autotune.effects import EFFECTS, INPUT, EffectInstance, name_of
 from gcs_autotune.identify.kalman import NoisyFit, NoisyProblem, thinned_to
@@ -50,6 +50,9 @@ CONSTANT = ("input-bias", "net-buoyancy")
 
 SHRUNK = 0.3
 """Factor on size and time constant of the process noise, at the start of a fit with a constant force added."""
+
+FOLLOWED = 2
+"""Number of candidates to which a second cause is added if none is accepted alone."""
 
 MOST_CAUSES = 4
 MOST_BLOCKS = 4
@@ -85,7 +88,7 @@ class NoiseSearch:
     own_gains: Mapping[tuple[str, str], ErrorReduction] = field(default_factory=dict)
     """Held-out gain of each cause over the model without it."""
     interval: str = ""
-    """Description of how the result changes with the interval between the judged samples; empty if it does not."""
+    """Description of how the result changes with the sampling interval of the thinned runs; empty if it does not."""
 
     @property
     def accepted(self) -> tuple[CandidateScore[NoisyFit], ...]:
@@ -108,13 +111,13 @@ class NoiseSearch:
         return {name for group in self.alike() for name in group} | {name_of(a.effect) for a in self.accepted}
 
     def stopped(self, over: OutOfTime) -> NoiseSearch:
-        """Return the search in its present state, marked as stopped."""
+        """Return the search so far, marked as stopped."""
         return replace(self, cut=(*self.cut, str(over)))
 
     @property
     def inertia(self) -> float:
         """Inertia of the model in the base model's units; its own equation is per unit of inertia."""
-        d, gain = DOFS[self.dof], float(self.fit.theta[0])
+        d, gain = DOFS[self.dof], self.fit.gain
         for pairs in () if self.whole is None else self.whole.form.inputs.values():
             for force, share in pairs:
                 if force == d.force and not isinstance(share, str):
@@ -194,7 +197,7 @@ def form_alone(form: Form, dof: str) -> Form | None:
     if not inputs or form.coriolis or damping not in form.parameters:
         return None
     rigid = {"u": "m", "v": "m", "w": "m", "p": "I_x", "q": "I_y", "r": "I_z"}[d.velocity]
-    title = f"{dof} alone, per unit of inertia"
+    title = f"model of {dof} alone, per unit of inertia"
     free = (gain, damping)
     return Form("plain", title, (dof,), free, {rigid: 1.0}, inputs, coriolis=False, per_inertia=(d.force,))
 
@@ -245,7 +248,9 @@ def search_with_process_noise(
         if search.accepted:
             search = replace(search, still=_over_constants(noisy, search.fit))
         most = MOST_CAUSES + len(search.steps)
-        search = add_one_by_one(search, most, lambda now: _one_more(now, slugs, say), _reconsidered)
+        search = add_one_by_one(
+            search, most, lambda now: _one_more(now, slugs, say), lambda now: _reconsidered(now, slugs, say)
+        )
         if search.accepted and not search.cut:
             wider = noisy.on(thinned_to(problem.segments, signal, 2.0 * noisy.interval))
             changes = changes_at(noisy, search.fit, wider)
@@ -255,10 +260,38 @@ def search_with_process_noise(
     return search
 
 
-def _reconsidered(search: NoiseSearch) -> NoiseSearch:
-    """Return the search with the gain of the drifting force over its causes, and without superfluous causes."""
-    search = _without_idle(search)
+def _reconsidered(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearch:
+    """Reconsider the earlier causes, and calculate the gain of the drifting force beside the remaining ones."""
+    search = _without_idle(_curve_for_constant(search, slugs, say))
     return replace(search, still=_over_constants(search.problem, search.fit))
+
+
+def _curve_for_constant(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearch:
+    """Let a structural effect replace the constant force, if the runs support it more.
+
+    The constant was tried first. A craft that only moves ahead uses one side of its curves of thrust and drag, and the
+    tangent of a curve has a constant. Once one of the two curves is known, the other can be found in its place.
+    """
+    constant = next((a.effect for a in search.accepted[:-1] if a.effect.slug in CONSTANT), None)
+    if constant is None:
+        return search
+    rest, noises = search.fit.without(constant), (search.fit.noise, search.plain.noise)
+    fits = [search.problem.fit(search.fit.theta, rest, noise) for noise in noises]
+    without = max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
+    if without is None:
+        return search
+    structural = [s for s in slugs if EFFECTS[s].is_structural]
+    choices = choices_of(search.problem.data_summary, structural, without.effects)
+    scorer = _scorer_of(search, without, max(search.tried, len(choices)), say)
+    ends = []
+    for own, fit in fits_of(scorer, choices):  # without the constant the other values may have moved far
+        again = search.problem.fit(search.fit.theta, (*rest, own), search.fit.noise)
+        ends.append((own, again if again is not None and again.total > fit.total else fit))
+    step = judge(scorer, ends)
+    won = step.accepted
+    if won is None or won.fit.total - won.fit.price(won.fit.unknowns - search.fit.unknowns) <= search.fit.total:
+        return search
+    return replace(search, fit=won.fit, steps=(*search.steps, step))
 
 
 def _without_idle(search: NoiseSearch) -> NoiseSearch:
@@ -317,7 +350,7 @@ def _is_none(cause: CandidateScore[NoisyFit], fit: NoisyFit) -> bool:
 
 def above_the_command(search: NoiseSearch) -> float:
     """Return the size of the drifting force relative to the commanded force, both rms; 0 without commands."""
-    reach = abs(float(search.fit.theta[0])) * commanded(search.problem)
+    reach = abs(search.fit.gain) * commanded(search.problem)
     return search.fit.noise.size / reach if reach > 0.0 else 0.0
 
 
@@ -406,6 +439,10 @@ def _one_more(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearc
     choices = choices_of(search.problem.data_summary, slugs, present.effects)
     scorer = _scorer_of(search, present, max(search.tried, len(choices)), say)
     step = judge(scorer, fits_of(scorer, choices))
+    if step.accepted is None:
+        pair = _pair(replace(search, tried=scorer.tried), step, slugs, say)
+        if pair is not None:
+            return pair
     return replace(
         search,
         tried=scorer.tried,
@@ -414,6 +451,32 @@ def _one_more(search: NoiseSearch, slugs: Sequence[str], say: Say) -> NoiseSearc
         still=search.still if step.accepted is None else math.inf,
         steps=(*search.steps, step),
     )
+
+
+def _pair(search: NoiseSearch, step: SearchStep[NoisyFit], slugs: Sequence[str], say: Say) -> NoiseSearch | None:
+    """Return the search with two causes that improve held-out prediction together; None if the best pair does not.
+
+    step : the one in which no cause was accepted. A drifting force takes what a second cause leaves, so a single cause
+    may improve the fitted runs only. Beside other causes it must improve these far more.
+    """
+    data, present = search.problem.data_summary, step.present
+    scorer = _scorer_of(search, present, math.comb(search.tried, 2), say)
+    pairs: list[tuple[CandidateScore[NoisyFit], EffectInstance, NoisyFit]] = []
+    times = FAR_MORE if search.accepted else 1.0
+    likely = [j for j in step.judged if j.gained > times * j.needed and j.lacks in ("not-sure", "not-on-each")]
+    for first in likely[:FOLLOWED]:
+        beside = replace(scorer, present=first.fit)
+        ends = fits_of(beside, choices_of(data, slugs, first.fit.effects))
+        pairs += [(first, own, fit) for own, fit in ends]
+    if not pairs:
+        return None
+    first, own, fit = max(pairs, key=lambda p: p[2].total - p[2].price(p[2].unknowns - present.unknowns))
+    one, two = (replace(scorer, left_out=scorer.unseen(present)).scores([(e, fit)])[0] for e in (first.effect, own))
+    if one.lacks is not None or two.lacks is not None:
+        return None
+    steps = (replace(step, accepted=replace(first, effect=one.effect)), SearchStep(first.fit, (two,), two))
+    plain = search.plain if search.accepted else present
+    return replace(search, plain=plain, fit=fit, still=math.inf, steps=(*search.steps, *steps))
 
 
 def _folds(segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: bool) -> tuple[Folds, str]:
@@ -425,15 +488,15 @@ def _folds(segments: Sequence[Segment], held: Sequence[Segment], *, in_blocks: b
             own = tuple(b for blocks in pieces for b in blocks[k : k + 1])
             rest = tuple(b for blocks in pieces for b in (*blocks[:k], *blocks[k + 1 :]))
             folds.append((rest, own))
-        words = f"{len(folds)} blocks of every run left out in turn"
+        words = f"{len(folds)} blocks of every run held out in turn"
     elif len(runs) > 1:
         for run in runs:
             folds.append((tuple(s for s in segments if s.run != run), tuple(s for s in segments if s.run == run)))
-        words = f"each of {len(runs)} runs left out in turn"
+        words = f"each of {len(runs)} runs held out in turn"
     else:
         blocks = [b for s in segments for b in s.pieces(MOST_BLOCKS)]
         folds = [(tuple(b for b in blocks if b is not own), (own,)) for own in blocks]
-        words = f"{len(blocks)} blocks of the run left out in turn"
+        words = f"{len(blocks)} blocks of the run held out in turn"
     if held:
         folds.append((tuple(segments), tuple(held)))
         words += ", and the held-out runs"

@@ -41,7 +41,7 @@ ROUGH = 2
 """Scoring iterations of a rough fit."""
 
 PACE = 5.0
-"""Number of judged samples per time constant of the craft. Closer samples mainly show the sensor's filter."""
+"""Number of samples kept per time constant of the craft. Closer samples mainly show the sensor's filter."""
 
 FEWEST = 60
 """Minimum number of samples that a run keeps when thinned, if it has that many."""
@@ -59,20 +59,20 @@ STIRRED = 0.05
 """Step of a command, relative to its range, after which samples count as just after a command."""
 
 BLUR = 4.0
-"""Spacing of judged samples in time constants of a sensor's smoother, if errors are large just after commands.
+"""Spacing of the samples kept, in time constants of a sensor's smoother, if errors are large just after commands.
 
 Closer samples depend on the shape of the smoother, of which the model knows only the width.
 """
 
 WIDEST = 2.0
-"""Upper limit of that spacing, in time constants of the craft. The lower limit is one time constant."""
+"""Upper limit of the spacing by :data:`BLUR`, in time constants of the craft. The lower limit is one time constant."""
 
 SPACED, NARROWEST = 5.0, 0.4
-"""Spacing of judged samples if a smoother is found: the smaller of two limits.
+"""Spacing of the samples kept if a smoother is identified: the smaller of two limits.
 
 SPACED is in samples of the record, NARROWEST in time constants of the craft. Closer samples depend on the shape of the
-smoother. Seven smoothed craft of the blind suite were judged at every sample. Their damping was 0.62 to 1.4 times the
-true value. Quadratic drag then gained 5 in log-likelihood; at every fourth sample it gained 28.
+smoother. With every sample kept, the damping of seven smoothed craft of the blind suite was 0.62 to 1.4 times the true
+value. Quadratic drag then gained 5 in log-likelihood; at every fourth sample it gained 28.
 """
 
 FEWEST_TO_COMPARE = 30
@@ -195,9 +195,9 @@ def _limits(form: Form) -> Limits:
 
 
 def _inertia_shown(look: tuple[NoisyProblem, NoisyFit]) -> float:
-    """Return the craft's time constant in units of the interval between judged samples."""
+    """Return the craft's time constant in units of the sampling interval of the thinned runs."""
     problem, plain = look
-    return 1.0 / (abs(float(plain.theta[1])) * problem.interval + 1e-12)
+    return 1.0 / (abs(plain.damping) * problem.interval + 1e-12)
 
 
 def _thinned(
@@ -327,7 +327,7 @@ def _gain_at(problem: NoisyProblem, pace: float) -> float:
 
     Changes from one sample to the next are compared, because a drifting force accumulates in the position.
     """
-    told, drawn = 0.0, 0.0
+    projection, power = 0.0, 0.0
     for segment in problem.segments:
         own = next(iter(segment.signals.values()))
         push = np.zeros(len(segment.t_in))
@@ -344,8 +344,8 @@ def _gain_at(problem: NoisyProblem, pace: float) -> float:
         if own.name == problem.dof.position:
             path = pace * (np.append(0.0, np.cumsum(force[:-1] * held)) - velocity)
         model, measured = np.diff(path[np.searchsorted(t, own.t)]), np.diff(own.values)
-        told, drawn = told + float(model @ measured), drawn + float(model @ model)
-    return told / drawn if drawn > 0.0 else 0.0
+        projection, power = projection + float(model @ measured), power + float(model @ model)
+    return projection / power if power > 0.0 else 0.0
 
 
 def errs_after_commands(problem: NoisyProblem, fit: NoisyFit) -> bool:

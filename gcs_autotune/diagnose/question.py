@@ -66,7 +66,7 @@ class Question:
     one_flight: bool = False
 
     def say(self, stage: str, done: int, total: int) -> None:
-        """Report progress.
+        """Report the progress of a stage to the caller.
 
         Raises
         ------

@@ -156,7 +156,8 @@ def _without_useless(state: SearchState) -> SearchState:
     names = ", ".join(f"{e.slug} of {e.place}" for e in state.causes)
     doubt = Doubt(
         "no-gain",
-        f"{names} fits these runs but does not reduce the error on held-out data, so it is not reported as a cause",
+        f"{names} fits these runs but does not reduce the error on held-out data. It is therefore not reported as a "
+        "cause",
         "repeat the manoeuvre, fly a different one too, and diagnose all runs together",
     )
     return replace(
@@ -175,7 +176,7 @@ def _reversed(state: SearchState) -> list[Doubt]:
         # A free run of rough water knows the gain badly; the filter's has its own error.
         gain = f"k_{DOFS[weather.dof].force}"
         if gain in std:
-            values[gain], std[gain] = float(weather.fit.theta[0]), math.sqrt(max(weather.fit.covariance[0, 0], 0.0))
+            values[gain], std[gain] = weather.fit.gain, math.sqrt(max(weather.fit.covariance[0, 0], 0.0))
     doubt = reversed_input(form, values, std)
     return [] if doubt is None else [doubt]
 
@@ -183,7 +184,7 @@ def _reversed(state: SearchState) -> list[Doubt]:
 def _weightless(state: SearchState) -> list[Doubt]:
     """Return a doubt for each degree of freedom that responds to its commands faster than the record can show."""
     model, interval = state.fitted.model.base, state.problem.data_summary.interval
-    found = []
+    doubts = []
     for i, dof in enumerate(model.form.dofs):
         d = DOFS[dof]
         damping = f"{d.force}_{d.velocity}"
@@ -200,23 +201,23 @@ def _weightless(state: SearchState) -> list[Doubt]:
             )
             # A craft of time constant a under a force remembered for b wanders just as one of b under a force of a.
             swapped = (
-                f" (or {memory:.2g} s, the correlation time of the disturbance: these runs do not distinguish the two)"
+                f" (or {memory:.2g} s, the correlation time of the disturbance; these runs do not distinguish the two)"
             )
-            found.append(
+            doubts.append(
                 Doubt(
                     "no-inertia",
-                    f"these runs show no inertia in {dof}: the time constant is {bound}"
-                    f"{swapped * (below < memory < LIKE_SAMPLES * interval)}, less than three samples, so its value is "
-                    "not reliable",
-                    "use only gain and delay from these runs; of a real craft record faster (a simulator may have no "
-                    "inertia there)",
+                    f"these runs show no inertia in {dof}. The time constant is "
+                    f"{bound}{swapped * (below < memory < LIKE_SAMPLES * interval)}. That is less than three "
+                    "samples, so the value is not reliable",
+                    "use only the gain and delay from these runs. For a real craft, record faster. A simulator may "
+                    "have no inertia in this motion",
                 )
             )
-    return found
+    return doubts
 
 
 def _by_interval(state: SearchState) -> list[Doubt]:
-    """Return a doubt if the result changes with the interval between judged samples."""
+    """Return a doubt if the result changes with the sampling interval of the thinned runs."""
     search = None if state.noise_search is None else state.noise_search[1]
     if search is None or not search.interval:
         return []
@@ -224,8 +225,8 @@ def _by_interval(state: SearchState) -> list[Doubt]:
         Doubt(
             "sampling-interval",
             search.interval,
-            "use these numbers for motion slower than that interval only; faster dynamics (thruster lag, the "
-            "autopilot's filter) are not modelled: record thrust or propeller speed",
+            "use these numbers only for motion slower than that interval. They do not cover faster dynamics "
+            "(thruster lag, the autopilot's filter). To cover those, record thrust or propeller speed",
         )
     ]
 
@@ -255,7 +256,7 @@ def unfinished_report(
     search = None if state.noise_search is None else state.noise_search[1]
     ranking = (*_ranked(state), *(() if search is None else _ranked(search)))
     model = replace(base.model, amplitude=problem.data_summary.full, units=problem.data_summary.inputs)
-    unknown = Signature(("not examined: the search was stopped",), math.nan)
+    unknown = Signature(("not analysed, because the search was stopped",), math.nan)
     return Diagnosis(
         verdict="unfinished",
         causes=(),
@@ -289,8 +290,9 @@ def _stopped(state: SearchState, ranking: Sequence[Ranked], effort: Budget) -> D
     what = "work" if effort.by_work else "time"
     return Doubt(
         f"out-of-{what}",
-        f"the search reached its {what} limit, so no cause is reported; {'; '.join(parts)}",
-        "continue with --resume DIR, the folder this search wrote; or diagnose fewer runs or fewer effects (--effects)",
+        f"the search reached its {what} limit, so no cause is reported ({'; '.join(parts)})",
+        "continue with --resume DIR, the folder that this search wrote. Or diagnose fewer runs or fewer effects "
+        "(--effects)",
     )
 
 
@@ -339,7 +341,7 @@ def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[D
 
     Example: a heading in degrees, or a turn rate divided by 57.3. The runs show only that the two columns disagree.
     """
-    found = []
+    doubts = []
     for step in state.steps:
         won = step.accepted
         if won is None or not any((e.slug, e.place) == (won.effect.slug, won.effect.place) for e in order):
@@ -347,8 +349,8 @@ def _other_places(state: SearchState, order: Sequence[EffectInstance]) -> list[D
         same = [j for j in step.judged if j.effect.slug == won.effect.slug and j.effect.place != won.effect.place]
         alike = [j.effect for j in same if abs(j.fit.cost - won.fit.cost) < ALIKE]
         if alike:
-            found.append(_elsewhere(won.effect, alike))
-    return found
+            doubts.append(_elsewhere(won.effect, alike))
+    return doubts
 
 
 def _elsewhere(effect: EffectInstance, alike: Sequence[EffectInstance]) -> Doubt:
@@ -370,9 +372,10 @@ def _next(order: Sequence[EffectInstance], alike: Sequence[Sequence[str]], verdi
         return EFFECTS[alike[0][0] if alike[0][0] in EFFECTS else VELOCITY_PRODUCT].separated_by
     if verdict in ("unexplained", "partly-explained"):
         return (
-            "the same manoeuvre twice, the second on the opposite heading, then a minute without commands: what "
-            "repeats is the craft, what turns with the heading is wind, current or compass, the rest is disturbance"
+            "fly the same manoeuvre twice, the second time on the opposite heading, then a minute without commands. "
+            "What repeats comes from the craft. What turns with the heading comes from wind, current or the compass. "
+            "The rest is disturbance"
         )
     if order:
         return EFFECTS[order[0].slug].separated_by
-    return "no further run is needed for this model; a run with larger commands would test it harder"
+    return "this model needs no further run. A run with larger commands would test it harder"

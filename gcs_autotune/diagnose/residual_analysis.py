@@ -32,29 +32,32 @@ LAGS = 60
 def signature_of(problem: Problem, fitted: Fitted) -> tuple[Signature, list[Test]]:
     """Return a description of the residuals, and the tests that support it."""
     tests = tests_of(problem, fitted)
-    told = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
+    significant = sorted((t for t in tests if t.p * len(tests) < CLEAR), key=lambda t: (t.p, -abs(t.size)))
     lines: dict[str, None] = {}
-    for test in told:
+    for test in significant:
         lines.setdefault(_words(test), None)
     return Signature(tuple(list(lines)[:MOST]), whiteness_of(tests)), tests
 
 
 def _words(test: Test) -> str:
     if not test.signal and math.isnan(test.size):
-        return f"the oscillation is correlated with {test.what}: its cause is the craft, not waves"
+        return f"the oscillation is correlated with {test.what}, so its cause is the craft and not waves"
     if not test.signal:
         return f"the residual is correlated with {test.what} (correlation {test.size:+.2f})"
     if test.what == "one frequency":
         return f"{test.signal}: {100 * test.size:.0f} % of the residual's power is at one frequency"
     if test.what == "heavy tails":
-        return f"{test.signal}: more outliers than noise explains (kurtosis {test.size:+.1f})"
+        return f"{test.signal}: the residual has more outliers than noise explains (kurtosis {test.size:+.1f})"
     if test.what == "slow drift":
-        return f"{test.signal}: the residual drifts slowly, {math.sqrt(test.size):.1f} times as far as noise would"
-    return f"{test.signal}: the residual is correlated from sample to sample"
+        return (
+            f"{test.signal}: the residual drifts slowly, {math.sqrt(test.size):.1f} times as far as white noise would"
+        )
+    return f"{test.signal}: successive samples of the residual are correlated"
 
 
 def portraits_of(problem: Problem, fitted: Fitted) -> tuple[Portrait, ...]:
-    """Return the plot data of every signal's residual."""
+    """Return the plots of every signal's residual: traces, spectrum, correlations, and residual over other
+    quantities."""
     found = []
     for name in fitted.levels:
         unit = SIGNALS[name][0]

@@ -52,8 +52,8 @@ def memories(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, Array]]:
         ways: list[Bend] = [*(_ago(lag * sample) for lag in LAGS), lambda t, command: command * _direction(command)]
         columns = bent_by(problem, fitted, channel, ways)
         if columns is not None:
-            yield f"the history of {channel}", columns[:, :-1]
-            yield f"the direction from which {channel} changed", columns[:, -1:]
+            yield f"earlier values of {channel}", columns[:, :-1]
+            yield f"the direction of the last change of {channel}", columns[:, -1:]
 
 
 def bent_by(problem: Problem, fitted: Fitted, channel: str, bends: Sequence[Bend]) -> Array | None:
@@ -90,7 +90,7 @@ def dense(passage: Passage) -> Passage:
     """
     t = np.union1d(passage.t_in, passage.stamps)
     at = np.maximum(np.searchsorted(passage.t_in, t, side="right") - 1, 0)
-    return replace(passage, t_in=t, commands={name: told[at] for name, told in passage.commands.items()})
+    return replace(passage, t_in=t, commands={name: levels[at] for name, levels in passage.commands.items()})
 
 
 def _ago(seconds: float) -> Bend:
@@ -152,7 +152,7 @@ def resonance_checks(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, fl
                 more = 2 * len(problem.segments) * len(pairs) * math.log(max(fitted.samples, 2))
                 whole = max(_whole_gain(problem, plain, channel, e["frequency"]) for e in waves)
                 ahead = max(ahead, whole - wanted - more)
-            yield f"every change of {channel}, followed by ringing", math.exp(-0.5 * max(ahead, 0.0))
+            yield f"ringing after every change of {channel}", math.exp(-0.5 * max(ahead, 0.0))
 
 
 def _whole_gain(problem: Problem, plain: Fitted, channel: str, omega: float) -> float:
@@ -223,7 +223,7 @@ def _finer(passage: Passage, longest: float) -> Passage:
     within = np.arange(len(starts)) - np.repeat(np.cumsum(counts) - counts, counts)
     t = np.append(starts + within * np.repeat(steps / counts, counts), passage.t_in[-1:])
     at = np.append(np.repeat(np.arange(len(steps)), counts), len(steps))
-    return replace(passage, t_in=t, commands={name: told[at] for name, told in passage.commands.items()})
+    return replace(passage, t_in=t, commands={name: levels[at] for name, levels in passage.commands.items()})
 
 
 def _midway(x: Array) -> Array:

@@ -58,10 +58,12 @@ FELT = 0.95
 """Ratio of held-out errors with and without a cause, below which a user notices the cause."""
 
 Lack = Literal["weak", "not-on-each", "not-sure", "no-gain", "brief", "no-model", "uncertain"]
-"""What a hint lacks to be identified as a cause.
+"""Condition that a hint does not meet, so that it is not identified as a cause.
 
-``weak``: too little support for the number of candidates tried. ``not-on-each``: it loses on too many of the left-out
-parts. ``not-sure``: its held-out gain may be luck. ``no-gain``: it does not lower the held-out prediction error.
+``weak``: too little support for the number of candidates tried. ``not-on-each``: it lowers the likelihood of too many
+of the left-out parts. ``not-sure``: its held-out gain may be luck. ``no-gain``: it does not lower the held-out
+prediction error.
+
 ``brief``: its time constant, or the craft's, is shorter than the sampling interval. A sensor's filter or the craft's
 inertia then looks the same. ``no-model``: the fit is not a model of the craft. The drifting force is about as large as
 the commanded force, or the craft's time constant is below the sampling interval. ``uncertain``: the 95 % intervals of
@@ -146,7 +148,10 @@ class Numbers:
     rows: tuple[Number, ...]
     gains: tuple[ErrorReduction, ...] = ()
     over: Literal["given", "fitted"] = "fitted"
-    """Reference for the gains of the causes: the better of the model as given and with its numbers fitted."""
+    """Model that the gains of the causes are relative to: the model as given, or with its numbers fitted.
+
+    The better of the two is used.
+    """
 
     @property
     def wrong(self) -> tuple[Number, ...]:
@@ -295,8 +300,8 @@ class MissingCurve:
 class Waves:
     """Waves during the runs.
 
-    Period [s] and damping ratio of their band; standard deviations of the measured oscillation [m, rad] and of the
-    force.
+    ``period`` [s] and ``damping`` (ratio): those of the frequency band. ``swing`` [m, rad]: standard deviation of the
+    measured oscillation. ``force``: that of the force.
     """
 
     period: float
@@ -329,7 +334,7 @@ class MissingForce:
     longest: float = math.inf
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return the missing force as plain data for the JSON report."""
         curves = {
             n: {"unit": c.unit, "x": c.x.tolist(), "force": c.force.tolist(), "band": c.band.tolist(), "share": c.share}
             for n, c in self.curves.items()
@@ -341,8 +346,8 @@ class MissingForce:
             name: [low, high if math.isfinite(high) else None]
             for name, (low, high) in (("size95", self.size95), ("memory95", self.memory95))
         }
-        told = {"memory": self.memory, "share": self.share, **intervals}
-        return {**own, **told, "curves": curves, "days": days, "waves": waves}
+        optional = {"memory": self.memory, "share": self.share, **intervals}
+        return {**own, **optional, "curves": curves, "days": days, "waves": waves}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -63,16 +63,16 @@ def search_in_pieces(state: SearchState) -> SearchState | None:
     if _is_another_craft(again):
         lost = Doubt(
             NO_MODEL,
-            f"no model of the craft fits, so no cause is reported. In pieces of {seconds:.3g} s the time constant "
-            f"of the plain fit moved by more than a factor of {ANOTHER_CRAFT:g}",
-            "check columns, units and clocks first; then record in calmer water, or with larger commands held longer",
+            f"no model of the craft fits, so no cause is reported. With the runs cut into pieces of {seconds:.3g} s, "
+            f"the time constant of the plain model changed by more than a factor of {ANOTHER_CRAFT:g}",
+            "check columns, units and clocks first. Then record in calmer water, or use larger commands held longer",
         )
         return replace(state, doubts=(*state.doubts, lost), cut=(*state.cut, *again.cut))
     doubt = Doubt(
         "short-horizon",
-        "no cause improves prediction over whole runs. The causes reported were identified in pieces of "
-        f"{seconds:.3g} s",
-        "treat them as hypotheses; repeat in calm water, or record a run in which the craft returns to rest",
+        "no cause improves prediction over whole runs. The reported causes improve it only with the runs cut into "
+        f"pieces of {seconds:.3g} s",
+        "treat the causes as hypotheses. Repeat in calm water, or record a run in which the craft returns to rest",
     )
     return replace(again, pieces=seconds, doubts=(*state.doubts, doubt), cut=(*state.cut, *again.cut))
 
@@ -92,8 +92,8 @@ def search_all_runs(state: SearchState) -> SearchState | None:
         return replace(state, cut=(*state.cut, *both.cut))
     doubt = Doubt(
         "validation-was-needed",
-        "the fitted runs do not predict the held-out runs. The causes were identified in all runs together",
-        "fit runs with the same sizes of command as the held-out runs; the gain shown is for parts left out in turn",
+        "the fitted runs do not predict the held-out runs. The causes were therefore identified in all runs together",
+        "use the same command sizes in the fitted and the held-out runs. The gain shown is for parts held out in turn",
     )
     return replace(both, doubts=(*state.doubts, doubt), cut=(*state.cut, *both.cut))
 
@@ -166,5 +166,5 @@ def improves_prediction(state: SearchState, whole: Sequence[Segment]) -> bool:
 
 def _error(state: SearchState, fitted: Fitted, whole: Sequence[Segment]) -> dict[str, float] | None:
     problem = state.problem.on(whole)
-    found = problem.states(fitted.theta, fitted.effects, problem.first_states(whole))
-    return None if found is None else rms_of(found.rests)
+    states = problem.states(fitted.theta, fitted.effects, problem.first_states(whole))
+    return None if states is None else rms_of(states.rests)

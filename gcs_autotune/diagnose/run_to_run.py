@@ -44,19 +44,19 @@ def differing(problem: NoisyProblem, fit: NoisyFit) -> NoisyFit:
     if problem.runs < FEWEST_RUNS:
         return fit
     none = problem.fit(fit.theta, fit.effects, alike_in(fit.noise, problem.runs)) or fit
-    full = abs(float(fit.theta[0])) * sum(problem.data_summary.amplitude.values())
+    full = abs(fit.gain) * sum(problem.data_summary.amplitude.values())
     other: NoisyFit | None = fit
     if not fit.noise.day_thrust:
         apart = replace(fit.noise, day_force=FORCE_AT_FIRST * full, day_thrust=THRUST_AT_FIRST)
         other = problem.fit(fit.theta, fit.effects, apart)
-    says, told = _says(problem, none), None if other is None else _says(problem, other)
-    if says is None or told is None or other is None:
+    common, alternative = _says(problem, none), None if other is None else _says(problem, other)
+    if common is None or alternative is None or other is None:
         return none
     least = OF_THE_DRIFT * other.noise.size
-    best, sizes = says[1] + says[0].gain(none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
+    best, sizes = common[1] + common[0].gain(none.noise.day_force, 0.0) + WORTH, (0.0, 0.0)
     for force, thrust in ((True, False), (False, True), (True, True)):
-        found = told[0].spread(least, full, force=force, thrust=thrust)
-        likelier = told[1] + told[0].gain(*found) - WORTH * (force and thrust)
+        found = alternative[0].spread(least, full, force=force, thrust=thrust)
+        likelier = alternative[1] + alternative[0].gain(*found) - WORTH * (force and thrust)
         if likelier > best:
             best, sizes = likelier, found
     if not any(sizes):
@@ -93,29 +93,29 @@ SIDES: Mapping[str, tuple[str, str]] = {
 def days_of(problem: NoisyProblem, fit: NoisyFit, inertia: float) -> tuple[RunOffset, ...]:
     """Return the offsets of each run, with forces multiplied by *inertia*; empty if runs are alike."""
     says = problem.says(fit) if fit.noise.differs else None
-    found = () if says is None else says.offsets(fit.noise.day_force, fit.noise.day_thrust)
-    return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in found)
+    offsets = () if says is None else says.offsets(fit.noise.day_force, fit.noise.day_thrust)
+    return tuple(replace(d, force=d.force * inertia, force_std=d.force_std * abs(inertia)) for d in offsets)
 
 
 def doubt_of_days(dof: str, unit: str, days: Sequence[RunOffset]) -> list[Doubt]:
     """Return a doubt that states each run's own bias and gain; empty if the runs agree."""
     unit = "of full output" if unit == "1" else unit
-    told = [f"{d.run}: {' and '.join(own)}" for d in days if (own := _own(dof, unit, d))]
-    if not told:
+    offsets = [f"{d.run}: {' and '.join(own)}" for d in days if (own := _own(dof, unit, d))]
+    if not offsets:
         return []
     return [
         Doubt(
             "day-to-day",
-            f"the runs differ in {dof} by more than their commands explain ({'; '.join(told)})",
-            "note battery, load and wind of each run: run-to-run differences are not attributed to the craft",
+            f"the runs differ in {dof} by more than their commands explain ({'; '.join(offsets)})",
+            "note battery, load and wind of each run. Differences between runs are not attributed to the craft",
         )
     ]
 
 
 def _own(dof: str, unit: str, day: RunOffset) -> list[str]:
-    found = []
+    differences = []
     if abs(day.thrust) > SURE * day.thrust_std > 0.0:
-        found.append(f"thrust {100.0 * abs(day.thrust):.0f} % {'more' if day.thrust > 0.0 else 'less'}")
+        differences.append(f"{100.0 * abs(day.thrust):.0f} % {'more' if day.thrust > 0.0 else 'less'} thrust")
     if abs(day.force) > SURE * day.force_std > 0.0:
-        found.append(f"{abs(day.force):.2g} {unit} {SIDES[dof][day.force < 0.0]}")
-    return found
+        differences.append(f"{abs(day.force):.2g} {unit} {SIDES[dof][day.force < 0.0]}")
+    return differences

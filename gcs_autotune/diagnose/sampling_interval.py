@@ -1,9 +1,9 @@
-"""Choose the interval between judged samples, if the plain model with process noise is not usable.
+"""Choose the interval to which runs are thinned, if the plain model with process noise is not usable.
 
 At short intervals a fit follows what the craft model omits: the autopilot's smoother and the thrusters' lag. Its time
 constant may then be below the sampling interval, and its drifting force as large as the commands. A hydrodynamic term
 may have the wrong sign. At long intervals the craft's own motion is lost. Between them is a range in which the result
-does not depend on the interval. The runs are judged at an interval in that range.
+does not depend on the interval. The runs are thinned to an interval in that range.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ FEWEST = 60
 """Minimum number of samples that the longest run keeps."""
 
 GROWTH = 1.6
-"""Ratio of successive intervals tried."""
+"""Ratio of successive sampling intervals that are tried."""
 
 WIDER = (2.0, 4.0)
 """Factors on the present interval, at which the plain model must give the same result."""
@@ -63,7 +63,7 @@ LEGS = 2.0
 """Minimum horizon of compared predictions, in correlation times of the commands."""
 
 NICE = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-"""Rounded values [s] of the prediction horizon."""
+"""Values [s] that the prediction horizon is rounded to."""
 
 NEAREST, ROUGH = 3, 3
 """NEAREST: number of terms fitted to convergence at each interval. ROUGH: scoring iterations of rough fits."""
@@ -99,7 +99,7 @@ def stands(problem: NoisyProblem, fit: NoisyFit) -> bool:
     The time constant must not be below the record's sampling interval. The drifting force must be smaller than the
     commanded force.
     """
-    gain, damping = abs(float(fit.theta[0])), abs(float(fit.theta[1]))
+    gain, damping = abs(fit.gain), abs(fit.damping)
     if damping * problem.data_summary.interval > 1.0:
         return False
     return fit.noise.size < OF_THE_COMMAND * gain * commanded(problem)
@@ -123,7 +123,7 @@ def prediction_horizon(problem: NoisyProblem, fit: NoisyFit) -> float | None:
         correlation = np.fft.irfft(power)[: len(x)]
         below = np.flatnonzero(correlation < correlation[0] / math.e)
         times += [float(below[0]) * problem.data_summary.interval] if len(below) else []
-    settled = 3.0 / max(abs(float(fit.theta[1])), 1e-3)
+    settled = 3.0 / max(abs(fit.damping), 1e-3)
     goal = max(settled, LEGS * float(np.median(times))) if times else settled
     return _nearest(problem, goal)
 
@@ -134,7 +134,7 @@ def horizons(problem: NoisyProblem, fit: NoisyFit) -> tuple[float, ...]:
     Effects that act at once (saturation, backlash) are visible within the first time constant. Later the drifting force
     hides them.
     """
-    found = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(float(fit.theta[1])), 1e-3)))
+    found = (prediction_horizon(problem, fit), _nearest(problem, 1.0 / max(abs(fit.damping), 1e-3)))
     return tuple(dict.fromkeys(s for s in found if s is not None))
 
 
@@ -161,7 +161,7 @@ def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float |
     again = problem.fit(fit.theta, fit.effects, fit.noise, rounds=rounds)
     if again is None or seconds is None:
         return again
-    before, after = (1.0 / max(abs(float(f.theta[1])), 1e-9) for f in (fit, again))
+    before, after = (1.0 / max(abs(f.damping), 1e-9) for f in (fit, again))
     if 1.0 / OTHER_CRAFT < after / before < OTHER_CRAFT:
         return again
     best, least = again, math.inf if after < problem.data_summary.interval else rms_ahead(problem, again, seconds)
@@ -169,7 +169,7 @@ def refitted(problem: NoisyProblem, fit: NoisyFit, rounds: int, seconds: float |
     pace, slowest = min(before, after) / PACES, min(max(before, after) * PACES, longest)
     while pace <= 1.001 * slowest:
         if pace >= problem.data_summary.interval:
-            fixed = _at_pace(problem, fit, math.copysign(1.0 / pace, float(fit.theta[1])))
+            fixed = _at_pace(problem, fit, math.copysign(1.0 / pace, fit.damping))
             error = math.inf if fixed is None else rms_ahead(problem, fixed, seconds)
             if fixed is not None and error < least:
                 best, least = fixed, error
@@ -182,15 +182,15 @@ def _at_pace(problem: NoisyProblem, fit: NoisyFit, damping: float) -> NoisyFit |
     name = problem.form.free[1]
     limits = Limits({**problem.limits.low, name: damping}, {**problem.limits.high, name: damping})
     held = NoisyProblem(problem.form, problem.segments, problem.data_summary, limits)
-    share = damping / float(fit.theta[1] or damping)
-    starts = [np.array([fit.theta[0] * k, damping]) for k in (1.0, share)]
+    share = damping / (fit.damping or damping)
+    starts = [np.array([fit.gain * k, damping]) for k in (1.0, share)]
     fits = [held.fit(start, fit.effects, fit.noise, rounds=PACED) for start in starts]
     return max((f for f in fits if f is not None), key=lambda f: f.total, default=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """The runs judged at one interval, with the plain model and the best model.
+    """The runs thinned to one interval, with the plain model and the best model.
 
     ``best``: the model with the hydrodynamic term that predicts best; the plain model if no term helps. ``error``: its
     rms error ahead. The likelihood is not used for this choice, because it is that of the next sample. It may prefer a
@@ -229,7 +229,7 @@ def _alike(a: float, a_std: float, b: float, b_std: float) -> bool:
 def judged_at(
     begun: Plain, at: Callable[[float], Plain | None], slugs: Sequence[str], price: float
 ) -> tuple[Plain, NoisyFit | None, str]:
-    """Choose the interval at which the runs are judged.
+    """Choose the interval to which the runs are thinned.
 
     Return the runs at that interval and the plain model there. Also return the best model with one more term, if that
     was tried, and a description if the interval matters.
@@ -255,13 +255,16 @@ def judged_at(
     if seconds is None:
         return begun, None, ""
     first = _look(problem, plain, slugs, price, seconds)
-    found = _closest(begun, at, slugs, price, seconds, widest)
-    if found is not None and found.error < BETTER * first.error:
-        return (found.problem, found.plain), found.best, _moved(first, found, seconds)
+    chosen = _closest(begun, at, slugs, price, seconds, widest)
+    if chosen is not None and chosen.error < BETTER * first.error:
+        return (chosen.problem, chosen.plain), chosen.best, _moved(first, chosen, seconds)
     if all(steady):
         return begun, None, ""
     far = wider[int(np.argmin(steady)) // 2]
-    words = f"sampled every {problem.interval:.2g} s the plain model has {_told(plain)}, every {far[0].interval:.2g} s "
+    words = (
+        f"sampled every {problem.interval:.2g} s, the plain model has {_told(plain)}. Sampled every "
+        f"{far[0].interval:.2g} s, it has "
+    )
     return begun, None, words + _told(far[1])
 
 
@@ -271,15 +274,16 @@ def _pairs(fit: NoisyFit) -> list[tuple[float, float]]:
 
 
 def _told(fit: NoisyFit) -> str:
-    return f"a damping of {abs(float(fit.theta[1])):.2g} 1/s"
+    return f"a damping of {abs(fit.damping):.2g} 1/s"
 
 
-def _moved(first: Look, found: Look, seconds: float) -> str:
-    term = found.best.effects[0].slug if found.best.effects else "no added term"
+def _moved(first: Look, chosen: Look, seconds: float) -> str:
+    term = chosen.best.effects[0].slug if chosen.best.effects else "no added term"
     return (
-        f"sampled every {first.problem.interval:.2g} s the plain model has {_told(first.plain)}, and the best model an "
-        f"error of {first.error:.2g} {seconds:g} s ahead; every {found.problem.interval:.2g} s or more, with {term}, "
-        f"{_told(found.best)} and {found.error:.2g}; this interval is used"
+        f"with samples {first.problem.interval:.2g} s apart, the plain model has {_told(first.plain)} and the best "
+        f"model's error is {first.error:.2g} at {seconds:g} s ahead. With samples {chosen.problem.interval:.2g} s or "
+        f"more apart, the best model ({term}) has {_told(chosen.best)} and its error is {chosen.error:.2g}. The longer "
+        "interval is used"
     )
 
 
@@ -344,7 +348,8 @@ def changes_at(problem: NoisyProblem, fit: NoisyFit, other: NoisyProblem) -> lis
     before, after = _numbers(fit), _numbers(again)
     names = [n for n in before if n not in fit.form.free]
     return [
-        f"{n} {before[n][0]:.3g} every {problem.interval:.2g} s, {after[n][0]:.3g} every {other.interval:.2g} s"
+        f"{n} {before[n][0]:.3g} with samples {problem.interval:.2g} s apart, {after[n][0]:.3g} with samples "
+        f"{other.interval:.2g} s apart"
         for n in names
         if not _alike(*before[n], *after[n])
     ]

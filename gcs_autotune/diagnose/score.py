@@ -19,6 +19,7 @@ from gcs_autotune.identify.problems import Fitted
 
 __all__ = [
     "ALIKE",
+    "FAR_MORE",
     "HALF",
     "LUCK",
     "MATERIAL",
@@ -243,8 +244,8 @@ def winner_of(scores: Sequence[CandidateScore[Fitted]]) -> CandidateScore[Fitted
 
 def plainest(winner: CandidateScore[FitT], paying: Sequence[CandidateScore[FitT]]) -> CandidateScore[FitT]:
     """Return *winner*, or a simpler law of the same cause if the runs support it as well."""
-    found = (j for j in paying if is_form_of(winner.effect, j.effect) and j.evidence > HALF * winner.evidence)
-    return next(found, winner)
+    forms = (j for j in paying if is_form_of(winner.effect, j.effect) and j.evidence > HALF * winner.evidence)
+    return next(forms, winner)
 
 
 def is_form_of(other: EffectInstance, plainer: EffectInstance) -> bool:

@@ -64,7 +64,7 @@ class Search(Protocol):
         """All steps, including those without a winner."""
 
     def stopped(self, over: OutOfTime) -> Self:
-        """Return the search in its present state, marked as stopped."""
+        """Return the search so far, marked as stopped."""
 
     @property
     def tried(self) -> int:

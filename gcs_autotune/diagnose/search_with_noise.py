@@ -111,9 +111,9 @@ def model_process_noise(state: SearchState) -> SearchState | None:
     fitted = _as_fitted(state, search)
     doubt = Doubt(
         "process-noise",
-        f"a slowly varying force is present ({words_of_noise(search)}). With it modelled, the causes reported still "
-        f"improve prediction of the {search.dof} of held-out runs",
-        "treat the causes as hypotheses; repeat in calm water, or record a run in which the craft returns to rest",
+        f"a slowly varying force is present ({words_of_noise(search)}). With it modelled, the reported causes still "
+        f"improve prediction of the {search.dof} in held-out runs",
+        "treat the causes as hypotheses. Repeat in calm water, or record a run in which the craft returns to rest",
     )
     return replace(kept, fitted=fitted or state.base, doubts=(*state.doubts, doubt))
 
@@ -136,8 +136,9 @@ def _no_base(search: NoiseSearch, above: float) -> Doubt:
     return Doubt(
         "above-command",
         f"a drifting {'moment' if DOFS[search.dof].angular else 'force'} drives the {search.dof} {above:.1f} times "
-        "as hard as the commands do. No cause can be identified with a disturbance of that size",
-        "use larger commands or calmer water; check that the commands in the file are those that drove the craft",
+        "as hard as the commands do. With so large a disturbance no cause can be identified",
+        "use larger commands or record in calmer water. Check that the commands in the file are those that drove the "
+        "craft",
     )
 
 
@@ -160,8 +161,8 @@ def _without_names(state: SearchState) -> SearchState:
     doubt = Doubt(
         NO_MODEL,
         "no model of the craft fits these runs with process noise modelled, from any starting point, and the residual "
-        "is more than noise" + (f"; {names} is therefore not identified" * bool(names)),
-        "check columns, units and clocks first; then record in calmer water, or with slower and larger commands",
+        "is more than noise" + (f". {names} is therefore not identified" * bool(names)),
+        "check columns, units and clocks first. Then record in calmer water, or use slower and larger commands",
     )
     return replace(
         state,
@@ -197,7 +198,7 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
     if other is None:
         return False
     price = other.price(other.unknowns - search.fit.unknowns)
-    if search.fit.theta[0] < 0.0 < other.theta[0]:
+    if search.fit.gain < 0.0 < other.gain:
         # Of a command with its sign wrong all along the filter had turned the gain round, which explains as much.
         return other.total - price > search.fit.total - 0.5 * ALIKE
     # Where this search names nothing, the other's name is the luckiest of all that were tried.
@@ -208,10 +209,10 @@ def _outdone(search: NoiseSearch, state: SearchState) -> bool:
 def _no_disturbance(search: NoiseSearch) -> Doubt:
     return Doubt(
         "no-weather",
-        f"the disturbance of the {search.dof} has a correlation time of {search.plain.noise.memory:.2g} s, at most two "
-        "samples: too short for wind, wake or current",
-        "check that commands are stamped when they take effect and that the sensor is logged unfiltered: either "
-        "fault looks like this",
+        f"the disturbance of the {search.dof} has a correlation time of {search.plain.noise.memory:.2g} s, at most "
+        "two samples. That is too short for wind, wake or current",
+        "check that each command is stamped when it takes effect, and that the sensor is logged unfiltered. A fault "
+        "in either has this effect",
     )
 
 
@@ -219,8 +220,8 @@ def _dropped(causes: Sequence[EffectInstance]) -> Doubt:
     names = ", ".join(f"{e.slug} of {e.place}" for e in causes)
     return Doubt(
         "not-under-process-noise",
-        f"{names} lowers the error only without process noise modelled; with it, prediction of held-out runs does not "
-        "improve",
+        f"{names} lowers the error only without process noise modelled. With it modelled, prediction of held-out "
+        "runs does not improve",
         "repeat the runs in calmer water",
     )
 

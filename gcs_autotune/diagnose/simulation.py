@@ -66,35 +66,36 @@ def surrogate_of(
     """
     if len(simulations) != len(runs):
         raise UsageError(
-            f"{len(runs)} run(s) but {len(simulations)} simulation(s): supply one per run, in the same order"
+            f"{len(runs)} run(s) but {len(simulations)} simulation(s). Supply one simulation per run, in the same order"
         )
     records = compared(simulations, runs)
     flown = records.simulations
     base = form if form is not None else plain_form(flown, dof)
     segments, doubts = prepare_as_recorded(flown, base, use)
 
-    def told(stage: str, done: int, total: int) -> None:
+    def report(stage: str, done: int, total: int) -> None:
         if progress is not None:
             progress(f"the simulation: {stage}", done, total)
 
-    problem, found = stand_in(base, segments, told)
-    if any(share > PLAIN_ENOUGH for share in _missed(problem, found).values()):
+    problem, fitted = stand_in(base, segments, report)
+    if any(share > PLAIN_ENOUGH for share in _missed(problem, fitted).values()):
         slugs = [s for s in effects if EFFECTS[s].family != "data errors"]
         state = follow(
-            begin_with(Question(base, segments, slugs, progress=told, executor=executor_for(jobs)), problem, found),
+            begin_with(Question(base, segments, slugs, progress=report, executor=executor_for(jobs)), problem, fitted),
             SEARCH,
         )
-        problem, found = state.problem, state.fitted
-    for name, share in _missed(problem, found).items():
+        problem, fitted = state.problem, state.fitted
+    for name, share in _missed(problem, fitted).items():
         if share > FAITHFUL:
             doubts.append(
                 Doubt(
                     "simulation-not-understood",
-                    f"the model fitted to the simulation misses its {name} by {100 * share:.0f} % of the motion",
-                    "supply its equations as a model file (--model) instead of its output",
+                    f"the model fitted to the simulation does not reproduce {100 * share:.0f} % of the simulated "
+                    f"{name}",
+                    "supply the equations as a model file (--model) instead of the output",
                 )
             )
-    given = ModelInQuestion(found.model, theirs=(problem, found), records=records.rows)
+    given = ModelInQuestion(fitted.model, theirs=(problem, fitted), records=records.rows)
     return given, [*_directly(simulations, flown, runs), *records.doubts, *doubts]
 
 
@@ -103,17 +104,21 @@ def _directly(simulations: Sequence[Trial], placed: Sequence[Trial], runs: Seque
 
     placed : the simulations with clock, signs and units corrected.
     """
-    told, right = _misses(simulations, runs), _misses(placed, runs)
-    if not right:
+    uncorrected, corrected = _misses(simulations, runs), _misses(placed, runs)
+    if not corrected:
         return []
-    said = f"unchanged it misses {told}" if told else "unchanged it covers other times"
-    if told != right:
-        said += f", with clock, signs and units corrected {right}"
+    differences = (
+        f"the unmodified simulation differs from the run in {uncorrected}"
+        if uncorrected
+        else "the unmodified simulation does not overlap the run in time"
+    )
+    if uncorrected != corrected:
+        differences += f". With clock, signs and units corrected it differs in {corrected}"
     return [
         Doubt(
             "simulation-off",
-            f"the errors shown are of a model fitted to the simulation; {said} (rms, worst run)",
-            "supply its equations as a model file (--model), or start its runs at the state of the craft",
+            f"the errors shown are those of a model fitted to the simulation. Worst run (rms): {differences}",
+            "supply the simulation's equations as a model file (--model), or start its runs at the state of the craft",
         )
     ]
 
@@ -138,12 +143,12 @@ def _misses(simulations: Sequence[Trial], runs: Sequence[Trial]) -> str:
 # -- the stand-in
 
 
-def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[Problem, Fitted]:
+def stand_in(form: Form, segments: Sequence[Segment], report: Progress) -> tuple[Problem, Fitted]:
     """Return the plain model with the quadratic drag, delay and trim that it needs to follow a simulation.
 
     If an :class:`.Effort` around the call is used up, the best fit so far is returned.
     """
-    told("plain model", 0, 1)
+    report("plain model", 0, 1)
     problem, best = fit_base(form, segments)
     base, terms = best, _terms(problem)
     try:
@@ -157,7 +162,7 @@ def stand_in(form: Form, segments: Sequence[Segment], told: Progress) -> tuple[P
             best = _without(problem, best, own) or best
     except OutOfTime:
         return problem, best
-    told("plain model", 1, 1)
+    report("plain model", 1, 1)
     return problem, best
 
 
@@ -169,7 +174,7 @@ They are tried in order until the model follows the simulation.
 
 
 def _terms(problem: Problem) -> tuple[EffectInstance, ...]:
-    data, found = problem.data_summary, []
+    data, effects = problem.data_summary, []
     driven = driven_by(problem.form)
     for slug, places in (
         ("input-delay", list(dict.fromkeys(c for c, _ in driven.values()))),
@@ -183,8 +188,8 @@ def _terms(problem: Problem) -> tuple[EffectInstance, ...]:
             if lacking.issuperset(columns_of(place)):
                 lacking -= set(columns_of(place))
                 start = dict.fromkeys(entry.starts(place, data)[0], 0.0)
-                found.append(EffectInstance(slug, place, start, dict(entry.constants(place, data))))
-    return in_order(found)
+                effects.append(EffectInstance(slug, place, start, dict(entry.constants(place, data))))
+    return in_order(effects)
 
 
 def _begun(term: EffectInstance, problem: Problem, late: float, drag: float) -> EffectInstance:
@@ -197,25 +202,25 @@ def _begun(term: EffectInstance, problem: Problem, late: float, drag: float) -> 
     return term
 
 
-def _least_sure_first(found: Fitted) -> list[tuple[str, str]]:
+def _least_sure_first(fitted: Fitted) -> list[tuple[str, str]]:
     """Return slug and place of every effect of a fit, the least significant first."""
-    std = np.sqrt(np.maximum(np.diag(found.covariance(correlation_of(found))), 1e-300))[len(found.free) :]
-    sure = {i: abs(found.effects[i].values[n]) / s for (i, n), s in zip(found.free_effects, std, strict=False)}
-    return [(found.effects[i].slug, found.effects[i].place) for i in sorted(sure, key=lambda i: sure[i])]
+    std = np.sqrt(np.maximum(np.diag(fitted.covariance(correlation_of(fitted))), 1e-300))[len(fitted.free) :]
+    sure = {i: abs(fitted.effects[i].values[n]) / s for (i, n), s in zip(fitted.free_effects, std, strict=False)}
+    return [(fitted.effects[i].slug, fitted.effects[i].place) for i in sorted(sure, key=lambda i: sure[i])]
 
 
-def _without(problem: Problem, found: Fitted, own: tuple[str, str]) -> Fitted | None:
+def _without(problem: Problem, fitted: Fitted, own: tuple[str, str]) -> Fitted | None:
     """Return the fit without an effect; return None if the effect is needed."""
-    rest = tuple(e for e in found.effects if (e.slug, e.place) != own)
-    fit = problem.fit(found.theta, rest, found.initial, shift=found.shift)
+    rest = tuple(e for e in fitted.effects if (e.slug, e.place) != own)
+    fit = problem.fit(fitted.theta, rest, fitted.initial, shift=fitted.shift)
     if fit is None:
         return None
-    worth = (fit.cost - found.cost) / correlation_of(found)
-    moved = max(math.sqrt(max(fit.levels[n] ** 2 - s**2, 0.0)) / problem.motion[n] for n, s in found.levels.items())
+    worth = (fit.cost - fitted.cost) / correlation_of(fitted)
+    moved = max(math.sqrt(max(fit.levels[n] ** 2 - s**2, 0.0)) / problem.motion[n] for n, s in fitted.levels.items())
     return None if worth > SURE and moved > SHED else fit
 
 
-def _missed(problem: Problem, found: Fitted) -> dict[str, float]:
+def _missed(problem: Problem, fitted: Fitted) -> dict[str, float]:
     """Return a model's error of every signal beyond noise, relative to the motion."""
-    noise = {n: problem.data_summary.level.get(n, 0.0) for n in found.levels}
-    return {n: math.sqrt(max(s**2 - noise[n] ** 2, 0.0)) / problem.motion[n] for n, s in found.levels.items()}
+    noise = {n: problem.data_summary.level.get(n, 0.0) for n in fitted.levels}
+    return {n: math.sqrt(max(s**2 - noise[n] ** 2, 0.0)) / problem.motion[n] for n, s in fitted.levels.items()}

@@ -63,7 +63,7 @@ WORTH = 25.0
 SINGULAR = 1e-12
 """Relative singular value below which a direction of a regression is ignored."""
 
-RATE = "seconds of the simulation per second of these runs"
+RATE = "simulation seconds per second of these runs"
 """Description of the clock rate in the report."""
 
 LEAST_RATE = 0.002
@@ -100,7 +100,7 @@ def compared(simulations: Sequence[Trial], runs: Sequence[Trial]) -> SimulationA
     placed, offsets, doubts = _shifted_to(laid, runs)
     named, inputs, more = _inputs_set_right(laid.matches, placed, runs)
     factors = _factors(named, runs)
-    outputs = [_factor_row(name, "what these runs record", *found) for name, found in factors.items()]
+    outputs = [_factor_row(name, "the value that these runs record", *found) for name, found in factors.items()]
     ready = [_divided(s, factors) for s in named]
     doubts = [*doubts, *more]
     driven = [_driven(s, r, doubts, m) for s, r, m in zip(ready, runs, laid.matches, strict=True)]
@@ -228,16 +228,18 @@ def _doubts_of(match: CommandMatch, run: str, *, holds_commands: bool) -> list[D
         doubts.append(Doubt("commands-repeat", cause, "drive the simulator with all commands of the run"))
     if match.is_uneven:
         cause = (
-            f"the clock in the simulation of '{run}' is uneven: commands deviate from it by {match.scatter:.2g} s (rms)"
+            f"the clock in the simulation of '{run}' is uneven. Its commands are {match.scatter:.2g} s (rms) off "
+            "those of the run"
         )
         cure = "write the simulator's own time into its file, or step it at the time stamps of the run"
         doubts.append(Doubt("clock-uneven", cause, cure))
     for name, clock in match.others:
         cause = (
-            f"the changes of {name} in the simulation of '{run}' imply a different clock from all inputs together: "
-            f"{clock.scale:.4g} s per second of the run instead of {_scale_of(match):.4g}, or a different offset"
+            f"the changes of {name} in the simulation of '{run}' indicate a different clock from that of all inputs "
+            f"together. They give a rate of {clock.scale:.4g} s per second of the run instead of "
+            f"{_scale_of(match):.4g}, or a different offset"
         )
-        doubts.append(Doubt("commands-disagree", cause, f"check how {name} is written to the file, and when"))
+        doubts.append(Doubt("commands-disagree", cause, f"check how and when {name} is written to the file"))
     return doubts
 
 
@@ -249,19 +251,19 @@ def _ambiguous(run: str, period: float) -> Doubt:
     return Doubt(
         "clock-ambiguous",
         f"the commands of '{run}' repeat every {period:.4g} s, so the simulation matches equally well one period "
-        "earlier or later. The match nearest to its own time stamps was used",
+        "earlier or later. The match closest to its own time stamps was used",
         "compare a run whose commands do not repeat, or stamp both files with one clock",
     )
 
 
-def _offsets(found: Sequence[tuple[str, float, float]]) -> list[Number]:
+def _offsets(offsets: Sequence[tuple[str, float, float]]) -> list[Number]:
     """Return one row for all runs if their clocks have the same offset, otherwise one row for each run."""
-    what = "its time stamps relative to these runs'"
-    weights = np.array([std**-2.0 for _, _, std in found])
-    mean = float(np.average([o for _, o, _ in found], weights=weights)) if found else 0.0
-    if len(found) > 1 and all(abs(o - mean) < 3.0 * std for _, o, std in found):
-        return [_row("clock offset", "s", what, mean, min(std for _, _, std in found), 0.0)]
-    return [_row(f"clock offset of '{name}'", "s", what, o, std, 0.0) for name, o, std in found]
+    what = "the simulation's time stamps relative to those of these runs"
+    weights = np.array([std**-2.0 for _, _, std in offsets])
+    mean = float(np.average([o for _, o, _ in offsets], weights=weights)) if offsets else 0.0
+    if len(offsets) > 1 and all(abs(o - mean) < 3.0 * std for _, o, std in offsets):
+        return [_row("clock offset", "s", what, mean, min(std for _, _, std in offsets), 0.0)]
+    return [_row(f"clock offset of '{name}'", "s", what, o, std, 0.0) for name, o, std in offsets]
 
 
 def _elsewhere(name: str, by: float, *, by_commands: bool) -> Doubt:
@@ -379,15 +381,16 @@ def _scaled(command: MatchedCommand, run: str) -> Doubt:
         "command-scaled",
         f"{command.theirs} in the simulation of '{run}' changes {command.factor:.4g} times as much as {command.ours} "
         "of the run",
-        "if the units differ, write it in the unit of the run; the gain was compared for the command as written",
+        "if the units differ, write the command in the unit of the run. The gain was compared for the command as it "
+        "is in the file",
     )
 
 
 def _exchanged(moved: Sequence[MatchedCommand], run: str) -> Doubt:
-    pairs = ", ".join(f"its {c.theirs} is {c.ours} of the run" for c in moved)
+    pairs = ", ".join(f"simulation column {c.theirs} is {c.ours} of the run" for c in moved)
     return Doubt(
         "commands-exchanged",
-        f"inputs of the simulation of '{run}' are in another order ({pairs}). They were reordered",
+        f"the inputs in the simulation of '{run}' are in another order ({pairs}). They were reordered",
         "swap the names of these columns, or the inputs in the simulator",
     )
 
@@ -452,7 +455,7 @@ def _numbers(channel: Channel) -> Channel:
 def _rate_of(simulations: Sequence[Trial], runs: Sequence[Trial]) -> tuple[float, float] | None:
     """Return the seconds of the simulations per second of the runs, with standard error.
 
-    Return None if the ratio does not differ from 1.
+    Return None if the ratio does not differ significantly from 1.
     """
     pairs = _pairs(simulations, runs, _told_best(simulations, runs))
     if not pairs:
@@ -571,12 +574,12 @@ def _slope(pairs: Sequence[_Pair], scale: float, filters: Sequence[Array]) -> tu
     level = np.column_stack([(which == k).astype(float) for k in range(len(pairs))])
     slope = t - np.array([pairs[k].t.mean() for k in owners])
     table = np.column_stack([slope, level])
-    found = np.linalg.lstsq(w[:, None] * table, w * d, rcond=None)[0]
-    left = w * (d - table @ found)
+    solution = np.linalg.lstsq(w[:, None] * table, w * d, rcond=None)[0]
+    left = w * (d - table @ solution)
     freedom = max(len(d) - table.shape[1], 1)
     raised = max(1.0, float(left @ left) / freedom)
     variance = raised * float(np.linalg.pinv((w[:, None] * table).T @ (w[:, None] * table))[0, 0])
-    return float(found[0]), math.sqrt(max(variance, 0.0))
+    return float(solution[0]), math.sqrt(max(variance, 0.0))
 
 
 def _reclocked(trial: Trial, scale: float) -> Trial:
@@ -590,7 +593,7 @@ def _reclocked(trial: Trial, scale: float) -> Trial:
 
 def _factors(simulations: Sequence[Trial], runs: Sequence[Trial]) -> dict[str, tuple[float, float]]:
     """Return for each signal the factor between simulation and run, if it indicates a wrong sign or unit."""
-    found: dict[str, tuple[float, float]] = {}
+    factors: dict[str, tuple[float, float]] = {}
     for name in MOTIONS:
         pairs = _pairs(simulations, runs, [name])
         if not pairs:
@@ -611,8 +614,8 @@ def _factors(simulations: Sequence[Trial], runs: Sequence[Trial]) -> dict[str, t
         degrees = SIGNALS[name][0].startswith("rad") and unit
         factor = math.copysign((DEGREES if abs(times) > 1.0 else 1.0 / DEGREES) if degrees else 1.0, times)
         if factor != 1.0:
-            found[name] = (factor, std / gain**2 if unit else 0.0)
-    return found
+            factors[name] = (factor, std / gain**2 if unit else 0.0)
+    return factors
 
 
 def _divided(trial: Trial, factors: Mapping[str, tuple[float, float]]) -> Trial:

@@ -91,7 +91,7 @@ class SearchState:
         return tuple(e for e in self.fitted.effects if (e.slug, e.place) not in had)
 
     def stopped(self, over: OutOfTime) -> SearchState:
-        """Return the state marked as stopped."""
+        """Return the state, marked as stopped."""
         return replace(self, cut=(*self.cut, str(over)))
 
     # -- models
@@ -230,7 +230,7 @@ class SearchState:
 
     def gains(self, order: Sequence[EffectInstance]) -> tuple[ErrorReduction, ...]:
         """Return the held-out error of every signal, before and after all causes."""
-        words = self.words + ("" if self.pieces is None else f"; in pieces of {self.pieces:.3g} s")
+        words = self.words + ("" if self.pieces is None else f", in pieces of {self.pieces:.3g} s")
         return gains_of(self.base_unseen, self.present_unseen, words) if order else ()
 
     def gains_of_each(
@@ -250,7 +250,7 @@ class SearchState:
         return found
 
     def shares(self, order: Sequence[EffectInstance]) -> Mapping[tuple[str, str], float]:
-        """Return the fraction of the mean square error above noise, over all signals, that each cause removed."""
+        """Return for each cause the fraction that it removed of the mean square error above noise, over all signals."""
         found: dict[tuple[str, str], float] = {}
         base, before = rms_of(self.base_unseen.rests), self.base_unseen
         for won in (s.accepted for s in self.steps if s.accepted is not None):
@@ -309,7 +309,7 @@ def begin_with(question: Question, problem: Problem, fitted: Fitted, *, given: F
     unseen, given_unseen = HeldOut((), False), None
     cut: tuple[str, ...] = ()
     try:
-        question.say("plain model: held-out runs", 0, 1)
+        question.say("plain model: prediction of the held-out runs", 0, 1)
         unseen = held_out(problem, parts, fitted, refit=True)
         given_unseen = None if given is None else held_out(problem, parts, given, refit=False)
     except OutOfTime as over:

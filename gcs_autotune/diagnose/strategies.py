@@ -1,15 +1,15 @@
-"""The strategies of a search, each ``SearchState -> SearchState | None``: None where it has nothing to add.
+"""The strategies of a search, each ``SearchState -> SearchState | None``; None means that nothing was added.
 
-:data:`SEARCH` looks for causes over the runs as they are, :func:`follow` goes through them in order. If that finds
-nothing, those of ``retries`` search again.
+:data:`SEARCH` lists the strategies for whole runs, and :func:`follow` applies them in order. If they find nothing, the
+strategies of ``retries`` search again.
 
-===========================  ==========================================================================================
-``add_causes``               one cause after the other; each earlier one is compared with its rivals again
-``start_at_segments``        if the base diverged: again, with causes fitted in short pieces of the runs
+===========================  =========================================================================================
+``add_causes``               add one cause after the other; compare each earlier one with its rivals again
+``start_at_segments``        if the base diverged, start again with causes fitted in short pieces of the runs
 ``tie_break``                of causes that explain the runs equally well, report the most common
-``drop_explained_moments``   drop causes at a moment that a recorded command explains as well
+``drop_explained_moments``   drop causes at one time that a recorded command explains as well
 ``drop_insignificant``       drop causes whose intervals include no effect
-===========================  ==========================================================================================
+===========================  =========================================================================================
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ __all__ = [
 Strategy = Callable[[SearchState], SearchState | None]
 
 MOST_CAUSES = 6
-"""Maximum number of causes; an instrumented craft has three or four of its own."""
+"""Maximum number of causes; an instrumented craft usually has three or four."""
 
 DONE = 0.5
 """Whiteness p-value above which only disturbances are still tried."""
@@ -222,7 +222,7 @@ def _followed(state: SearchState, path: _Path, stage: str) -> tuple[SearchState,
     Disturbances are excluded: a filter that learns from the residual predicts any ringing of a wrong model.
     """
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, step = state.step(f"{stage} and one more", path.taken[-1].fit, slugs=slugs, quick=True)
+    state, step = state.step(f"{stage} with one more cause", path.taken[-1].fit, slugs=slugs, quick=True)
     if not step.judged or step.judged[0].evidence <= 0.0:
         return state, None
     return state, _Path((*path.taken, step.judged[0]), (*path.steps, step))
@@ -249,6 +249,7 @@ def backward_elimination(state: SearchState) -> SearchState:
     A cause accepted early may have represented two others. The newest cause is compared again only if an earlier one
     has changed since.
     """
+    state = plain_constants(state) or state
     newest, won = state.steps[-1].accepted, state.fitted
     last = None if newest is None else (newest.effect.slug, newest.effect.place)
     for key in sorted(((e.slug, e.place) for e in state.causes), key=lambda k: k == last):
@@ -270,18 +271,57 @@ def _asked_again(state: SearchState, slug: str, place: str) -> SearchState:
     if not is_needed(likelihood, kept, without, state.tried):
         return state.with_model(without)
     slugs = [s for s in state.question.slugs if not EFFECTS[s].is_disturbance]
-    state, again = state.step(f"is {slug} still needed", without, slugs=slugs, quick=True, most=RIVALS)
-    rival = next((j for j in again.judged if j.effect.slug != slug), None)
-    if rival is None:
-        return state
-    likelihood = (kept.cost - rival.fit.cost) / correlation_of(kept)
-    if likelihood - bic_penalty(rival.fit, kept) > ALIKE:
-        return state.with_model(rival.fit, rival.unseen)
+    state, again = state.step(f"check whether {slug} is still needed", without, slugs=slugs, quick=True, most=RIVALS)
+    rivals = [j for j in again.judged if j.effect.slug != slug and not EFFECTS[j.effect.slug].happens_at]
+    fits = [_likelier_fit(state.problem, kept, rest, j) for j in rivals]
+    rival = min(fits, key=lambda f: f.cost + bic_penalty(f, kept), default=kept)
+    likelihood = (kept.cost - rival.cost) / correlation_of(kept)
+    if likelihood - bic_penalty(rival, kept) > ALIKE:
+        return state.with_model(rival)
     return state
 
 
+def _likelier_fit(
+    problem: Problem, kept: Fitted, rest: tuple[EffectInstance, ...], rival: CandidateScore[Fitted]
+) -> Fitted:
+    """Return the fit of *rival*, or the one started at the values of *kept*, whichever is better.
+
+    Without the cause in question the other values may have moved far. A rival fitted from there may stay there.
+    """
+    again = problem.fit(kept.theta, (*rest, rival.effect), kept.initial, trials=12, shift=kept.shift)
+    return again if again is not None and again.cost < rival.fit.cost else rival.fit
+
+
+CONSTANT = "input-bias"
+"""Slug of the plainest of the causes that act like a constant force."""
+
+HEADING_DEPENDENT = frozenset({"wind-moment", "tether-pull"})
+"""Slugs of causes that are constant forces to runs of few headings."""
+
+
+def plain_constants(state: SearchState) -> SearchState | None:
+    """Replace all forces that depend on the heading by one constant, if the runs do not refute it.
+
+    They are one family of laws with the constant. Two of them may cancel but for a constant.
+    """
+    dependent = [e for e in state.causes if e.slug in HEADING_DEPENDENT and CONSTANT in state.question.slugs]
+    if not dependent:
+        return None
+    now, data, place = state.fitted, state.problem.data_summary, dependent[0].place
+    others = tuple(e for e in now.effects if e not in dependent)
+    if place not in EFFECTS[CONSTANT].places(data):
+        return None
+    if all((e.slug, e.place) != (CONSTANT, place) for e in others):
+        others = (*others, EffectInstance(CONSTANT, place, dict(EFFECTS[CONSTANT].starts(place, data)[0])))
+    fit = state.problem.fit(now.theta, others, now.initial, trials=12, shift=now.shift)
+    if fit is None or (fit.cost - now.cost) / correlation_of(now) - bic_penalty(now, fit) > ALIKE:
+        return None
+    return state.with_model(fit)
+
+
 def drop_explained_moments(state: SearchState) -> SearchState | None:
-    """Remove a cause at a moment if, with all others present, a recorded command explains the runs as well."""
+    """Remove a cause that happens at one time if, with all others present, a recorded command explains the runs as
+    well."""
     effect = next((e for e in state.causes if state.scorer().follows_a_command(e, state.fitted)), None)
     rest = tuple(e for e in state.fitted.effects if e is not effect)
     fit = state.fitted

@@ -207,16 +207,16 @@ class Saturation(Characteristic):
 
     slug = "saturation"
     title = "Saturation"
-    meaning = "commands beyond a limit have the effect of the limit: end stops, output limits, a weak battery"
-    plain = "Beyond a limit, more {command} does nothing on your {craft}; in {simulation} it does."
-    parameters = (Quantity("limit", INPUT, "largest command that is carried out"),)
-    shown_by = "residual against command: zero up to the limit, then against the command and growing with it"
+    meaning = "commands beyond a limit act like the limit itself: end stops, output limits, a weak battery"
+    plain = "Beyond a limit, more {command} does nothing on your {craft}, unlike in {simulation}."
+    parameters = (Quantity("limit", INPUT, "largest command that takes effect"),)
+    shown_by = "residual against command: zero up to the limit, then opposed to the command and growing with it"
     mistaken_for = ("quadratic-drag", "rudder-stall", "quadratic-actuator", "rate-limit")
     yields_to = ("asymmetric-thrust",)  # of two thrusters, where the largest turns take the inner one astern
     separated_by = (
-        "steps from rest to a quarter, half, three quarters and all of full command, each held until the speed is "
-        "steady, both ways: with a limit the largest steps start equally hard; with drag they start harder and end "
-        "less fast"
+        "steps from rest to a quarter, half, three quarters and all of full command, both ways. Hold each until the "
+        "speed is steady. With a limit, the largest steps start equally hard. With drag, they start harder but reach "
+        "less extra speed"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -248,15 +248,15 @@ class DeadZone(Characteristic):
 
     slug = "dead-zone"
     title = "Dead zone"
-    meaning = "commands below a threshold do nothing, and larger ones are reduced by it"
-    plain = "A little {command} does nothing on your {craft}; in {simulation} it does."
+    meaning = "commands below a threshold do nothing, and larger commands are reduced by the threshold"
+    plain = "A little {command} does nothing on your {craft}, unlike in {simulation}."
     parameters = (Quantity("width", INPUT, "half-width of the dead zone"),)
     grows_with = ("width",)
-    shown_by = "residual against command: a kink either side of zero"
+    shown_by = "residual against command: a kink on each side of zero"
     mistaken_for = ("backlash", "quadratic-actuator", "linear-drag")
     separated_by = (
-        "steps from rest of several sizes, both ways, from one small enough to do nothing to full command, each held "
-        "until the speed is steady; each begins from zero command, which excludes backlash"
+        "steps from rest of several sizes, both ways. Start with one too small to move the craft and end with full "
+        "command. Hold each until the speed is steady. Begin each from zero command, which excludes backlash"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -284,16 +284,16 @@ class QuadraticActuator(Characteristic):
     slug = "quadratic-actuator"
     is_structural = True
     title = "Thrust curve"
-    meaning = "thrust is proportional to the square of the command (n|n|): half command gives less than half thrust"
-    plain = "Half the {command} gives your {craft} less than half the force; {simulation} gets half."
+    meaning = "thrust is proportional to the square of the command (n|n|), so half command gives less than half thrust"
+    plain = "Half the {command} gives your {craft} less than half the force. It gives {simulation} half."
     parameters = (Quantity("share", "1", "quadratic fraction of the thrust at full command"),)
     grows_with = ("share",)
-    shown_by = "residual against command bends: too little thrust at small commands, too much at large ones"
+    shown_by = "residual against command: curved, with too little thrust at small commands and too much at large ones"
     mistaken_for = ("dead-zone", "quadratic-drag", "saturation", "speed-dependent-steering")
     yields_to = ("asymmetric-thrust",)  # as a saturation does
     separated_by = (
-        "steps from rest to a quarter, half, three quarters and all of full command: how hard each starts, before "
-        "there is any speed, is the thrust curve itself; drag shows only in how fast each ends"
+        "steps from rest to a quarter, half, three quarters and all of full command. The initial acceleration of "
+        "each step follows the thrust curve, because there is no drag yet. Drag affects only the final speed"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -322,18 +322,18 @@ class RudderStall(Characteristic):
 
     slug = "rudder-stall"
     title = "Rudder force"
-    meaning = "beyond an angle the flow leaves the rudder, and more rudder turns the craft less"
-    plain = "Beyond an angle the rudder of your {craft} stalls; {simulation} still turns harder."
+    meaning = "beyond an angle the flow separates from the rudder, and more rudder turns the craft less"
+    plain = "Beyond an angle the rudder of your {craft} stalls, unlike in {simulation}."
     parameters = (
         Quantity("angle", INPUT, "command at which the rudder stalls"),
-        Quantity("drop", "1", "loss beyond it, per command in excess"),
+        Quantity("drop", "1", "loss of force beyond the stall, per unit of command in excess"),
     )
-    shown_by = "residual against command: none up to an angle, beyond it steeply against the command"
+    shown_by = "residual against command: zero up to an angle, beyond it steep and opposed to the command"
     mistaken_for = ("saturation", "quadratic-drag", "asymmetric-thrust", "backlash")
     separated_by = (
-        "turns at one speed with the rudder held at a third, half, two thirds, five sixths and all of its largest "
-        "angle, both ways: with a stall the rate of turn falls from some angle on, with a saturation it stays, with "
-        "drag it still grows"
+        "turns at one speed, both ways, with the rudder at a third, half, two thirds, five sixths and all of its "
+        "range. With a stall, the turn rate falls beyond some angle. With a limit it stays the same. With drag it "
+        "still grows"
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -376,16 +376,19 @@ class AsymmetricThrust(Characteristic):
 
     slug = "asymmetric-thrust"
     title = "Thrust ahead and astern"
-    meaning = "the same command gives more force one way than the other: propellers are designed to push ahead"
-    plain = "On your {craft} {command} is stronger one way than the other; in {simulation} both ways are equal."
-    parameters = (Quantity("ratio", "1", "gain of negative over gain of positive commands"),)
+    meaning = (
+        "the same command gives more force one way than the other, since most propellers are designed to push ahead"
+    )
+    plain = "On your {craft} {command} is stronger one way than the other, unlike in {simulation}."
+    parameters = (Quantity("ratio", "1", "ratio of the gain of negative commands to that of positive commands"),)
     grows_with = ("ratio",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    shown_by = "residual against command: a kink at zero, straight on either side of it"
+    shown_by = "residual against command: a kink at zero, and straight on each side"
     mistaken_for = ("input-bias", "backlash", "gyro-bias", "wind-moment")
     separated_by = (
-        "equal steps both ways at half and at full command, and as long with none: a bias shifts both sizes equally "
-        "and moves the craft without a command, an asymmetry grows with the command and leaves it at rest"
+        "equal steps both ways at half and at full command, then equally long without command. A constant force "
+        "shifts both sizes equally and moves the craft without command. An asymmetry grows with the command and "
+        "moves nothing without it"
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -438,7 +441,7 @@ class AsymmetricThrust(Characteristic):
         if effect.place != SHARED:
             return super().curve(effect, data)
         u = np.linspace(-1.0, 1.0, 201)
-        labels = ("each thruster commanded [1]", "each thruster acting [1]")
+        labels = ("command to each thruster [1]", "effective command of each thruster [1]")
         return EffectCurve(u, self.acting(effect, u), *labels, self.title, plain=u)
 
 
@@ -454,17 +457,17 @@ class Backlash(SharedActuatorEffect):
     """
 
     slug = "backlash"
-    meaning = "backlash in the linkage: after every reversal the command moves before anything follows"
-    plain = "On your {craft} nothing follows at first when {command} is reversed; {simulation} follows at once."
-    parameters = (Quantity("width", INPUT, "backlash from one flank to the other"),)
+    meaning = "backlash in the linkage: after each reversal the command moves before the actuator follows"
+    plain = "On your {craft} {command} does nothing at first after a reversal, but acts at once in {simulation}."
+    parameters = (Quantity("width", INPUT, "full width of the backlash, from one side to the other"),)
     grows_with = ("width",)
-    shown_by = "residual against command makes a loop: above the line while the command falls, below it while it rises"
+    shown_by = "residual against command: a loop, above the line while the command falls and below it while it rises"
     mistaken_for = ("dead-zone", "input-delay", "actuator-lag", "rate-limit", "input-bias")
     yields_to = ("dead-zone",)  # to a relay, which always goes from end to end, both are the same
     separated_by = (
-        "a staircase up to full command, down to full reverse and up again, five steps each way, each held until the "
-        "speed is steady: with backlash the same command gives another speed on the way down than on the way up; with "
-        "a dead zone or a lag it does not"
+        "a staircase from zero to full command, down to full reverse and back, five steps each way. Hold each step "
+        "until the speed is steady. With backlash the same command gives different speeds on the way up and down. "
+        "With a dead zone or a lag it does not"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:

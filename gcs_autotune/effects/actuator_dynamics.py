@@ -26,11 +26,11 @@ class InputDelay(SharedActuatorEffect):
 
     slug = "input-delay"
     is_structural = True
-    meaning = "commands act later than they are sent: radio, autopilot loops, motor controller"
-    plain = "Your {craft} responds to {command} late; {simulation} responds at once."
+    meaning = "commands act later than they are sent, because of the radio, autopilot loops or the motor controller"
+    plain = "Your {craft} responds late to {command}, but {simulation} responds at once."
     parameters = (Quantity("delay", "s", "time from command to action"),)
     grows_with = ("delay",)
-    shown_by = "residual right after every change of command: the motion begins late, then keeps pace"
+    shown_by = "residual right after each change of command: the motion begins late, then keeps up"
     mistaken_for = (
         "actuator-lag",
         "measurement-delay",
@@ -39,9 +39,9 @@ class InputDelay(SharedActuatorEffect):
         "backlash",
     )
     separated_by = (
-        "full steps from rest with ten samples or more per time constant: a delay leaves the craft still, then starts "
-        "it at full pace; a lag starts it at once and gently. Inputs stepped one by one distinguish it from a clock "
-        "offset"
+        "full steps from rest, with ten or more samples per time constant. With a delay the craft stays still, then "
+        "starts abruptly. With a lag it starts at once but gradually. Step the inputs one at a time to exclude a "
+        "clock offset"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -70,7 +70,7 @@ class InputDelay(SharedActuatorEffect):
         t = np.linspace(-0.5, 2.5, 601) * max(effect["delay"], data.interval)
         acting, commanded = (t >= effect["delay"]).astype(float), (t >= 0.0).astype(float)
         return EffectCurve(
-            t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Input delay", plain=commanded
+            t, acting, "time [s]", f"{effect.place}, as a fraction of the step [1]", "Input delay", plain=commanded
         )
 
 
@@ -78,14 +78,16 @@ class RateLimit(Gradual):
     """The actuator follows the command at no more than ``rate``; it starts at the first command."""
 
     slug = "rate-limit"
-    meaning = "the actuator follows its command at a limited speed: a slow servo, a ramp in the motor controller"
-    plain = "On your {craft} {command} changes at a limited speed; in {simulation} it jumps."
-    parameters = (Quantity("rate", f"{INPUT}/s", "fastest change of what acts"),)
-    shown_by = "residual after changes of command: the larger the change, the longer it lasts"
+    meaning = (
+        "the actuator follows its command at a limited rate, as with a slow servo or a ramp in the motor controller"
+    )
+    plain = "On your {craft} {command} changes at a limited rate, but in {simulation} it jumps."
+    parameters = (Quantity("rate", f"{INPUT}/s", "largest rate of change of the actuator"),)
+    shown_by = "residual after each change of command: the larger the change, the longer the residual lasts"
     mistaken_for = ("actuator-lag", "input-delay", "saturation", "backlash")
     separated_by = (
-        "steps of a quarter of full command and full reversals: a rate limit makes large steps late in proportion and "
-        "small ones hardly, lag and delay make all equally late"
+        "steps of a quarter of full command, and full reversals. A rate limit delays large steps much more than "
+        "small ones. A lag or a delay affects all sizes equally"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -128,11 +130,11 @@ class ActuatorLag(Gradual):
     """The output follows the command as a first-order lag with ``time_constant``; it starts at the first command."""
 
     slug = "actuator-lag"
-    meaning = "thrust or rudder follows the command gradually: propeller and water take time to speed up"
-    plain = "On your {craft} {command} builds up gradually; in {simulation} it is there at once."
-    parameters = (Quantity("time_constant", "s", "time until 63 % of a step in command acts"),)
+    meaning = "thrust or rudder follows the command gradually, since propeller and water take time to speed up"
+    plain = "On your {craft} {command} builds up gradually, but in {simulation} it acts at once."
+    parameters = (Quantity("time_constant", "s", "time to reach 63 % of a step in command"),)
     grows_with = ("time_constant",)
-    shown_by = "residual after every change of command: the motion bends in gently where it should kink"
+    shown_by = "residual after each change of command: the motion starts gradually instead of abruptly"
     mistaken_for = (
         "input-delay",
         "rate-limit",
@@ -141,9 +143,9 @@ class ActuatorLag(Gradual):
         "mass-change",
     )
     separated_by = (
-        "full steps from rest, recorded ten times per time constant or faster, once more at half command: a lag bends "
-        "the start at once and equally at both sizes; a delay holds it still, a rate limit makes the larger step the "
-        "later one"
+        "full steps from rest, with ten or more samples per time constant, and the same at half command. A lag makes "
+        "both sizes start at once but gradually. A delay holds the craft still at first. A rate limit delays the "
+        "larger step more"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -168,7 +170,7 @@ class ActuatorLag(Gradual):
         commanded = (t >= 0.0).astype(float)
         acting = -np.expm1(-np.maximum(t, 0.0) / T)
         return EffectCurve(
-            t, acting, "time [s]", f"{effect.place}, shares of a step [1]", "Actuator lag", plain=commanded
+            t, acting, "time [s]", f"{effect.place}, as a fraction of the step [1]", "Actuator lag", plain=commanded
         )
 
 
@@ -177,15 +179,14 @@ LEAST_GAIN = 0.05
 
 
 class GainDrift(Gradual):
-    """Commands are multiplied by ``1 - rate (t - t_0)``, but by no less than a twentieth; ``t_0`` is the run's first
-    stamp."""
+    """Commands are multiplied by ``1 - rate (t - t_0)``, at least by a twentieth; ``t_0`` is the run's first stamp."""
 
     slug = "gain-drift"
-    meaning = "thrust weakens (or grows) during a run: the battery sags, a motor heats up"
-    plain = "On your {craft} {command} gets weaker or stronger during a run; in {simulation} it stays the same."
-    parameters = (Quantity("rate", "1/s", "fraction of the first gain lost per second"),)
+    meaning = "thrust weakens or grows during a run, because the battery sags or a motor heats up"
+    plain = "On your {craft} {command} gets weaker or stronger during a run, but not in {simulation}."
+    parameters = (Quantity("rate", "1/s", "fraction of the initial gain lost per second"),)
     grows_with = ("rate",)
-    shown_by = "residual against time: follows the command in the beginning and opposes it in the end"
+    shown_by = "residual against time: it follows the command at the beginning and opposes it at the end"
     mistaken_for = (
         "mass-change",
         "time-scale",
@@ -193,8 +194,8 @@ class GainDrift(Gradual):
         "speed-dependent-steering",
     )
     separated_by = (
-        "the same full steps at the beginning and at the end of one long run, and once more with a fresh battery: "
-        "with a weaker gain they start and end slower, with a larger mass they start slower and end equally fast"
+        "the same full steps at the beginning and end of one long run, and again with a fresh battery. A weaker gain "
+        "makes the steps start and end slower. A larger mass makes them start slower but reach the same speed"
     )
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
@@ -219,5 +220,10 @@ class GainDrift(Gradual):
         t = np.linspace(0.0, data.duration, 201)
         gain = np.maximum(1.0 - effect["rate"] * t, LEAST_GAIN)
         return EffectCurve(
-            t, gain, "time in the run [s]", f"gain of {effect.place} [1]", "Gain drift", plain=np.ones_like(t)
+            t,
+            gain,
+            "time since the start of the run [s]",
+            f"gain of {effect.place} [1]",
+            "Gain drift",
+            plain=np.ones_like(t),
         )

@@ -15,7 +15,7 @@ from gcs_autotune.models import FORCES
 __all__ = ["CommandCoupling"]
 
 VARIES = 0.2
-"""Least range of the other command during 80 % of the time, relative to its largest value. Chosen by hand.
+"""Least range of the other command during 80 % of the time, relative to its largest value. Set by hand.
 
 A command that is nearly constant acts like a constant force. On a boat whose throttle was applied once (range 0.03), a
 bias was reported as a coupling.
@@ -23,7 +23,7 @@ bias was reported as a coupling.
 
 
 NONE = 1e-6
-"""Size relative to the largest command below which a command counts as zero. Chosen by hand.
+"""Size relative to the largest command below which a command counts as zero. Set by hand.
 
 Rounding in a mixer leaves such values instead of zero.
 """
@@ -38,14 +38,16 @@ class CommandCoupling(ActuatorEffect):
     """
 
     slug = "command-coupling"
-    meaning = "the command of another axis acts here too: thrust off the centre, or unequal thrusters"
-    plain = "On your {craft} another command also acts on {motion}; in {simulation} it does not."
-    parameters = (Quantity("gain", f"{INPUT} per unit of the other", "what the other command adds to this one"),)
+    meaning = "the command of another axis acts on this one: thrust off the centre line, or unequal thrusters"
+    plain = "On your {craft} another command also acts on {motion}, but not in {simulation}."
+    parameters = (Quantity("gain", f"{INPUT} per unit of the other", "contribution of the other command to this one"),)
     grows_with = ("gain",)
-    shown_by = "residual against the other axis' command, at once and in proportion"
+    shown_by = "residual against the other axis' command: proportional to it and immediate"
     mistaken_for = ("input-bias", "tether-pull", "gain-drift", "channel-swap")
     yields_to = ("input-bias", "net-buoyancy")  # a command that hardly changes acts like a constant
-    separated_by = "the other axis alone, ahead and astern at two sizes, from rest, with this one left at zero"
+    separated_by = (
+        "steps from rest on the other axis alone, ahead and astern, at two sizes. Leave this axis at zero command"
+    )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return every input of one degree of freedom, with every other commanded force that changes."""
@@ -77,7 +79,7 @@ class CommandCoupling(ActuatorEffect):
         low, high = data.extent[other]
         command = np.linspace(min(low, 0.0), max(high, 0.0), 101)
         x_label, y_label = f"{other} commanded [{data.command_unit(other)}]", f"{name} acting [{data.inputs[name]}]"
-        return EffectCurve(command, effect["gain"] * command, x_label, y_label, "Another axis' command acts here")
+        return EffectCurve(command, effect["gain"] * command, x_label, y_label, "Effect of another axis' command")
 
 
 def _varies(name: str, data: DataSummary) -> bool:

@@ -23,14 +23,14 @@ class TimeScale(Effect):
 
     slug = "time-scale"
     family = "data errors"
-    meaning = "the clock of the file runs fast or slow: a wrong sample rate, or not real time"
+    meaning = "the clock of the file runs fast or slow, because the sample rate is wrong or not real time"
     plain = "The clock of your recording runs too fast or too slow, so {simulation} seems to move at the wrong pace."
     parameters = (Quantity("factor", "1", "seconds in the file per true second"),)
     grows_with = ("factor",)
     neutral: ClassVar[Mapping[str, float]] = {"factor": 1.0}
-    shown_by = "every position changes by the same factor more (or less) than its velocity"
+    shown_by = "all positions change more (or less) than their velocities imply, by the same factor"
     mistaken_for = ("unit-error", "time-offset", "mass-change")
-    separated_by = "a stopwatch beside the recorder: one minute of recording must span one minute of timestamps"
+    separated_by = "a one-minute recording timed with a stopwatch. Its time stamps must span one minute"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return the whole file, if a position and its velocity are measured.
@@ -60,14 +60,14 @@ class TimeOffset(Effect):
 
     slug = "time-offset"
     family = "data errors"
-    meaning = "commands and motion were stamped by two clocks that disagree"
-    plain = "Commands and motion in your recording are stamped by two clocks that disagree."
-    parameters = (Quantity("offset", "s", "lateness of the signals' stamps"),)
+    meaning = "commands and motion have time stamps from two clocks that disagree"
+    plain = "The commands and the motion in your recording have time stamps from two clocks that disagree."
+    parameters = (Quantity("offset", "s", "delay of the signals' time stamps"),)
     yields_to = ("input-delay",)
     grows_with = ("offset",)
-    shown_by = "the same residual after every change of command, in every signal; correlated at one lag"
+    shown_by = "the same residual after each change of command in every signal, correlated at one lag"
     mistaken_for = ("input-delay", "measurement-delay", "actuator-lag")
-    separated_by = "the same manoeuvre in two recordings: a delay stays, the offset of clocks changes"
+    separated_by = "two recordings of the same manoeuvre. A delay is the same in both. A clock offset changes"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return the clocks of the file, if it contains commands."""
@@ -110,12 +110,12 @@ class UnitError(Effect):
 
     slug = "unit-error"
     family = "data errors"
-    meaning = "the numbers of a column are in another unit than its head states"
-    plain = "In your recording the {signal} is in another unit than its column head states."
-    parameters = (Quantity("factor", "1", "number in the file per true number in SI"),)
-    shown_by = "one column against its own kin: a position changes 57.3, 3.6 or 1.94 times as much as its rate implies"
+    meaning = "the numbers of a column are in a different unit from the one in its header"
+    plain = "In your recording the {signal} is in a different unit from the one in its column header."
+    parameters = (Quantity("factor", "1", "number in the file per true number in SI units"),)
+    shown_by = "related columns disagree: a position changes 57.3, 3.6 or 1.94 times as much as its rate implies"
     mistaken_for = ("time-scale", "steady-current")
-    separated_by = "a known motion: one full turn, or a measured length sailed both ways"
+    separated_by = "a known motion, such as one full turn or a measured distance covered both ways"
     fixed = ("factor",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -149,11 +149,11 @@ class SignError(Effect):
 
     slug = "sign-error"
     family = "data errors"
-    meaning = "a column counts the other way: positive to port, upwards, or a plug turned round"
-    plain = "In your recording the {signal} counts the other way round."
-    shown_by = "the simulation goes the opposite way at every command, or heading and rate disagree"
+    meaning = "a column has the wrong sign: positive to port, positive upwards, or a reversed connector"
+    plain = "In your recording the {signal} has the wrong sign."
+    shown_by = "the simulation moves the opposite way at every command, or heading and rate disagree"
     mistaken_for = ("channel-swap", "time-offset")
-    separated_by = "one long push to starboard (ahead, down), observed from outside"
+    separated_by = "one long push to starboard (or ahead, or down), observed from outside the craft"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return every signal, and every input whose sign the model does not fit in any case.
@@ -185,11 +185,11 @@ class ChannelSwap(Effect):
 
     slug = "channel-swap"
     family = "data errors"
-    meaning = "two columns contain each other's data: plugs, axes or heads exchanged"
-    plain = "In your recording two columns contain each other's data: {signal}."
-    shown_by = "a motion follows the other channel's command; each of two residuals looks like the other's signal"
+    meaning = "two columns are exchanged, because plugs, axes or headers were swapped"
+    plain = "In your recording two columns are exchanged: {signal}."
+    shown_by = "a motion follows the other channel's command, and each of two residuals resembles the other signal"
     mistaken_for = ("sign-error", "coriolis-coupling", "sway-yaw-coupling")
-    separated_by = "one axis at a time: push on one, rest, then on the other"
+    separated_by = "one axis at a time: push on one, rest, then push on the other"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return pairs of signals of one unit, and pairs of inputs whose exchange would not only exchange free

@@ -210,10 +210,8 @@ class Effect:
     """Parameters that least squares does not fit: they are selected from :meth:`starts`, or estimated by
     :meth:`learn`."""
     happens_at: ClassVar[tuple[str, ...]] = ()
-    """Parameters that are moments of the run.
-
-    A fit of a moment may end in a local minimum, one oscillation too early or too late.
-    """
+    """Parameters that are times in the run. A fit of such a time may end in a local minimum, one oscillation too early
+    or too late."""
     yields_to: ClassVar[tuple[str, ...]] = ()
     """Slugs of more common causes, which are reported before this one if runs do not distinguish them."""
     form_of: ClassVar[tuple[str, ...]] = ()
@@ -265,7 +263,7 @@ class Effect:
         return {}
 
     def followers(self, effect: EffectInstance, data: DataSummary) -> tuple[EffectInstance, ...]:
-        """Return alternatives to an effect that :attr:`happens_at` a moment: effects that follow a recorded command
+        """Return alternatives to an effect that :attr:`happens_at` one time: effects that follow a recorded command
         instead."""
         return ()
 

@@ -19,13 +19,13 @@ class InputBias(Effect):
 
     slug = "input-bias"
     family = "environment"
-    meaning = "a constant force or moment: trim, tether, list, an actuator off centre"
-    plain = "A constant push acts on your {craft} in {motion}; none acts on {simulation}."
-    parameters = (Quantity("bias", INPUT, "constant force, on the side of the input"),)
+    meaning = "a constant force or moment: trim, tether, list, an actuator off the centre line"
+    plain = "A constant push acts on your {craft} in {motion}, but not on {simulation}."
+    parameters = (Quantity("bias", INPUT, "constant force, in the unit of the input"),)
     grows_with = ("bias",)
-    shown_by = "mean of the one-step residual; free run drifts to one side"
+    shown_by = "mean of the one-step residual. The free simulation drifts to one side"
     mistaken_for = ("asymmetric-thrust", "gyro-bias", "wind-moment", "steady-current")
-    separated_by = "a minute with no command at all, then the same manoeuvre on another heading"
+    separated_by = "one minute without command, then the same manoeuvre on another heading"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return every degree of freedom but heave, unless the base model has a constant force there."""
@@ -69,15 +69,18 @@ class SteadyCurrent(Effect):
 
     slug = "steady-current"
     family = "environment"
-    meaning = "the water moves over the ground: the craft drifts in one direction on any heading"
-    plain = "A current carries your {craft}; {simulation} moves in still water."
+    meaning = "the water moves over the ground, so the craft drifts in one direction on any heading"
+    plain = "A current carries your {craft}, but {simulation} moves in still water."
     parameters = (
         Quantity("V_x", "m/s", "current towards north"),
         Quantity("V_y", "m/s", "current towards east"),
     )
-    shown_by = "position residual grows evenly towards one side; speeds over ground: one wave per turn against heading"
+    shown_by = (
+        "residual of position grows evenly to one side. Residual of speed over ground against heading: one wave "
+        "per turn"
+    )
     mistaken_for = ("input-bias", "compass-deviation", "tether-pull", "asymmetric-thrust")
-    separated_by = "steady straight legs on four headings at one throttle, or drift for two minutes"
+    separated_by = "steady straight legs on four headings at one throttle, or two minutes of drifting"
     grows_with = ("V_x", "V_y")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -134,15 +137,15 @@ class WindMoment(Effect):
 
     slug = "wind-moment"
     family = "environment"
-    meaning = "wind on the hull turns the bow towards one direction, most when lying across it"
-    plain = "Wind turns the bow of your {craft} to one direction; there is no wind in {simulation}."
+    meaning = "wind on the hull turns the bow towards one direction, most strongly with the wind abeam"
+    plain = "Wind turns the bow of your {craft} towards one direction, but {simulation} has no wind."
     parameters = (
         Quantity("strength", INPUT, "moment when the wind is abeam"),
-        Quantity("direction", "rad", "heading the bow is turned towards"),
+        Quantity("direction", "rad", "heading towards which the wind turns the bow"),
     )
     shown_by = "yaw residual against heading: one wave per turn, in the gyro as well as in the compass"
     mistaken_for = ("input-bias", "compass-deviation", "tether-pull", "gyro-bias")
-    separated_by = "two slow full turns, one each way, and half a minute without command on two headings"
+    separated_by = "two slow full turns, one each way, then half a minute without command on each of two headings"
     grows_with = ("strength",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -201,17 +204,19 @@ class TetherPull(Effect):
 
     slug = "tether-pull"
     family = "environment"
-    meaning = "a spring holds the craft: the pull is proportional to the distance from where the tether is slack"
-    plain = "Something holds your {craft} like a spring; {simulation} moves freely."
+    meaning = "a spring holds the craft: the pull is proportional to the distance from the slack position"
+    plain = "Something holds your {craft} like a spring, but {simulation} moves freely."
     parameters = (
         Quantity("stiffness", "force/m or moment/rad", "pull per distance"),
         Quantity("anchor", "m or rad", "position without pull"),
-        Quantity("x", "m", "the same on the plane, north"),
-        Quantity("y", "m", "the same on the plane, east"),
+        Quantity("x", "m", "position without pull, north (motion in the plane)"),
+        Quantity("y", "m", "position without pull, east (motion in the plane)"),
     )
-    shown_by = "residual against position: a slope back to one place; left alone it returns there"
+    shown_by = "residual against position: a slope towards one place, to which the craft returns when left alone"
     mistaken_for = ("input-bias", "net-buoyancy", "steady-current", "wind-moment")
-    separated_by = "let go without command at three positions (headings, depths): does it come back?"
+    separated_by = (
+        "release without command from three positions (or headings, or depths). A spring pulls the craft back each time"
+    )
     grows_with = ("stiffness",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:

@@ -106,12 +106,14 @@ class LinearDrag(Drag):
     slug = "linear-drag"
     power = 1
     polar = "Linear drag"
-    meaning = "drag that goes with speed: slow motion dies out exponentially"
-    plain = "Water resists your {craft} in {motion}; it does not resist {simulation}."
-    parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per speed, positive when it damps"),)
+    meaning = "drag proportional to speed: slow motion decays exponentially"
+    plain = "Water resists the {motion} of your {craft}, but not that of {simulation}."
+    parameters = (Quantity("coefficient", "force s/m or s/rad", "drag per unit of speed, positive when it damps"),)
     shown_by = "residual against speed: a straight line through zero, clearest at low speed"
     mistaken_for = ("quadratic-drag", "dead-zone", "actuator-lag")
-    separated_by = "full speed, then no command until it stops: the end of the coasting distinguishes them"
+    separated_by = (
+        "full speed, then no command until the craft stops. The end of the coasting shows which law of drag holds"
+    )
 
 
 class QuadraticDrag(Drag):
@@ -120,16 +122,22 @@ class QuadraticDrag(Drag):
     slug = "quadratic-drag"
     power = 2
     polar = "Drag polar"
-    meaning = "drag that goes with the square of speed: twice the force gives less than twice the speed"
+    meaning = "drag proportional to the square of speed: twice the force gives less than twice the speed"
     plain = (
-        "The resistance of your {craft} to {motion} grows with the square of the speed; that of {simulation} does not."
+        "The resistance of your {craft} to {motion} grows with the square of its speed, unlike that of {simulation}."
     )
     parameters = (
-        Quantity("coefficient", "force s^2/m^2 or s^2/rad^2", "drag per squared speed, positive when it damps"),
+        Quantity(
+            "coefficient",
+            "force s^2/m^2 or s^2/rad^2",
+            "drag per unit of squared speed, positive when it damps",
+        ),
     )
-    shown_by = "residual against speed: an S: the simulation is too slow at low speed and too fast at high"
+    shown_by = "residual against speed: S-shaped. The simulation is too slow at low speed and too fast at high speed"
     mistaken_for = ("saturation", "quadratic-actuator", "linear-drag", "rudder-stall")
-    separated_by = "steps of three sizes each way, held until the speed settles, each left to coast down"
+    separated_by = (
+        "steps of three sizes each way. Hold each until the speed settles, then let the craft coast to a stop"
+    )
 
 
 TERMS: Mapping[str, tuple[str, str, str]] = {
@@ -152,14 +160,22 @@ class CoriolisCoupling(Effect):
     slug = "coriolis-coupling"
     is_structural = True
     family = "hydrodynamics"
-    meaning = "momentum carried through a turn: the craft slides outwards, loses way and yaws with it"
-    plain = "Your {craft} slides outwards and loses speed in a turn; {simulation} does not."
+    meaning = "momentum carried through a turn: the craft slides outwards, loses speed and yaws"
+    plain = "Your {craft} slides outwards and loses speed in a turn, but {simulation} does not."
     parameters = (
-        Quantity("X_vr", "force s^2/(m rad)", "surge force per sway and yaw rate; the mass in sway"),
-        Quantity("Y_ur", "force s^2/(m rad)", "sway force per surge and yaw rate; minus the mass in surge"),
-        Quantity("N_uv", "moment s^2/m^2", "yaw moment per surge and sway (Munk)"),
+        Quantity(
+            "X_vr",
+            "force s^2/(m rad)",
+            "surge force per product of sway velocity and yaw rate (equal to the mass in sway)",
+        ),
+        Quantity(
+            "Y_ur",
+            "force s^2/(m rad)",
+            "sway force per product of surge velocity and yaw rate (minus the mass in surge)",
+        ),
+        Quantity("N_uv", "moment s^2/m^2", "yaw moment per product of surge and sway velocity (Munk)"),
     )
-    shown_by = "sway residual against u times r; surge residual in turns only"
+    shown_by = "sway residual against u times r. Surge residual only in turns"
     mistaken_for = ("sway-yaw-coupling", "speed-dependent-steering", "steady-current")
     separated_by = "turning circles both ways at two speeds ahead, and one turn on the spot"
     grows_with = ("X_vr", "Y_ur", "N_uv")
@@ -187,7 +203,7 @@ class CoriolisCoupling(Effect):
         return {"X_vr": (0.0, inf), "Y_ur": (-inf, 0.0), "N_uv": (-inf, inf)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the three derivatives themselves."""
+        """Return the three parameters, which are SNAME derivatives."""
         return {name: effect[name] for name in TERMS}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
@@ -213,16 +229,21 @@ class SwayYawCoupling(Effect):
     slug = "sway-yaw-coupling"
     is_structural = True
     family = "hydrodynamics"
-    meaning = "turning pushes sideways, sliding turns: centre of gravity or of drag away from midships"
-    plain = "Sliding sideways turns your {craft}, and turning pushes it sideways; in {simulation} neither happens."
+    meaning = (
+        "turning pushes the craft sideways and sliding turns it, because the centre of gravity or drag is off midships"
+    )
+    plain = (
+        "On your {craft} sliding sideways causes turning, and turning pushes it sideways. Neither happens in "
+        "{simulation}."
+    )
     parameters = (
         Quantity("Y_r", "force s/rad", "sway force per yaw rate"),
         Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),
-        Quantity("Y_rdot", "force s^2/rad", "sway force per yaw acceleration, minus the mass matrix's entry"),
+        Quantity("Y_rdot", "force s^2/rad", "sway force per yaw acceleration (minus the entry of the mass matrix)"),
     )
-    shown_by = "sway residual against yaw rate, and yaw residual against sway, also without way ahead"
+    shown_by = "sway residual against yaw rate, and yaw residual against sway, also without speed ahead"
     mistaken_for = ("coriolis-coupling", "channel-swap", "steady-current")
-    separated_by = "turn on the spot without way, then push sideways without turning"
+    separated_by = "a turn on the spot without headway, then a push sideways without turning"
     grows_with = ("Y_r", "N_v", "Y_rdot")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -247,7 +268,7 @@ class SwayYawCoupling(Effect):
         return {"Y_r": (-inf, inf), "N_v": (-inf, inf), "Y_rdot": (-most, most)}
 
     def derivatives(self, effect: EffectInstance) -> Mapping[str, float]:
-        """Return the three derivatives themselves; the model adds the mirrored entry of ``Y_rdot``."""
+        """Return the three parameters, which are SNAME derivatives; the model adds the mirrored entry of ``Y_rdot``."""
         return {name: effect[name] for name in ("Y_r", "N_v", "Y_rdot")}
 
     def unit_of(self, name: str, place: str, data: DataSummary) -> str:
@@ -267,10 +288,10 @@ The value is set by hand: a smaller range is practically a constant command.
 """
 
 RATIOS, MOMENTS = (1.5, 0.67), 16
-"""Start values: inertia ratios, and number of evenly spaced moments.
+"""Start values of a change of inertia: its ratios, and the number of evenly spaced times.
 
-The data do not show the moment of a change between two changes of command. The moments therefore have to lie about as
-close as the commands.
+The data do not show the time of a change that lies between two changes of command. The times tried must therefore be
+about as close as the commands.
 """
 
 
@@ -284,23 +305,23 @@ FOLLOWS: index of the command in ``FORCES``. SIZE: its largest magnitude over th
 class MassChange(Effect):
     """The whole inertia changes by the factor ``ratio`` at ``time`` after the run's start; velocity does not jump.
 
-    With the constants ``FOLLOWS`` and ``SIZE`` there is no moment of change. The inertia then depends linearly on the
+    With the constants ``FOLLOWS`` and ``SIZE`` there is no time of change. The inertia then depends linearly on the
     size of a recorded command, up to the factor ``ratio`` at its largest value. This is the alternative to a change in
     time (:meth:`followers`).
     """
 
     slug = "mass-change"
     family = "hydrodynamics"
-    meaning = "inertia changes within the run: a payload taken aboard or dropped, a hull taking water"
-    plain = "Your {craft} gets heavier or lighter during a run; {simulation} does not."
+    meaning = "inertia changes during the run: a payload is taken aboard or dropped, or the hull takes in water"
+    plain = "Your {craft} gets heavier or lighter during a run, but {simulation} does not."
     parameters = (
-        Quantity("ratio", "1", "inertia after over inertia before"),
-        Quantity("time", "s", "when, after the start of the run"),
+        Quantity("ratio", "1", "ratio of inertia after the change to inertia before it"),
+        Quantity("time", "s", "time of the change, from the start of the run"),
     )
     happens_at = ("time",)
     grows_with = ("ratio",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    shown_by = "residual against time: right up to a moment, then every acceleration off by one factor"
+    shown_by = "residual against time: zero up to one moment, then every acceleration is wrong by the same factor"
     mistaken_for = ("gain-drift", "actuator-lag", "quadratic-drag")
     separated_by = "the same pair of steps at the beginning, in the middle and at the end of the run"
 
@@ -309,12 +330,12 @@ class MassChange(Effect):
         return ("+".join(data.form.dofs),)
 
     def starts(self, place: str, data: DataSummary) -> tuple[Mapping[str, float], ...]:
-        """Return a heavier and a lighter craft, at evenly spaced moments of the run."""
+        """Return a heavier and a lighter craft, with changes at evenly spaced times of the run."""
         moments = np.linspace(0.0, data.duration, MOMENTS + 2)[1:-1].tolist()
         return tuple({"ratio": ratio, "time": t} for ratio in RATIOS for t in moments)
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
-        """Return a fifth to five times the inertia, and moments within the longest run."""
+        """Return a fifth to five times the inertia, and times within the longest run."""
         return {"ratio": (0.2, 5.0), "time": (0.02 * data.duration, 0.98 * data.duration)}
 
     def inputs(self, effect: EffectInstance) -> tuple[str, ...]:
@@ -366,7 +387,12 @@ class MassChange(Effect):
         ones = np.ones(4)
         inertia = np.array([1.0, 1.0, effect["ratio"], effect["ratio"]])
         return EffectCurve(
-            t, inertia, "time in the run [s]", "inertia, in shares of the first", "Mass change", plain=ones
+            t,
+            inertia,
+            "time since the start of the run [s]",
+            "inertia, relative to that at the start [1]",
+            "Mass change",
+            plain=ones,
         )
 
 
@@ -375,12 +401,12 @@ class NetBuoyancy(Effect):
 
     slug = "net-buoyancy"
     family = "hydrodynamics"
-    meaning = "weight and buoyancy do not cancel: left alone the craft sinks (positive) or rises"
-    plain = "Left alone, your {craft} sinks or rises; {simulation} does not."
-    parameters = (Quantity("force", "force", "weight less buoyancy, down positive"),)
-    shown_by = "mean of the heave residual; without command it goes on sinking or rising"
+    meaning = "weight and buoyancy do not cancel: without command the craft sinks (positive) or rises"
+    plain = "Without command your {craft} sinks or rises, but {simulation} does not."
+    parameters = (Quantity("force", "force", "weight minus buoyancy, positive down"),)
+    shown_by = "mean of the heave residual. Without command the craft keeps sinking or rising"
     mistaken_for = ("asymmetric-thrust", "tether-pull", "gyro-bias", "dead-zone")
-    separated_by = "a minute without heave command, then equal pushes up and down at two depths"
+    separated_by = "one minute without heave command, then equal pushes up and down at two depths"
     grows_with = ("force",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -405,7 +431,8 @@ LENGTHS = (0.1, 0.3, 0.8)
 
 
 class GroundEffect(Effect):
-    """All drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``, as near the bottom.
+    """All drag in one equation is multiplied by ``1 + strength exp(-(bottom - z)/length)``, so that it grows near the
+    bottom.
 
     ``bottom`` is the deepest recorded ``z``. If the true bottom is deeper by h, ``strength`` becomes ``exp(-h/length)``
     times its value at the bottom, and the motion is the same. If heave is simulated, the simulated depth is used;
@@ -414,15 +441,18 @@ class GroundEffect(Effect):
 
     slug = "ground-effect"
     family = "hydrodynamics"
-    meaning = "drag grows close to the bottom or a wall, where water has to be squeezed out of the way"
-    plain = "Close to the bottom or a wall, water resists your {craft} more; it does not in {simulation}."
+    meaning = "drag grows close to the bottom or a wall, where the water must escape through a narrow gap"
+    plain = "Water resists your {craft} more close to the bottom or a wall, unlike in {simulation}."
     parameters = (
-        Quantity("strength", "1", "drag at the deepest point over drag far above it, less one"),
-        Quantity("length", "m", "height above the deepest point at which 37 % of that are left"),
+        Quantity("strength", "1", "relative increase of drag at the deepest point, compared with far above it"),
+        Quantity("length", "m", "height above the deepest point at which 37 % of the increase remains"),
     )
-    shown_by = "residual against depth: right high up, too fast in the simulation near the bottom"
+    shown_by = "residual against depth: zero high up, but near the bottom the simulation is too fast"
     mistaken_for = ("quadratic-drag", "net-buoyancy", "tether-pull", "gain-drift")
-    separated_by = "the same vertical commands up and down just above the bottom, a craft's length above it and far up"
+    separated_by = (
+        "the same vertical commands up and down, first just above the bottom, then one hull length above it, "
+        "then far up"
+    )
     grows_with = ("strength",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -474,5 +504,5 @@ class GroundEffect(Effect):
         low, high = data.extent["z"]
         height = np.linspace(0.0, high - low, 121)
         drag = 1.0 + effect["strength"] * np.exp(-height / effect["length"])
-        name, far = "height above the deepest point [m]", "drag over that far from the bottom"
+        name, far = "height above the deepest point [m]", "drag relative to that far from the bottom"
         return EffectCurve(height, drag, name, far, "Ground effect", plain=np.ones(len(height)))

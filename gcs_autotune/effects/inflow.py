@@ -49,17 +49,19 @@ class SpeedDependentSteering(ActuatorEffect):
 
     slug = "speed-dependent-steering"
     is_structural = True
-    meaning = "the faster water flows past the rudder, the harder it turns the craft"
-    plain = "Your {craft} steers harder the faster it goes; {simulation} steers the same at any speed."
+    meaning = "the faster the water flows past the rudder, the harder the rudder turns the craft"
+    plain = "Your {craft} steers harder the faster it goes, but {simulation} steers the same at any speed."
     parameters = (
-        Quantity("share", "1", "fraction of the steering proportional to speed squared; the rest is constant"),
+        Quantity(
+            "share", "1", "fraction of the steering force that is proportional to speed squared (the rest is constant)"
+        ),
     )
     grows_with = ("share",)
-    shown_by = "yaw residual over command, against speed: too weak a turn when slow, too strong when fast"
+    shown_by = "yaw residual per command, against speed: the craft turns too little when slow, too much when fast"
     mistaken_for = ("gain-drift", "quadratic-actuator", "coriolis-coupling", "linear-drag")
     separated_by = (
-        "the same zig-zag at slow, half and full speed, each speed steady before it begins; in mixed order, because "
-        "a weakening battery looks the same"
+        "the same zig-zag at slow, half and full speed. Start each at a steady speed. Fly them in mixed order, "
+        "because a weakening battery looks the same"
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -134,9 +136,9 @@ THRUST = "X"
 """Name of the propeller's command; the rudder lies in its wash."""
 
 WASH = 0.05
-"""Least range of that command, relative to its root mean square.
+"""Least range of the propeller's command, relative to its root mean square.
 
-It is set by hand, and smaller than that of a speed, because a command has no noise.
+It is set by hand, and smaller than :data:`VARIES`, because a command has no noise.
 """
 
 
@@ -152,17 +154,19 @@ class PropellerWash(ActuatorEffect):
 
     slug = "propeller-wash"
     is_structural = True
-    meaning = "the more water the propeller pushes over the rudder, the harder it turns the craft"
-    plain = "The rudder of your {craft} turns it more when the propeller pushes harder; in {simulation} it does not."
+    meaning = "the more water the propeller pushes over the rudder, the harder the rudder turns the craft"
+    plain = "The rudder of your {craft} turns it harder when the propeller pushes harder, unlike in {simulation}."
     parameters = (
-        Quantity("share", "1", "fraction of the steering proportional to thrust squared; the rest is constant"),
+        Quantity(
+            "share", "1", "fraction of the steering force that is proportional to thrust squared (the rest is constant)"
+        ),
     )
     grows_with = ("share",)
-    shown_by = "yaw residual over command, against the thrust commanded: too weak a turn at low thrust"
+    shown_by = "yaw residual per command, against the thrust command: the craft turns too little at low thrust"
     mistaken_for = ("speed-dependent-steering", "gain-drift", "mass-change", "command-coupling")
     separated_by = (
-        "the same zig-zag at a third, two thirds and all of the thrust, the first half of each before the speed has "
-        "changed: wash follows the thrust at once, the flow of the boat's way follows the speed"
+        "the same zig-zag at a third, two thirds and all of the thrust. Fly the first half of each before the speed "
+        "has changed. Propeller wash follows the thrust at once. Inflow from headway follows the speed"
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -269,15 +273,19 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
 
     slug = "advance-speed-loss"
     is_structural = True
-    meaning = "a propeller loses thrust with the speed of the inflow: strong from rest, weak at speed"
-    plain = "The thrust of your {craft} falls as it gathers speed; in {simulation} it does not."
-    parameters = (Quantity("loss", PER_SPEED, "fraction of the thrust lost per speed ahead, gained per speed astern"),)
+    meaning = "a propeller loses thrust as the inflow speeds up: strong from rest, weak at speed"
+    plain = "The thrust of your {craft} falls as it gains speed, but not in {simulation}."
+    parameters = (
+        Quantity(
+            "loss", PER_SPEED, "fraction of the thrust lost per unit of speed ahead, or gained per unit of speed astern"
+        ),
+    )
     grows_with = ("loss",)
-    shown_by = "residual against speed, under power: grows with the speed; none while drifting to a stop"
+    shown_by = "residual against speed under power: it grows with speed. It is zero while drifting to a stop"
     mistaken_for = ("linear-drag", "quadratic-drag", "saturation")
     separated_by = (
-        "steady speed at half and at full command, each followed by drifting to a stop with no command: the loss acts "
-        "under power only and brakes more at full command, drag acts all the time"
+        "steady speed at half and at full command, then coasting to a stop without command after each. A loss of "
+        "thrust acts only under power and is larger at full command. Drag acts all the time"
     )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -291,7 +299,7 @@ class AdvanceSpeedLoss(SharedActuatorEffect):
 
     def bounds(self, place: str, data: DataSummary) -> Mapping[str, tuple[float, float]]:
         """Return bounds: thrust does not increase with speed, and the loss at the highest speed is at most four times
-        it."""
+        the thrust."""
         return {"loss": (0.0, 4.0 / _fastest(place, data))}
 
     def constants(self, place: str, data: DataSummary) -> Mapping[str, float]:

@@ -33,16 +33,19 @@ class SensorPosition(Effect):
 
     slug = "sensor-position"
     family = "sensor"
-    meaning = "the sensor sits off the centre: turning looks like sway, or like surge"
-    plain = "The sensor of the {signal} sits off the centre of your {craft}; {simulation} has it at the centre."
+    meaning = "the sensor is mounted off the centre, so turning appears as sway or as surge"
+    plain = "The sensor of the {signal} is mounted off the centre of your {craft}, but at the centre in {simulation}."
     parameters = (
-        Quantity("x_P", "m", "how far ahead of the middle the sensor sits"),
-        Quantity("y_P", "m", "how far to starboard of it"),
+        Quantity("x_P", "m", "distance of the sensor ahead of the centre"),
+        Quantity("y_P", "m", "distance of the sensor to starboard of the centre"),
     )
     grows_with = ("x_P", "y_P")
-    shown_by = "residual of sway in proportion to the turn rate, of a track to the heading, however the craft is driven"
+    shown_by = (
+        "sway residual proportional to the turn rate, or track residual that follows the heading, however the craft is "
+        "driven"
+    )
     mistaken_for = ("sway-yaw-coupling", "coriolis-coupling", "steady-current")
-    separated_by = "a turn on the spot: the track of a sensor off the centre is a circle of that radius"
+    separated_by = "a turn on the spot. The track of a sensor off the centre is a circle with the offset as its radius"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return velocities, track and both together, if measured; return depth if the model has pitch or roll."""
@@ -102,17 +105,17 @@ class CompassDeviation(Effect):
 
     slug = "compass-deviation"
     family = "sensor"
-    meaning = "the compass error varies with sine and cosine of the heading: iron and currents aboard"
-    plain = "The error of your compass changes with the heading; {simulation} assumes a compass without error."
+    meaning = "the compass error varies with the sine and cosine of the heading, because of iron and currents aboard"
+    plain = "The error of your compass changes with the heading, but {simulation} assumes a perfect compass."
     parameters = (
         Quantity("B", "rad", "part proportional to the sine of the heading"),
-        Quantity("C", "rad", "part proportional to its cosine"),
-        Quantity("A", "rad", "constant part, a misaligned compass: only if a track is measured"),
+        Quantity("C", "rad", "part proportional to the cosine of the heading"),
+        Quantity("A", "rad", "constant part, from a misaligned compass (only if a track is recorded)"),
     )
     grows_with = ("B", "C")
-    shown_by = "heading residual against heading: one wave per turn, while the gyro fits"
+    shown_by = "heading residual against heading: one wave per turn, although the gyro fits"
     mistaken_for = ("wind-moment", "steady-current", "tether-pull")
-    separated_by = "two slow full turns, one each way"
+    separated_by = "two slow full turns, one each way. The error of a compass repeats at the same headings"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return the heading, if it is measured; with it the velocities, if both are."""
@@ -163,13 +166,13 @@ class GyroBias(Effect):
 
     slug = "gyro-bias"
     family = "sensor"
-    meaning = "the gyro reads a constant rate too much"
-    plain = "Your gyro shows a turn where there is none; {simulation} assumes a gyro without error."
-    parameters = (Quantity("bias", SIGNAL, "reading of a gyro at rest"),)
+    meaning = "the reading of the gyro is too high by a constant rate"
+    plain = "Your gyro shows a turn when there is none, but {simulation} assumes a perfect gyro."
+    parameters = (Quantity("bias", SIGNAL, "reading of the gyro at rest"),)
     grows_with = ("bias",)
-    shown_by = "mean of the rate's residual, while the heading's slope fits"
+    shown_by = "mean of the rate residual, although the slope of the heading fits"
     mistaken_for = ("input-bias", "asymmetric-thrust", "compass-deviation")
-    separated_by = "a minute moored or aground with the recorder running: only the gyro still turns"
+    separated_by = "one minute moored or aground with the recorder running. Only a gyro with a bias still shows a turn"
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return the measured rates of turn."""
@@ -198,14 +201,16 @@ class MeasurementDelay(Effect):
 
     slug = "measurement-delay"
     family = "sensor"
-    meaning = "a signal is reported late: filtering in the sensor, a slow bus"
-    plain = "Your {signal} is reported late; {simulation} reports it at once."
+    meaning = "a signal is reported late, because of filtering in the sensor or a slow bus"
+    plain = "Your {signal} is reported late, but {simulation} reports it at once."
     parameters = (Quantity("delay", "s", "age of the reported value"),)
     yields_to = ("input-delay", "time-offset")
     grows_with = ("delay",)
-    shown_by = "residual in proportion to the signal's own rate of change; one signal later than its kin"
+    shown_by = "residual proportional to the signal's rate of change. One signal is later than a related one"
     mistaken_for = ("time-offset", "input-delay", "actuator-lag")
-    separated_by = "a zig-zag with gyro and compass both recorded: a late sensor lags its kin, a late push does not"
+    separated_by = (
+        "a zig-zag with gyro and compass both recorded. A late sensor lags the other one. A late push delays both"
+    )
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
         """Return each signal, and all together."""

@@ -44,12 +44,12 @@ class Quantisation(Effect):
 
     slug = "quantisation"
     family = "sensor"
-    meaning = "a signal comes in steps: few bits, few digits"
-    plain = "Your {signal} is recorded in coarse steps; that of {simulation} is smooth."
-    parameters = (Quantity("step", SIGNAL, "distance between two neighbouring readings"),)
-    shown_by = "few distinct values, all on one grid; the residual is a saw-tooth over the signal"
+    meaning = "a signal is recorded in coarse steps, because it has few bits or few digits"
+    plain = "Your {signal} is recorded in coarse steps, but that of {simulation} is smooth."
+    parameters = (Quantity("step", SIGNAL, "distance between two successive levels of the reading"),)
+    shown_by = "few distinct values, all on one grid. The residual against the signal is a saw-tooth"
     mistaken_for = ("outliers", "backlash", "dead-zone")
-    separated_by = "the slowest motion of the craft: the reading then moves in visible steps"
+    separated_by = "the slowest motion of the craft. The reading then changes in visible steps"
     fixed = ("step",)
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -117,7 +117,7 @@ class Quantisation(Effect):
         y = np.round(x / effect["step"]) * effect["step"] if effect["step"] > 0.0 else x
         unit = data.signals[effect.place]
         return EffectCurve(
-            x, y, f"{effect.place} true [{unit}]", f"{effect.place} read [{unit}]", "Stairs of the reading", plain=x
+            x, y, f"{effect.place} true [{unit}]", f"{effect.place} read [{unit}]", "Steps of the reading", plain=x
         )
 
 
@@ -153,7 +153,7 @@ def _level(error: Array, step: float) -> float:
 TOLERANCE = 0.02
 """Largest deviation of a reading from the grid, in steps; it allows for rounded numbers in files."""
 FINEST_GRID = 1e-5
-"""Finest grid, relative to the range of the values, that is looked for."""
+"""Finest grid that is searched for, relative to the range of the values."""
 
 
 def grid_step(values: Array) -> float:
@@ -187,15 +187,15 @@ class Outliers(Effect):
 
     slug = "outliers"
     family = "sensor"
-    meaning = "single samples are outliers: lost bits, reflections, jumps of a fix"
-    plain = "Your {signal} has single wrong samples; that of {simulation} has none."
+    meaning = "single samples are outliers, because of lost bits, reflections or position jumps"
+    plain = "Your {signal} has single wrong samples, but that of {simulation} has none."
     parameters = (
         Quantity("share", "1", "fraction of samples that are outliers"),
-        Quantity("size", SIGNAL, "rms of their error"),
+        Quantity("size", SIGNAL, "rms error of these samples"),
     )
-    shown_by = "lone spikes in the residual, both ways, at no particular command or motion"
+    shown_by = "single spikes in the residual, in both directions, unrelated to command or motion"
     mistaken_for = ("quantisation", "measurement-delay", "backlash")
-    separated_by = "a minute at rest with the recorder running: the spikes stay"
+    separated_by = "one minute at rest with the recorder running. Outliers of the sensor remain"
     fixed = ("share", "size")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:
@@ -251,7 +251,7 @@ class Outliers(Effect):
         unit = data.signals[effect.place]
         label = f"density [1/({unit})]"
         return EffectCurve(
-            x, law.density(x), f"error of {effect.place} [{unit}]", label, "Law of the errors", plain=core
+            x, law.density(x), f"error of {effect.place} [{unit}]", label, "Distribution of the errors", plain=core
         )
 
 

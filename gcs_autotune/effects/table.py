@@ -132,7 +132,10 @@ def _offered() -> Iterator[Effect]:
         except (ImportError, AttributeError, TypeError) as error:
             raise UsageError(f"the effect '{point.name}' ({point.value}) cannot be loaded: {error}") from error
         if not isinstance(effect, Effect):
-            raise UsageError(f"'{point.name}' ({point.value}) does not produce a gcs_autotune.effects.Effect")
+            raise UsageError(
+                f"the entry point '{point.name}' ({point.value}) does not produce a gcs_autotune.effects.Effect. "
+                "Correct it"
+            )
         yield effect
 
 
@@ -159,7 +162,7 @@ def usual_bounds(effect: Effect) -> Mapping[str, tuple[float, float]]:
         for place in effect.places(data):
             bounds = effect.bounds(place, data)
             return {q.name: bounds.get(q.name, (-float("inf"), float("inf"))) for q in effect.parameters}
-    raise LookupError(f"{effect.slug} has no place on any reference craft: add a craft that has it")
+    raise LookupError(f"{effect.slug} does not apply to any reference craft. Add a craft to which it applies")
 
 
 def _data_summary(

@@ -85,34 +85,34 @@ def canonical(derivative: str, inputs: Sequence[str] = ()) -> Term:
 
 
 NAMES: Mapping[str, tuple[str, str]] = {
-    "X_vr": ("force along the hull of a sideways momentum that turns (mass and added mass in sway)", "Fossen2011"),
-    "X_|v||v|": ("resistance of sliding sideways", "Abkowitz1964"),
-    "X_|r||r|": ("resistance of turning (centre of mass ahead, tangential flow)", "Abkowitz1964"),
+    "X_vr": ("surge force of the sideways momentum in a turn (mass and added mass in sway)", "Fossen2011"),
+    "X_|v||v|": ("resistance to sliding sideways", "Abkowitz1964"),
+    "X_|r||r|": ("resistance to turning (centre of mass ahead, tangential flow)", "Abkowitz1964"),
     "X_|v|u": ("resistance that grows with sliding sideways", "Norrbin1971"),
     "X_|r|u": ("resistance that grows with turning", "Norrbin1971"),
-    "Y_r": ("sideways force of turning", "Abkowitz1964"),
+    "Y_r": ("sideways force caused by turning", "Abkowitz1964"),
     "Y_uv": ("lift of a hull at a drift angle", "Norrbin1971"),
     "Y_|u|v": ("sway damping that grows with speed: lift and drag of a hull at a drift angle", "Norrbin1971"),
-    "Y_ur": ("sideways force of a momentum ahead that turns (mass and added mass in surge)", "Fossen2011"),
+    "Y_ur": ("sideways force of the forward momentum in a turn (mass and added mass in surge)", "Fossen2011"),
     "Y_|u|r": ("lift of a turning hull", "Norrbin1971"),
-    "Y_|v|r": ("cross-flow: sideways force of turning while sliding", "Fossen2011"),
+    "Y_|v|r": ("cross-flow: sideways force caused by turning while sliding", "Fossen2011"),
     "Y_|r|v": ("cross-flow: sway damping that grows with turning", "Fossen2011"),
-    "Y_|r|r": ("cross-flow: sideways force of turning fast", "Fossen2011"),
-    "N_v": ("moment of sliding sideways", "Abkowitz1964"),
+    "Y_|r|r": ("cross-flow: sideways force caused by fast turning", "Fossen2011"),
+    "N_v": ("moment caused by sliding sideways", "Abkowitz1964"),
     "N_uv": ("Munk moment of a hull at a drift angle", "Fossen2011"),
     "N_|u|v": ("moment of the lift of a hull at a drift angle", "Norrbin1971"),
-    "N_ur": ("moment of a turning hull under way, of one sign ahead and of the other astern", "Fossen2011"),
+    "N_ur": ("moment of a turning hull under way, with opposite signs ahead and astern", "Fossen2011"),
     "N_|u|r": ("yaw damping that grows with speed, ahead and astern", "Norrbin1971"),
-    "N_|v|v": ("cross-flow: moment of sliding sideways fast", "Fossen2011"),
+    "N_|v|v": ("cross-flow: moment caused by fast sideways motion", "Fossen2011"),
     "N_|v|r": ("cross-flow: yaw damping that grows with sliding sideways", "Fossen2011"),
-    "N_|r|v": ("cross-flow: moment of sliding sideways while turning", "Fossen2011"),
+    "N_|r|v": ("cross-flow: moment caused by sliding sideways while turning", "Fossen2011"),
     "N_u": ("pull to one side that grows with speed", "Abkowitz1964"),
     "N_|u|u": ("pull to one side that grows with the square of speed", "Abkowitz1964"),
     "Y_u": ("push to one side that grows with speed", "Abkowitz1964"),
     "Y_|u|u": ("push to one side that grows with the square of speed", "Abkowitz1964"),
-    "Z_|u||u|": ("lift or sinkage of speed ahead", "Fossen2011"),
+    "Z_|u||u|": ("lift or sinkage caused by speed ahead", "Fossen2011"),
     "Z_uw": ("lift of a hull at an angle of attack", "Fossen2011"),
-    "M_uw": ("Munk's moment of a hull at an angle of attack", "Fossen2011"),
+    "M_uw": ("Munk moment of a hull at an angle of attack", "Fossen2011"),
 }
 """Derivative -> its hydrodynamic meaning, and a source."""
 
@@ -170,7 +170,7 @@ def _words(row: str, own: str, factors: Sequence[Factor], damps: bool) -> str:
     others = " and ".join(dict.fromkeys(DOF_OF[s] for s, _ in factors if s != own or not damps))
     if damps:
         return f"{dof} damping that grows with {others}" if others else f"{dof} damping"
-    return f"{dof} {what} that goes with {others}"
+    return f"{dof} {what} that grows with {others}"
 
 
 DOF_OF: Mapping[str, str] = {d.velocity: d.name for d in DOFS.values()}
@@ -350,12 +350,12 @@ class SwayMoment(NamedProduct):
 
     slug = "sway-moment"
     derivative = "N_v"
-    meaning = "sliding sideways turns the craft: its lateral resistance lies away from midships"
-    plain = "Sliding sideways turns your {craft}; it does not turn {simulation}."
-    parameters = (Quantity("N_v", "moment s/m", "yaw moment per sway velocity"),)
-    shown_by = "yaw residual against the measured sway, longest after a turn has ended"
+    meaning = "sliding sideways turns the craft, because the centre of its lateral resistance is off midships"
+    plain = "Sliding sideways turns your {craft}, but not {simulation}."
+    parameters = (Quantity("N_v", "moment s/m", "yaw moment per unit of sway velocity"),)
+    shown_by = "yaw residual against the measured sway, which lasts longest after a turn has ended"
     mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "actuator-lag")
-    separated_by = "pull-outs: a hard turn, then the rudder amidships until it runs straight, at two speeds"
+    separated_by = "pull-outs at two speeds: a hard turn, then the rudder amidships until the craft runs straight"
 
 
 class SpeedDamping(NamedProduct):
@@ -363,12 +363,14 @@ class SpeedDamping(NamedProduct):
 
     slug = "speed-damping"
     derivative = "N_|u|r"
-    meaning = "turning gets harder with speed, ahead or astern: yaw damping grows with the flow"
-    plain = "The resistance of your {craft} to turning changes with its speed; that of {simulation} does not."
-    parameters = (Quantity("N_|u|r", "moment s^2/(m rad)", "yaw moment per speed ahead or astern and turn rate"),)
-    shown_by = "yaw residual against |u| times r: turns fade sooner under way than at rest"
+    meaning = "turning gets harder with speed, ahead or astern, because yaw damping grows with the flow"
+    plain = "Your {craft}'s turning resistance grows with speed; {simulation}'s does not."
+    parameters = (
+        Quantity("N_|u|r", "moment s^2/(m rad)", "yaw moment per product of speed (ahead or astern) and turn rate"),
+    )
+    shown_by = "yaw residual against |u| times r: turns decay faster under way than at rest"
     mistaken_for = ("quadratic-drag", "speed-dependent-steering", "sway-moment", "munk-moment", "velocity-product")
-    separated_by = "the same turn on the spot, at half and at full speed, each speed steady before it begins"
+    separated_by = "the same turn at rest, at half speed and at full speed. Start each at a steady speed"
 
 
 class MunkMoment(NamedProduct):
@@ -377,12 +379,12 @@ class MunkMoment(NamedProduct):
     slug = "munk-moment"
     derivative = "N_uv"
     form_of = ("sway-moment",)
-    meaning = "at a drift angle the craft turns further by itself, more at higher speed"
-    plain = "Moving at an angle to its bow turns your {craft} further; it does not turn {simulation}."
-    parameters = (Quantity("N_uv", "moment s^2/m^2", "yaw moment per surge and sway velocity"),)
+    meaning = "at a drift angle the craft turns further by itself, more so at higher speed"
+    plain = "Moving at an angle to its bow turns your {craft} further, but not {simulation}."
+    parameters = (Quantity("N_uv", "moment s^2/m^2", "yaw moment per product of surge and sway velocity"),)
     shown_by = "yaw residual against u times v"
     mistaken_for = ("sway-moment", "speed-damping", "coriolis-coupling")
-    separated_by = "pull-outs at two speeds: a moment of sway alone does not depend on the speed ahead"
+    separated_by = "pull-outs at two speeds. A moment caused by sway alone does not depend on the speed ahead"
 
 
 NAMED = frozenset({SwayMoment.derivative, SpeedDamping.derivative, MunkMoment.derivative})
@@ -413,15 +415,15 @@ class VelocityProduct(ProductEffect):
 
     slug = VELOCITY_PRODUCT
     grows_with = ("coefficient",)
-    meaning = "a force or moment proportional to a product of velocities that the simulation leaves out"
-    plain = "The motions of your {craft} act on each other in a way that {simulation} leaves out."
-    parameters = (Quantity("coefficient", "force per product", "the SNAME derivative of that place"),)
-    shown_by = "residual against that product: nothing at rest, most where its velocities come together"
+    meaning = "a force or moment proportional to a product of velocities that the simulation does not model"
+    plain = "The motions of your {craft} act on each other in a way that {simulation} does not model."
+    parameters = (Quantity("coefficient", "force per product", "the SNAME derivative of that product"),)
+    shown_by = "residual against that product: zero at rest, largest when all its velocities are large"
     mistaken_for = ("quadratic-drag", "speed-damping", "munk-moment", "sway-yaw-coupling", "coriolis-coupling")
     yields_to = ("input-bias",)  # a product that hardly changes in the runs is a constant to them
     separated_by = (
-        "turning circles both ways at two speeds, pull-outs, the same turns astern: each velocity of the product "
-        "alone, then together"
+        "turning circles both ways at two speeds, pull-outs, and the same turns astern. They vary each velocity of "
+        "the product alone, then together"
     )
 
     def term(self, place: str) -> ProductTerm:

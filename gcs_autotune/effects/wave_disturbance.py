@@ -268,15 +268,15 @@ class WaveDisturbance(Effect):
     slug = "wave-disturbance"
     family = "environment"
     meaning = "waves: a force that oscillates at one frequency, independent of the craft's motion"
-    plain = "Waves push your {craft}; there are none in {simulation}."
+    plain = "Waves push your {craft}, but there are none in {simulation}."
     parameters = (
         Quantity("amplitude", INPUT, "rms of the force"),
         Quantity("frequency", "rad/s", "frequency of encounter"),
-        Quantity("bandwidth", "1", "damping ratio: 0 a pure tone, 0.2 an irregular sea"),
+        Quantity("bandwidth", "1", "damping ratio: 0 is a pure tone, 0.2 an irregular sea"),
     )
     shown_by = "one peak in the residual's spectrum, unrelated to the commands"
     mistaken_for = ("backlash", "measurement-delay", "tether-pull")
-    separated_by = "a few minutes with no command at all, on two headings: the oscillation continues"
+    separated_by = "a few minutes without command on each of two headings. Waves keep the craft oscillating"
     fixed = ("amplitude", "frequency", "bandwidth")
 
     def places(self, data: DataSummary) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ class DofComparison:
         return self.rise_apart / self.interval
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data, SI and radians."""
+        """Return the comparison as plain data, SI and radians."""
         return {
             "dof": self.dof,
             "input_unit": self.input_unit,
@@ -110,7 +110,9 @@ def compare_dof(
             "compared: their forces have no common unit. Use --full-scale to convert normalised outputs into forces"
         )
     if not largest >= smallest > 0.0:
-        raise UsageError(f"steps of {largest:g} and {smallest:g}: inputs must be above 0, the larger one first")
+        raise UsageError(
+            f"inputs {largest:g} and {smallest:g} cannot be compared. Give two inputs above 0, the larger one first"
+        )
     both_quadratic = all(m.beta == 0.0 and m.beta_quadratic != 0.0 for m in models)
     share = SETTLING_QUADRATIC if both_quadratic else SETTLING
     steady, rise = [], []
@@ -167,8 +169,8 @@ def compare_models(
         )
     if not found:
         raise UsageError(
-            f"a model of {', '.join(one.base.form.dofs)} and one of {', '.join(other.base.form.dofs)} have no "
-            "common degree of freedom that these runs drive"
+            f"a model of {', '.join(one.base.form.dofs)} and one of {', '.join(other.base.form.dofs)} cannot be "
+            "compared: no degree of freedom that these runs drive is in both"
         )
     return tuple(found)
 

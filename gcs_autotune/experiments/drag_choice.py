@@ -49,7 +49,7 @@ class AxisChoice:
     reasons: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the choice as plain data for a JSON file."""
         rows = [{"structure": r.structure, "bic": r.bic, "left_out": r.left_out} for r in self.table]
         verdict = None if self.decision is None else self.decision.verdict
         return {
@@ -97,17 +97,19 @@ def _reasons(fit: AxisFit, table: Sequence[ScoredDrag], signal: str) -> tuple[st
         d = fit.decision
         verdict = "undecided" if d.verdict == "undecided" else f"indicates {WORDS[d.verdict]}"
         said.append(
-            f"two experiments (Miskovic2010, 7.2): linear damping scatters by {d.sigma_beta:.1f} %, quadratic by "
-            f"{d.sigma_beta_quadratic:.1f} %, margin {d.margin:.1f} %: {verdict}"
+            f"two experiments (Miskovic2010, 7.2): the linear damping differs by {d.sigma_beta:.1f} %, the quadratic "
+            f"by {d.sigma_beta_quadratic:.1f} % (margin {d.margin:.1f} %): {verdict}"
         )
     best = min(table, key=lambda row: row.left_out)
     own = next(row for row in table if row.structure == fit.structure)
     what = f"held-out data ({signal_meaning(signal, fit.dof).split(',')[0]})"
     if best.left_out < (1.0 - ALIKE) * own.left_out:
-        said.append(f"{what}: {WORDS[best.structure]} predicts best, better than {WORDS[own.structure]}")
+        said.append(f"{what}: {WORDS[best.structure]} predicts better than {WORDS[own.structure]}")
     else:
         said.append(f"{what}: {WORDS[own.structure]} predicts best")
     known = [row for row in table if np.isfinite(row.bic)]
     if known:
-        said.append(f"Bayesian criterion (BIC): lowest with {WORDS[min(known, key=lambda row: row.bic).structure]}")
+        said.append(
+            f"Bayesian information criterion (BIC): best with {WORDS[min(known, key=lambda row: row.bic).structure]}"
+        )
     return tuple(said)

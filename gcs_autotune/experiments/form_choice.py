@@ -67,12 +67,12 @@ def complaints_about(fit: Fit[Model]) -> tuple[str, ...]:
     for name in Limits.physical(model.form).high:
         parameter = fit.parameters.get(name)
         if inertia_of(name) is None and parameter is not None and parameter.value > SURE * parameter.std:
-            found.append(f"{name} is negative damping")
+            found.append(f"{name} is a negative damping")
     return tuple(found)
 
 
 CLEAR = 2.0
-"""Difference of BIC below which the choice is undecided (Kass1995)."""
+"""Difference of BIC below which neither form is preferred (Kass1995)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +175,7 @@ def compared(chosen: ScoredForm, other: ScoredForm) -> str:
 def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
     """Return the comparison in numbers: the held-out error in the worst signal's unit, and the criterion."""
     if simpler.fit is None:
-        return f"without it {simpler.complaints[0]}"
+        return f"without it, {simpler.complaints[0]}"
     both = [n for n in richer.left_out_rms if n in simpler.left_out_rms]
     said = ""
     if both:
@@ -183,8 +183,8 @@ def _numbers(richer: ScoredForm, simpler: ScoredForm) -> str:
         unit = SIGNALS[name][0]
         scale, unit = (180.0 / math.pi, unit.replace("rad", "deg")) if "rad" in unit else (1.0, unit)
         one, other = (scale * row.left_out_rms[name] for row in (simpler, richer))
-        said = f"held-out error of {name} {one:.3g} {unit} without, {other:.3g} with; "
-    return f"{said}BIC {simpler.bic - richer.bic:+.1f} without"
+        said = f"held-out error of {name} {one:.3g} {unit} without it, {other:.3g} with it; "
+    return f"{said}BIC {simpler.bic - richer.bic:+.1f} without it"
 
 
 PATIENCE = 2
@@ -315,7 +315,7 @@ def eliminate(
         sure = _sureness(now.fit, weakest)
         if sure > CERTAIN:
             reasons.append(
-                f"the remaining terms are needed: {weakest}, the weakest, is {sure:.0f} standard errors from zero"
+                f"all remaining terms are needed: {weakest} is the weakest, {sure:.0f} standard errors from zero"
             )
             break
         name = _shorter(now.form.name, weakest)
@@ -349,7 +349,7 @@ def _judge(
 ) -> _Judge:
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     if not forms or not runs:
-        raise UsageError("a choice of structure needs at least one form and one run")
+        raise UsageError("a structure is chosen from at least one form and one run. Give both")
     if len({tuple(f.inputs) for f in forms}) > 1:
         raise UsageError("the forms have different inputs and cannot be compared. Use forms with the same inputs")
     return _Judge(runs, method, delay, options, folds_of(runs, tuple(forms[0].inputs)))

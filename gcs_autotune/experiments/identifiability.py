@@ -82,13 +82,16 @@ def direction_doubt(direction: Direction, seen: ManoeuvringRoom) -> Doubt:
     if direction.scaling:
         return Doubt(
             SLUG,
-            f"a common factor on {names} leaves the motion unchanged",
-            "no manoeuvre separates them. Weigh the craft or measure a bollard pull, and supply one value with --known",
+            f"multiplying {names} by a common factor leaves the motion unchanged",
+            "no manoeuvre distinguishes them. Weigh the craft or measure a bollard pull, and supply one value with "
+            "--known",
         )
     if direction.exact and len(direction.members) == 1:
-        return Doubt(SLUG, f"nothing in {_here(seen)} depends on {names}", _cure(direction.derivatives, seen))
+        return Doubt(
+            SLUG, f"the motion in {_here(seen)} does not depend on {names}", _cure(direction.derivatives, seen)
+        )
     if direction.exact:
-        cause = f"{names} are indistinguishable in {_here(seen)}: {_exchange(direction)} changes no measurement"
+        cause = f"{_here(seen)} cannot distinguish {names}: {_exchange(direction)} changes no measurement"
         return Doubt(SLUG, cause, _cure(direction.derivatives, seen))
     cause = f"{names} are strongly correlated in {_here(seen)}: {_exchange(direction)} stays within the noise"
     return Doubt(SLUG, cause, _cure(_leading(direction), seen))
@@ -105,7 +108,7 @@ def unseen_doubt(unseen: Unseen, seen: ManoeuvringRoom) -> Doubt:
     if unseen.slight:
         return Doubt(
             SLUG,
-            f"{unseen.name} is poorly identifiable from {_here(seen)} ({size}){why}; its force is negligible",
+            f"{unseen.name} is poorly identifiable from {_here(seen)} ({size}){why}: its force is negligible",
             f"omit {unseen.name} for motion like this, or {_cure((unseen.derivative,), seen)}",
         )
     return Doubt(
@@ -116,7 +119,7 @@ def unseen_doubt(unseen: Unseen, seen: ManoeuvringRoom) -> Doubt:
 
 
 def joined(names: Sequence[str]) -> str:
-    """Return ``a, b and c``."""
+    """Return the words in *names* as a list in a sentence, such as ``a, b and c``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -186,17 +189,19 @@ def _cure(derivatives: Sequence[str], seen: ManoeuvringRoom) -> str:
     if {"delay", "lag"} & set(derivatives):
         return "switch the input more often and record it and the motion at a higher rate"
     if {"v", "r"} <= letters and seen.kind != "zig-zag":
-        return "fly a zig-zag, in which sway and yaw rate change out of phase"
+        return "fly a zig-zag, in which sway velocity and yaw rate change out of phase"
     if {"v", "r"} <= letters:
         return "fly turns of different radius at different speeds"
     if any(d.endswith("_0") for d in lines):
-        return "fly the same manoeuvre to both sides, to separate a constant force from drag"
+        return "fly the same manoeuvre to both sides, to distinguish a constant force from drag"
     if squares and len(derivatives) > 1 and not inertia and letters & {"v", "r"}:
-        return "fly gentle and tight turns, to separate linear and quadratic drag"
+        return "fly gentle and tight turns, to distinguish linear and quadratic drag"
     if squares and len(derivatives) > 1 and not inertia:
-        return "fly at clearly different speeds and coast down from the fastest, to separate linear and quadratic drag"
+        return (
+            "fly at clearly different speeds and coast down from the fastest, to distinguish linear and quadratic drag"
+        )
     if inertia and len(derivatives) > 1:
-        return "fly steps and reversals faster than the craft settles, to separate inertia and drag"
+        return "fly steps and reversals faster than the craft settles, to distinguish inertia and drag"
     if letters & {"v", "r"}:
         return "fly a zig-zag or tight turns at higher speed" if seen.kind != "zig-zag" else "fly tighter turns, faster"
     if letters & {"u"}:

@@ -119,8 +119,8 @@ class RankedManoeuvre:
         room = [f"{math.degrees(reach.turned):.0f} deg of turning"] if reach.turned > 0.0 else []
         room += [f"{reach.room:.0f} m of space"] if reach.room > 0.0 else []
         room += [f"{reach.deep:.1f} m of depth"] if reach.deep > 0.0 else []
-        needs = f"; needs {' and '.join(room)}" if room else ""
-        flags = f"; outside the range flown: {', '.join(plan.flags)}" if plan.flags else ""
+        needs = f"; space needed: {' and '.join(room)}" if room else ""
+        flags = f"; beyond the runs so far: {', '.join(plan.flags)}" if plan.flags else ""
         return f"{plan.candidate.title} for {self.seconds:.0f} s: std of {', '.join(told)}{needs}{flags}"
 
     @property
@@ -129,7 +129,8 @@ class RankedManoeuvre:
         lines = [self.say(plan) for plan in self.plans[:3]]
         if self.hopeless:
             lines.append(
-                f"no candidate manoeuvre identifies {', '.join(self.hopeless)}. Fix them, or measure other signals"
+                f"no candidate manoeuvre identifies {', '.join(self.hopeless)}. Supply these with --known, or measure "
+                "other signals"
             )
         return tuple(lines)
 
@@ -159,15 +160,15 @@ def plan_next(
         The model diverges in every candidate.
     """
     if not 5.0 <= seconds <= 3600.0:
-        raise UsageError(f"a run of {seconds} s cannot be planned. Use 5 to 3600 s")
+        raise UsageError(f"a run of {seconds} s is too short or too long to plan. Use 5 to 3600 s")
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of(subject.form, subject.theta, subject.records)
     wanted = PRESETS.values() if candidates is None else [_candidate(c) for c in candidates]
     able = [c for c in wanted if {ROLES[force] for force in c.drives} <= set(allocation.columns)]
     if not able:
         raise UsageError(
-            f"no candidate manoeuvre can be flown with the inputs {', '.join(allocation.channels)} of these runs, "
-            f"which drive only {', '.join(allocation.columns)}"
+            f"no candidate manoeuvre can be flown with the inputs of these runs ({', '.join(allocation.channels)}): "
+            f"they drive only {', '.join(allocation.columns)}"
         )
     now = check_identifiability(subject)
     plans = [p for c in able if (p := ranking_of(subject, now, fly(subject, allocation, c, seconds), c)) is not None]
@@ -252,7 +253,7 @@ def rank_by_precision(
     Raises
     ------
     NotInformative, UsageError
-        As :func:`gcs_autotune.identify.fitted_model_of`.
+        As :func:`gcs_autotune.identify.problems.information.fitted_model_of`.
     """
     subject = fitted_model_of(fit, trials)
     allocation = allocation_of_shares(subject.form, most or {})

@@ -181,7 +181,9 @@ def allocation_of(form: Form, theta: Array, records: Sequence[Segment]) -> Chann
     used = np.vstack([r.inputs for r in records])
     most = np.abs(used).max(axis=0)
     if not np.any(most > 0.0):
-        raise NotInformative("no input was used in these runs, so the size of the next one cannot be chosen")
+        raise NotInformative(
+            "the inputs of these runs are zero throughout, so the size of the next input cannot be chosen"
+        )
     gains = _gains(form, theta)
     ahead_only = (gains[FORCES.index("X")] != 0.0) & (used.min(axis=0) >= 0.0)
     chosen: list[str] = []

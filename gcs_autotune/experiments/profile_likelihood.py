@@ -73,7 +73,7 @@ class Profile:
             return f"{self.name} is not bounded by these runs"
         side, bound = ("above", self.low) if math.isfinite(self.low) else ("below", self.high)
         other = "upwards" if side == "above" else "downwards"
-        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs do not bound it {other}"
+        return f"{self.name} is {side} {bound:.4g} {self.unit}; these runs give no bound {other}"
 
 
 def profile(fit: Fit[Model], trials: Trial | Sequence[Trial], name: str, *, level: float = 0.95) -> Profile:
@@ -145,7 +145,7 @@ class _Walker:
     def at(
         self, value: float, near: tuple[Array, tuple[Array, ...]]
     ) -> tuple[float, tuple[Array, tuple[Array, ...]] | None]:
-        """Return the deviance with the parameter at *value* (infinite when no fit runs), and the fit."""
+        """Return the deviance with the parameter at *value* (infinite if no fit converges), and the fit."""
         found = self.likeliest.holding(self.place, value, *near)
         if found is None:
             return math.inf, None

@@ -37,7 +37,7 @@ class Scales:
 
 
 def scales_of(subject: FittedModel) -> Scales:
-    """Return the scales of the subject's fitted parameters.
+    """Return the size and the noticeable change of each fitted parameter.
 
     Raises
     ------

@@ -128,7 +128,9 @@ def equations_of(file: ModelFile, full_scale: Mapping[str, float]) -> MotionEqua
     program, inputs = program_of(form), tuple(form.inputs)
     strange = [c for c in inputs if not _NAME.fullmatch(c)]
     if strange:
-        raise BadFile(f"{_plain(', '.join(strange))}: not an input of the model")
+        raise BadFile(
+            f"the model's input {_plain(', '.join(strange))} has an invalid name. Use letters, digits and underscores"
+        )
     units = {c: _plain(file.inputs.get(c, "")) for c in inputs}
     values = dict(zip(form.parameters, (float(v) for v in theta), strict=True))
     left = [f"{n} = {values[n]:.6g} {SPECIAL[n]}" for n in SPECIAL if values.get(n) and n not in WITHIN]

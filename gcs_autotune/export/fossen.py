@@ -1,4 +1,7 @@
-"""A vehicle class for Fossen's Python Vehicle Simulator (Fossen2021): ``dynamics(eta, nu, u_actual, u_control, h)``."""
+"""Export a model to Fossen's Python Vehicle Simulator (Fossen2021), as a vehicle class.
+
+The class has the method ``dynamics(eta, nu, u_actual, u_control, h)``.
+"""
 
 from __future__ import annotations
 

@@ -39,8 +39,8 @@ def to_gazebo(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
             left.append(f"the force {FORCES[term.row]} = {term.text}")
     if np.any(np.diag(equations.inertia)) and not np.any(equations.rigid):
         left.append(
-            "mass and inertia of the body itself: the model has only their sum with the added mass, which is in the "
-            "...Dot... elements; subtract the link's own"
+            "mass and inertia of the body itself. The model contains only their sum with the added mass, which is in "
+            "the ...Dot... elements. Subtract the link's own values"
         )
     left += [f"the {what} of {c}, {s:.6g} s" for what, late in (("delay", equations.delay), ("lag", equations.lag))
              for c, s in late.items() if s]  # fmt: skip

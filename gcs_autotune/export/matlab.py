@@ -1,4 +1,4 @@
-"""MATLAB (or Octave): a function of the equations of motion, for ode45."""
+"""Export a model to MATLAB (or Octave), as a function of the equations of motion for ode45."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def to_matlab(equations: MotionEquations) -> tuple[str, tuple[str, ...]]:
     """Return a ``.m`` file; delays and lags are constants at its start, which the caller must apply."""
     inputs = tuple(equations.inputs)
     late = [
-        f"the {what} of {c}, {s:.6g} s (a number in the file; apply it to the input)"
+        f"the {what} of {c}, {s:.6g} s (a number in the file, to be applied to the input)"
         for what, table in (("delay", equations.delay), ("lag", equations.lag))
         for c, s in table.items()
         if s

@@ -1,4 +1,4 @@
-"""CSV: one parameter per row."""
+"""Export a model's parameters as CSV, one parameter per row."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from gcs_autotune.models import FORCES
 __all__ = ["to_vehicle_file"]
 
 AXES = {"surge": (0, "u", "X"), "sway": (1, "v", "Y"), "heave": (2, "w", "Z"), "yaw": (5, "r", "N")}
-"""Table of the file -> row, velocity, input."""
+"""Table of the vehicle file -> row of the equations, velocity, input."""
 PLANE = ("u", "v", "r")
 
 
@@ -65,13 +65,14 @@ def _see(equations: MotionEquations) -> None:
     if strange:
         raise UsageError(
             f"the model is driven by {', '.join(strange)}, but a vehicle file has thrusters. Simulate the model "
-            f"itself: "
-            "gcs-autotune sitl charlie --model FILE --ardupilot-json"
+            "itself: gcs-autotune sitl charlie --model FILE --ardupilot-json"
         )
     unknown = [c for c in equations.inputs if c not in equations.full]
     if unknown:
         told = ",".join(f"{c}=..." for c in unknown)
-        raise UsageError(f"full output of {', '.join(unknown)} is unknown. Use --full-scale {told} [N, N m]")
+        raise UsageError(
+            f"the full output of {', '.join(unknown)} is unknown. Supply it with --full-scale {told} [N, N m]"
+        )
     if any(row in equations.rows for row in (3, 4)):
         raise UsageError("roll and pitch, which the simulator does not model")
 
@@ -121,7 +122,7 @@ def _coupling(equations: MotionEquations, own: set[int], left: list[str]) -> str
             own.add(k)
     sideways = _authority(equations, 1, own)
     if sideways:
-        left.append(f"the input Y ({sideways:.6g} at full): no simulated boat thrusts sideways")
+        left.append(f"the input Y ({sideways:.6g} at full output), because no simulated boat thrusts sideways")
     lines = [f'coriolis = {{ value = {str(equations.coriolis).lower()}, unit = "1", source = "identified" }}']
     return "\n".join(["[coupling]", *lines, *(_number(f'"{n}"', v) for n, v in values.items())])
 

@@ -1,6 +1,6 @@
-"""What each autopilot firmware calls things: modes, channels, loops, parameters. Data only, no I/O.
+"""Names in each autopilot firmware: modes, channels, loops, parameters. Data only, without I/O.
 
-Adding a firmware is one file defining a :class:`Firmware` and one line in :data:`FIRMWARE`.
+To add a firmware, add a file with a :class:`Firmware` and a line in :data:`FIRMWARE`.
 """
 
 from __future__ import annotations
@@ -48,5 +48,5 @@ FIRMWARE: Mapping[str, Firmware] = {
 
 
 def firmware_for(autopilot: int, vehicle_type: int) -> Firmware | None:
-    """Return the firmware for a HEARTBEAT's ``autopilot`` and ``type``, or None when we know none."""
+    """Return the firmware for a HEARTBEAT's ``autopilot`` and ``type``; None if it is not supported."""
     return next((f for f in FIRMWARE.values() if autopilot == f.autopilot and vehicle_type in f.vehicle_types), None)

@@ -1,13 +1,14 @@
-"""One parameter, several names: what ArduPilot called it before and after, and what became of its number.
+"""Parameters with several names: their names in different ArduPilot versions, and the conversion of their values.
 
-The *canonical* name is the one our laws and axes use (that of 4.5 and 4.6, but for the MAVLink system ids). Sources:
-"Parameter Name Changes", 4.6 to 4.7 (ardupilot.org, common-param-name-changes), and the control loops and metadata of
-ArduPilot 8264a9b4a2 (December 2025, "4.7.0-dev": PSC_D_*, MAV_* and ARMING_SKIPCHK are new there, ATC_ACCEL_Y_MAX,
-ATC_SLEW_YAW and Sub's PILOT_* still old). That a vehicle mixes the two is usual: every name is resolved by itself.
+The *canonical* name is the one used by our laws and axes: that of 4.5 and 4.6, except for the MAVLink system ids.
+Sources: "Parameter Name Changes", 4.6 to 4.7 (ardupilot.org, common-param-name-changes), and the control loops and
+metadata of ArduPilot 8264a9b4a2 (December 2025, "4.7.0-dev"). That version has the new names PSC_D_*, MAV_* and
+ARMING_SKIPCHK, but the old names ATC_ACCEL_Y_MAX, ATC_SLEW_YAW and Sub's PILOT_*. A vehicle usually has a mixture of
+old and new names, so every name is resolved separately.
 
-The acceleration loop went from throttle per cm/s^2 x 0.001 to throttle per m/s^2, hence 0.1 on all its gains. That
-holds for FF too, although ArduPilot's own conversion of stored values (AC_PosControl.cpp, ``convert_parameters``) moves
-FF unscaled, and Sub does not run that conversion at all: after an update a Sub has the new defaults.
+The unit of the acceleration loop changed from throttle per cm/s^2 x 0.001 to throttle per m/s^2. So the factor is 0.1
+for all its gains, including FF. ArduPilot's own conversion of stored values (AC_PosControl.cpp, ``convert_parameters``)
+leaves FF unscaled. Sub does not run that conversion, so after an update it has the new defaults.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ __all__ = ["ALIASES", "FIXED_OUTPUTS", "Alias"]
 
 _ALL_CHECKS = 1
 _CHECK_BITS = (1 << 21) - 2
-"""ARMING_CHECK's bits but for the first, which means all of them."""
+"""Bits of ARMING_CHECK without the first one, which means all of them."""
 _SKIP_ALL = -1
 
 
@@ -29,11 +30,11 @@ class Alias:
 
     Attributes
     ----------
-    name : what such a vehicle calls it.
+    name : the name on such a vehicle.
     scale : value under that name per value under the canonical one.
     low, high : range documented under that name, in its own unit; None when it is the canonical one's, scaled.
-    inverted_bits : the value is a mask of arming checks to skip, where the canonical one is of checks to run.
-    is_sign : the value is 1, or -1 for reversed, where the canonical one is 0, or 1 for reversed.
+    inverted_bits : whether the value is a mask of arming checks to skip, while the canonical one has those to run.
+    is_sign : whether the value is 1, or -1 for reversed, while the canonical one is 0, or 1 for reversed.
     """
 
     name: str
@@ -44,13 +45,13 @@ class Alias:
     is_sign: bool = False
 
     def to_own(self, value: float) -> float:
-        """Return the number under this name for the canonical *value*."""
+        """Return the value under this name for the canonical *value*."""
         if self.is_sign:
             return -1.0 if value else 1.0
         return _skipped(int(value)) if self.inverted_bits else value * self.scale
 
     def to_canonical(self, value: float) -> float:
-        """Return the canonical number for *value* under this name."""
+        """Return the canonical value for *value* under this name."""
         if self.is_sign:
             return float(value < 0.0)
         return _run(int(value)) if self.inverted_bits else value / self.scale
@@ -104,7 +105,7 @@ ALIASES: Mapping[str, tuple[Alias, ...]] = {
     "MAV_SYSID": (Alias("SYSID_THISMAV"),),
     "ARMING_CHECK": (Alias("ARMING_SKIPCHK", inverted_bits=True),),
 }
-"""Canonical name -> its other names; adding one is one line."""
+"""Canonical name -> its other names. To add one, add a line."""
 
 FIXED_OUTPUTS: Mapping[str, tuple[Alias, float]] = {
     "SERVO{n}_FUNCTION": (Alias("RC{n}_FUNCTION"), 0.0),
@@ -113,5 +114,7 @@ FIXED_OUTPUTS: Mapping[str, tuple[Alias, float]] = {
     "SERVO{n}_MAX": (Alias("RC{n}_MAX"), 1900.0),
     "SERVO{n}_REVERSED": (Alias("RC{n}_REV", is_sign=True), 1.0),
 }
-"""Canonical name of output n -> its name before SERVOn_FUNCTION, when output n obeyed the limits of RC channel n, and
-the default of that time under the old name (RC_Channel of ArduRover 2.4 to 3.1)."""
+"""Canonical name of output n -> its name before SERVOn_FUNCTION, with the default value of that time.
+
+Output n then used the limits of RC channel n (RC_Channel of ArduRover 2.4 to 3.1).
+"""

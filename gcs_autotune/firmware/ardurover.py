@@ -1,9 +1,9 @@
 """ArduRover 4.x: boats (MAV_TYPE 11) and ground rovers (10).
 
-Parameter names and documented ranges: ArduPilot's parameter metadata for Rover 4.5-4.7 (unchanged there).
-Channels: RCMAP defaults, steering on 1, throttle on 3. Outputs up to 3.1 ("APM:Rover", "ArduRover v2.46"): those of
-these channels, which RCMAP moves too; with SKID_STEER_OUT the left thruster is on the channel of steering and the
-right one on that of throttle (ArduRover 2.46 to 3.1, ``mix_skid_steering``).
+Parameter names and documented ranges: ArduPilot's parameter metadata for Rover 4.5-4.7 (unchanged there). Channels:
+RCMAP defaults, steering on 1, throttle on 3. Outputs up to 3.1 ("APM:Rover", "ArduRover v2.46") have the numbers of
+these channels, which RCMAP changes too. With SKID_STEER_OUT the left thruster is on the steering channel and the right
+one on the throttle channel (ArduRover 2.46 to 3.1, ``mix_skid_steering``).
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _HEADING = Axis(
     name="heading",
     law="rover-heading",
     gains=(
-        Gain("ATC_STR_RAT_FF", 0.0, 3.0, "steering per required turn rate"),
-        Gain("ATC_STR_RAT_P", 0.0, 2.0, "steering per turn-rate error"),
-        Gain("ATC_STR_RAT_I", 0.0, 2.0, "steering per accumulated turn-rate error"),
-        Gain("ATC_STR_RAT_D", 0.0, 0.4, "steering per change of turn-rate error"),
+        Gain("ATC_STR_RAT_FF", 0.0, 3.0, "steering output per required turn rate"),
+        Gain("ATC_STR_RAT_P", 0.0, 2.0, "steering output per turn-rate error"),
+        Gain("ATC_STR_RAT_I", 0.0, 2.0, "steering output per accumulated turn-rate error"),
+        Gain("ATC_STR_RAT_D", 0.0, 0.4, "steering output per rate of change of turn-rate error"),
         Gain("ATC_STR_ANG_P", 1.0, 10.0, "turn rate per heading error"),
     ),
     context=(
@@ -56,10 +56,10 @@ _SPEED = Axis(
     gains=(
         Gain("ATC_SPEED_P", 0.01, 2.0, "throttle per speed error"),
         Gain("ATC_SPEED_I", 0.0, 2.0, "throttle per accumulated speed error"),
-        Gain("ATC_SPEED_D", 0.0, 0.4, "throttle per change of speed error"),
-        Gain("ATC_SPEED_FF", 0.0, 0.5, "throttle per required speed, in addition to the cruise pair"),
-        Gain("CRUISE_SPEED", 0.0, 100.0, "speed of the cruise pair"),
-        Gain("CRUISE_THROTTLE", 0.0, 100.0, "throttle of the cruise pair"),
+        Gain("ATC_SPEED_D", 0.0, 0.4, "throttle per rate of change of speed error"),
+        Gain("ATC_SPEED_FF", 0.0, 0.5, "throttle per required speed, added to the cruise throttle"),
+        Gain("CRUISE_SPEED", 0.0, 100.0, "cruise speed, reached at CRUISE_THROTTLE"),
+        Gain("CRUISE_THROTTLE", 0.0, 100.0, "cruise throttle, which gives CRUISE_SPEED"),
     ),
     context=(
         *pid_context("ATC_SPEED"),
@@ -81,8 +81,8 @@ _UNSUITED = (
         "SAIL_ENABLE",
         (1,),
         "a sailboat. Its speed depends on wind and sail trim, not on throttle, so no identified model would be "
-        "valid. To tune it under power, lower the sails, set SAIL_ENABLE to 0 and restart the autopilot; revert "
-        "this afterwards",
+        "valid. To tune it under power, lower the sails, set SAIL_ENABLE to 0 and restart the autopilot. Set "
+        "SAIL_ENABLE back afterwards",
     ),
     Unsuited(
         "FRAME_TYPE",
@@ -107,7 +107,7 @@ _FAILSAFE_ACTIONS: Mapping[int, Sequence[str]] = {
     5: (DISARMS,),
     6: ("LOITER", "HOLD"),
 }
-"""FS_ACTION -> what it ends in."""
+"""FS_ACTION -> resulting mode or state."""
 _FAILSAFES = (
     Failsafe(
         "radio failsafe",
@@ -127,7 +127,10 @@ _FAILSAFES = (
         says="failsafe",
     ),
 )
-"""Both are silent in HOLD and RTL. That of the ground station was seen to call itself "Radio Failsafe" as well."""
+"""Failsafes of ArduRover.
+
+Neither acts in HOLD and RTL. The one for the ground station was also observed with the text "Radio Failsafe".
+"""
 
 FIRMWARE = Firmware(
     name="ArduRover",

@@ -1,10 +1,9 @@
 """ArduSub 4.x (MAV_TYPE 12).
 
-Before 4.7 (which brought RCMAP_*) its throttle stick counts from RC3_TRIM, 1100 us, to RC3_MAX, neutral half-way.
+Before 4.7, which added RCMAP_*, the throttle stick ranges from RC3_TRIM, 1100 us, to RC3_MAX, with neutral half-way.
 Parameter names and documented ranges: ArduPilot's parameter metadata for Sub 4.5-4.6; later names and their ranges:
-``aliases``.
-``ATC_RAT_YAW_FF`` is left out on purpose: Sub reads it and never uses it. Motor factors per frame:
-ArduSub's own (AP_Motors6DOF); Z is down here, its throttle factor is up, so its sign is turned.
+``aliases``. ``ATC_RAT_YAW_FF`` is omitted because Sub reads it but never uses it. Motor factors per frame are ArduSub's
+own (AP_Motors6DOF). Z is down here but ArduSub's throttle factor is up, so its sign is reversed.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ _HEADING = Axis(
     gains=(
         Gain("ATC_RAT_YAW_P", 0.0, 0.5, "yaw output per yaw-rate error"),
         Gain("ATC_RAT_YAW_I", 0.0, 0.05, "yaw output per accumulated yaw-rate error"),
-        Gain("ATC_RAT_YAW_D", 0.0, 0.02, "yaw output per change of yaw-rate error"),
+        Gain("ATC_RAT_YAW_D", 0.0, 0.02, "yaw output per rate of change of yaw-rate error"),
         Gain("ATC_ANG_YAW_P", 0.0, 6.0, "yaw rate per heading error"),
     ),
     context=(
@@ -80,7 +79,7 @@ def _motor(
     forward: float = 0.0,
     side: float = 0.0,
 ) -> Mapping[str, float]:
-    """Return a motor's factor per force from the columns that ArduSub keeps them in."""
+    """Return a motor's factor for each force from ArduSub's columns."""
     return {"K": roll, "M": pitch, "N": yaw, "X": forward, "Y": side, "Z": -throttle}
 
 
@@ -125,10 +124,12 @@ _FRAMES: Mapping[int, Sequence[Mapping[str, float]]] = {
     6: _SIMPLE_5,
     7: _SIMPLE_3,
 }
-"""FRAME_CONFIG -> factors of each motor output, in order: 0 BlueROV1, 1 vectored, 2 vectored 6-DOF, 3 vectored 6-DOF
-with thrusters at right angles, 4 to 6 SimpleROV-3 to -5 (-4 and -5 are one to the firmware), 7 custom, which in an
-unmodified firmware is SimpleROV-3. Roll and pitch are there because the autopilot levels the craft with the motors that
-lift it."""
+"""FRAME_CONFIG -> factors of each motor output, in order.
+
+0 BlueROV1, 1 vectored, 2 vectored 6-DOF, 3 vectored 6-DOF with thrusters at right angles, 4 to 6 SimpleROV-3 to -5 (-4
+and -5 are the same for the firmware), 7 custom, which in an unmodified firmware is SimpleROV-3. Roll and pitch are
+included because the autopilot levels the craft with the vertical motors.
+"""
 
 _FAILSAFES = (
     Failsafe(

@@ -1,4 +1,4 @@
-"""The failsafes for a lost ground station: the time each waits, and its action.
+"""The failsafes for a lost ground station, with the waiting time and the action of each.
 
 Sources: ArduPilot 4.5 to 4.7, ``Rover/failsafe.cpp``, ``Rover/radio.cpp``, ``ArduSub/failsafe.cpp``.
 """
@@ -11,16 +11,16 @@ from dataclasses import dataclass
 __all__ = ["DISARMS", "Failsafe", "SetFailsafe"]
 
 DISARMS = "disarmed"
-"""An outcome that is no mode."""
+"""Outcome of a failsafe that disarms the vehicle instead of changing its mode."""
 
 
 @dataclass(frozen=True, slots=True)
 class SetFailsafe:
-    """One failsafe as a vehicle's parameters set it.
+    """One failsafe with the settings of a vehicle's parameters.
 
     ``needs``: silence of the station before it acts [s, vehicle time]; ``outcomes``: modes it may end in, or
-    ``DISARMS``; ``says``: content of its STATUSTEXT, in lower case. ``by_overrides``: only overrides prevent it; with
-    an RC receiver it does not depend on this tool.
+    ``DISARMS``; ``says``: content of its STATUSTEXT, in lower case. ``by_overrides``: whether only overrides prevent
+    it. With an RC receiver it does not depend on this program.
     """
 
     name: str
@@ -34,9 +34,9 @@ class SetFailsafe:
 class Failsafe:
     """One failsafe of a firmware.
 
-    ``action`` is the parameter that chooses the outcome, ``outcomes`` its values; one that is missing there does
-    nothing. ``enable`` is the parameter that is 0 where it is off, ``waits`` are the parameters whose sum is the time
-    it waits [s]. Each parameter goes with the value of a firmware that does not have it.
+    ``action`` is the parameter that selects the outcome. ``outcomes`` maps its values; a missing value means no action.
+    ``enable`` is the parameter that is 0 if the failsafe is off. ``waits`` are the parameters whose sum is its waiting
+    time [s]. Each parameter is paired with the value for a firmware without it.
     """
 
     name: str
@@ -49,11 +49,11 @@ class Failsafe:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The names to read."""
+        """The parameters to read."""
         return (self.enable[0], self.action[0], *(name for name, _ in self.waits))
 
     def set_by(self, values: Mapping[str, float]) -> SetFailsafe | None:
-        """Return it as parameter *values* set it; None where it does nothing."""
+        """Return the failsafe as set by parameter *values*; None if it takes no action."""
         outcomes = self.outcomes.get(int(values.get(*self.action)), ())
         if not values.get(*self.enable) or not outcomes:
             return None

@@ -1,7 +1,7 @@
-"""Parameters from before SERVOn_FUNCTION under the names that the servo map is read by.
+"""Convert parameters from before SERVOn_FUNCTION to the names used by the servo map.
 
-Up to ArduRover 3.1 an output obeyed the limits of the RC channel of its number (``RCn_MIN``, ``RCn_REV``), and the
-firmware fixed which output steers. :func:`with_outputs` adds the SERVOn parameters that mean the same.
+Up to ArduRover 3.1 an output used the limits of the RC channel with its number (``RCn_MIN``, ``RCn_REV``). Which output
+steers was fixed in the firmware. :func:`with_outputs` adds the SERVOn parameters that mean the same.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _NUMBERS = range(1, 17)
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """What :func:`with_outputs` made of the parameters of a vehicle.
+    """Result of :func:`with_outputs` for the parameters of a vehicle.
 
     Attributes
     ----------
     values : parameters under canonical names.
-    names : canonical name -> what this vehicle calls it, for messages.
+    names : canonical name -> name on this vehicle, for messages.
     assumed : parameters (own name) of the outputs in use that were missing, with the default taken.
     """
 
@@ -40,7 +40,7 @@ class Outputs:
 def with_outputs(values: Mapping[str, float], firmware: Firmware, said: str = "") -> Outputs:
     """Return *values* with the equivalent SERVOn parameters, for firmware versions without these.
 
-    said : the firmware's version text, e.g. ``APM:Rover v3.1``; used if no parameter determines the version.
+    said : the firmware's version text, e.g. ``APM:Rover v3.1``; used if no parameter shows the version.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The names one vehicle gives its parameters, found by asking it, never by its version."""
+"""The parameter names of one vehicle, determined by asking it, never by its version."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ __all__ = ["AlternativesSource", "Names", "read_named"]
 
 
 class AlternativesSource(Protocol):
-    """A vehicle that can be asked for a parameter under several names at once."""
+    """A vehicle that can be asked for several alternative names of a parameter at once."""
 
     def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
-        """Return, of each group of names, the one there is (the first, if several) with its value."""
+        """Return, for each group of names, the existing one (the first, if several) with its value."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """Canonical name -> what this vehicle calls it; a name that is missing is the vehicle's own already.
+    """Canonical name -> the name on this vehicle. A name that is missing is the same on the vehicle.
 
-    Inside (laws, gains) names and values are canonical; on the wire, in journals, files and for people they are the
-    vehicle's own.
+    In laws and gains, names and values are canonical. In messages, journals, files and output they are the vehicle's
+    own.
     """
 
     spelled: Mapping[str, Alias] = field(default_factory=dict)
@@ -36,7 +36,7 @@ class Names:
         return name if alias is None else alias.name
 
     def own_value(self, name: str, value: float) -> float:
-        """Return the vehicle's number for *value* of the canonical *name*."""
+        """Return the vehicle's value for the canonical *value* of *name*."""
         alias = self.spelled.get(name)
         return value if alias is None else alias.to_own(value)
 
@@ -54,23 +54,24 @@ class Names:
         return found
 
     def limits(self, name: str, low: float, high: float) -> tuple[float, float]:
-        """Return the range documented for what this vehicle calls *name*, in canonical units; else *low*, *high*."""
+        """Return the documented range of *name* on this vehicle, in canonical units; otherwise *low*, *high*."""
         alias = self.spelled.get(name)
         if alias is None or alias.low is None or alias.high is None:
             return low, high
         return alias.to_canonical(alias.low), alias.to_canonical(alias.high)
 
     def worded(self, text: str) -> str:
-        """Return *text* with every canonical name in it replaced by the vehicle's."""
+        """Return *text* with every canonical name replaced by the vehicle's name."""
         if not self.spelled:
             return text
         return re.sub(r"\b[A-Z][A-Z0-9_]+\b", lambda match: self.own(match[0]), text)
 
 
 def read_named(parameters: AlternativesSource, names: Iterable[str]) -> tuple[Names, dict[str, float]]:
-    """Ask for the canonical *names* under all they may have; return the names found and the vehicle's own values.
+    """Request the canonical *names* under all their possible names. Return the names that exist and the vehicle's
+    values.
 
-    What the vehicle has under no name is missing in the values.
+    A parameter that the vehicle does not have is missing in the values.
     """
     wanted = list(dict.fromkeys(names))
     found = parameters.read_any([(name, *(alias.name for alias in ALIASES.get(name, ()))) for name in wanted])

@@ -1,4 +1,4 @@
-"""The shape of a firmware entry."""
+"""The classes that describe a firmware."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ __all__ = ["Axis", "Firmware", "FixedOutputs", "Gain", "Unsuited", "pid_context"
 
 
 def pid_context(prefix: str) -> tuple[str, ...]:
-    """Return the parameters of an AC_PID *prefix* other than its gains: limit of the integral, filters."""
+    """Return the parameters of an AC_PID *prefix* other than its gains: the limit of the integral and the filters."""
     return tuple(f"{prefix}_{suffix}" for suffix in ("IMAX", "FLTT", "FLTE", "FLTD"))
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """One tunable parameter, with the range its vendor documents."""
+    """One tunable parameter, with its documented range."""
 
     parameter: str
     low: float
@@ -31,8 +31,7 @@ class Gain:
 
 @dataclass(frozen=True, slots=True)
 class Unsuited:
-    """A setting of vehicles that this firmware drives otherwise than we could: ``values`` of ``parameter``, and why
-    with the cure."""
+    """A vehicle setting that is not supported: the ``values`` of a ``parameter``, and the reason with its remedy."""
 
     parameter: str
     values: Sequence[int]
@@ -41,12 +40,12 @@ class Unsuited:
 
 @dataclass(frozen=True, slots=True)
 class FixedOutputs:
-    """How a firmware drove its outputs before SERVOn_FUNCTION: a force on the output of its RC channel's number.
+    """Outputs of a firmware before SERVOn_FUNCTION: each force is on the output with the number of its RC channel.
 
     Attributes
     ----------
-    last : (major, minor) of the last version that still had parameters of this time.
-    skid_parameter : not zero where two side thrusters steer.
+    last : (major, minor) of the last version with such parameters.
+    skid_parameter : parameter that is not zero if two side thrusters steer.
     skid : force -> SERVOn_FUNCTION of the thruster on that force's channel.
     marks : pattern of whole names of parameters that only such versions have.
     """
@@ -65,7 +64,7 @@ class Axis:
     ----------
     law : name in ``design.LAWS`` of the autopilot's control structure.
     gains : the parameters that may be changed.
-    context : other parameters the law needs to know (limits, filters, scalings); read, never written.
+    context : other parameters that the law depends on (limits, filters, scalings); read, never written.
     needs_speed : whether the actuator needs speed to have an effect (a rudder).
     names : the vehicle's names of ``gains`` and ``context``, which are canonical; see :meth:`called`.
     """
@@ -79,17 +78,17 @@ class Axis:
 
     @property
     def kind(self) -> AxisKind:
-        """The row of ``axes.AXES``."""
+        """The axis in ``axes.AXES``."""
         return axis_kind(self.name)
 
     @property
     def dof(self) -> str:
-        """Name in ``sname.DOFS`` of the motion identified."""
+        """Degree of freedom that is identified, by its name in ``sname.DOFS``."""
         return self.kind.dof
 
     @property
     def excitation(self) -> Excitation:
-        """How it is identified."""
+        """How the axis is identified."""
         return self.kind.excitation
 
     @property
@@ -98,7 +97,7 @@ class Axis:
         return self.needs_speed and not self.excitation.by_throttle
 
     def called(self, names: Names) -> Self:
-        """Return this axis on a vehicle with those *names*: its ranges are the ones documented for them."""
+        """Return this axis on a vehicle with those *names*, with the ranges documented for them."""
         gains = []
         for gain in self.gains:
             low, high = names.limits(gain.parameter, gain.low, gain.high)
@@ -110,28 +109,27 @@ class Axis:
 class Firmware:
     """The profile of one autopilot firmware.
 
-    ``channels`` maps a force name to the RC channel (1-based) that RC_CHANNELS_OVERRIDE drives in
-    ``manual_mode``; how far is read from the vehicle's own RCn parameters. ``mixing`` maps a frame
-    (value of ``frame_parameter``) to the motors' factors per force; firmwares that route outputs by
-    ``SERVOn_FUNCTION`` use ``servo_functions`` (function number -> force name) instead, or, with two side
-    thrusters, ``skid_functions`` (function number -> factor per force).
-    ``rc_map`` maps a force name to the parameter that moves its channel elsewhere (RCMAP_*), and ``idle`` maps those
-    of sticks that ``manual_mode`` listens to although we drive nothing with them to their channels where there is no
-    such parameter: they are kept at neutral. ``from_one_end`` are the forces whose stick counts from RCn_TRIM, at
-    RCn_MIN, to RCn_MAX, neutral in the middle, where there is none of the parameters of ``rc_map``.
-    ``mission_mode`` flies the stored mission; empty where ours knows none.
-    ``manual_dead_zone`` says whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``.
-    ``fixed_outputs`` says how versions before SERVOn_FUNCTION were wired, None where none of ours ever was.
-    ``unsuited`` are the settings of vehicles that cannot be worked with, looked at before anything else.
+    ``channels`` maps a force name to the RC channel (1-based) that RC_CHANNELS_OVERRIDE drives in ``manual_mode``. Its
+    scaling is read from the vehicle's own RCn parameters. ``mixing`` maps a frame (value of ``frame_parameter``) to the
+    motors' factors per force. Firmwares that route outputs by ``SERVOn_FUNCTION`` use ``servo_functions`` (function
+    number -> force name) instead, or, with two side thrusters, ``skid_functions`` (function number -> factor per
+    force). ``rc_map`` maps a force name to the parameter that changes its channel (RCMAP_*). ``idle`` is for sticks
+    that ``manual_mode`` reads but this program does not drive. They are kept at neutral. It maps the same kind of
+    parameter to the channel used if the parameter does not exist. ``from_one_end`` are the forces whose stick ranges
+    from RCn_TRIM, at RCn_MIN, to RCn_MAX, with neutral in the middle, if the parameters of ``rc_map`` do not exist.
+    ``manual_dead_zone``: whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``. ``fixed_outputs``: wiring
+    of versions before SERVOn_FUNCTION; None if there are none. ``unsuited``: vehicle settings that are not supported,
+    checked first.
+    ``mission_mode``: the mode that flies the stored mission; empty if this program knows none.
 
-    ``failsafes`` are those that act when nothing is heard of the ground station; ``stops_in`` are the modes in which
-    nothing is driven, whoever ordered them. ``boots_in`` is the parameter with the number of the mode after a restart,
-    and that number where there is no such parameter.
+    ``failsafes``: those that act on the loss of the ground station. ``stops_in``: the modes in which nothing is driven,
+    whoever commanded them. ``boots_in``: the parameter with the number of the mode after a restart, and that number if
+    there is no such parameter.
 
-    What such craft can do: ``needs_way``: they steer under way only, at their cruise, and so need room to turn about;
-    ``floats``: they have no depth; ``needs_position``: ``hold_mode`` is refused without a position estimate;
-    ``holds_itself``: ``hold_mode`` keeps depth and heading with the sticks at rest; ``turns_by_stick``: a turn rate is
-    asked by the yaw stick, not by a target. Nothing outside asks for ``kind``, which is a word for people.
+    Properties of such craft: ``needs_way``: they steer only under way, at cruise speed, and so need space to turn
+    around. ``floats``: they have no depth. ``needs_position``: ``hold_mode`` is rejected without a position estimate.
+    ``holds_itself``: ``hold_mode`` holds depth and heading with the sticks at rest. ``turns_by_stick``: a turn rate is
+    commanded by the yaw stick, not by a target. ``kind`` is used only in texts.
     """
 
     name: str
@@ -169,11 +167,11 @@ class Firmware:
     turns_by_stick: bool = False
 
     def mode_name(self, custom_mode: int) -> str:
-        """Return the name of a custom mode number, or ``MODE n`` when it is not in the table."""
+        """Return the name of a custom mode number, or ``MODE n`` if it is not in the table."""
         return next((name for name, number in self.modes.items() if number == custom_mode), f"MODE {custom_mode}")
 
     def misfit(self, values: Mapping[str, float]) -> str:
-        """Return why a vehicle with these parameter *values* cannot be worked with, and the cure; empty when it can."""
+        """Return why a vehicle with these parameter *values* is not supported, with the remedy; empty if it is."""
         for case in self.unsuited:
             value = values.get(case.parameter)
             if value in case.values:

@@ -1,7 +1,7 @@
-"""Servo outputs (PWM, as measured) back to force fractions: the real input of every identification.
+"""Convert servo outputs (PWM, as measured) to force fractions, the input of every identification.
 
-Two firmwares' ways: outputs routed by ``SERVOn_FUNCTION`` (Rover), or motors mixed by frame (Sub), where the
-forces are the least-squares inverse of the mixing.
+Rover routes outputs by ``SERVOn_FUNCTION``. Sub mixes its motors by frame; there the forces are the least-squares
+inverse of the mixing.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from gcs_autotune.firmware.profile import Firmware
 __all__ = ["Output", "ParameterSource", "ServoMap", "read_servo_map"]
 
 _OUTPUTS = 8
-"""Outputs looked at: the first eight, those SERVO_OUTPUT_RAW carries in every version."""
+"""Number of outputs read: the first eight, which SERVO_OUTPUT_RAW contains in every version."""
 _MOTOR1 = 33
 """SERVOn_FUNCTION of motor 1; motors 2 to 8 follow."""
 _FORCES = ("X", "Y", "Z", "N")
 _LEVELLING = ("K", "M")
-"""Moments that a craft is levelled with: told from the forces, not reported."""
+"""Moments used to level a craft. They are separated from the forces but not reported."""
 _MOTORS = range(_MOTOR1, _MOTOR1 + _OUTPUTS)
 
 
 class ParameterSource(Protocol):
-    """Where parameters are looked up: a vehicle that answers, or what a log recorded of one."""
+    """Source of parameters: a vehicle that answers, or the parameters recorded in a log."""
 
     def read(self, name: str) -> float:
         """Return one value; raises ``ParameterMissing``."""
         ...
 
     def read_all(self, names: Iterable[str]) -> dict[str, float]:
-        """Return all of them; raises ``ParameterMissing``."""
+        """Return the values of all *names*; raises ``ParameterMissing``."""
         ...
 
     def read_existing(self, names: Iterable[str]) -> dict[str, float]:
-        """Return those of *names* that there are."""
+        """Return the values of those of *names* that exist."""
         ...
 
 
@@ -54,7 +54,7 @@ class Output:
     sign: float = 1.0
 
     def fraction(self, pwm: float) -> float:
-        """Return the fraction of full output; 0 us is no pulse at all, hence no output."""
+        """Return the fraction of full output. 0 us means no pulse, and so no output."""
         if pwm == 0:
             return 0.0
         span = self.high - self.trim if pwm >= self.trim else self.trim - self.low
@@ -66,8 +66,8 @@ class ServoMap:
     """From PWMs to forces: ``forces = weights @ fractions``.
 
     ``weights`` has a row per name in ``names`` and a column per entry of ``outputs``; ``factors``, of the same shape,
-    is what each output is given of each force. ``skid``: the craft steers by the difference of two thrusters, not by a
-    steering output.
+    is the fraction of each force in the command of each output. ``skid``: whether the craft steers by the difference of
+    two thrusters, not by a steering output.
     """
 
     outputs: tuple[Output, ...]
@@ -78,7 +78,7 @@ class ServoMap:
 
     @classmethod
     def of_mixing(cls, outputs: Sequence[Output], factors: Sequence[Mapping[str, float]]) -> Self:
-        """Return the inverse, in the least-squares sense, of outputs that are mixed by *factors*.
+        """Return the least-squares inverse of outputs that are mixed by *factors*.
 
         *factors* has one mapping force name -> factor per output.
         """
@@ -90,7 +90,7 @@ class ServoMap:
         return cls(tuple(outputs), names, rows, tuple(tuple(float(f.get(n, 0.0)) for f in factors) for n in names))
 
     def driving(self, force: str) -> tuple[tuple[Output, float], ...]:
-        """Return the outputs that make *force*, each with its fraction of full at full force."""
+        """Return the outputs that produce *force*, each with its fraction of full output at full force."""
         if force not in self.names:
             return ()
         pairs = zip(self.outputs, self.factors[self.names.index(force)], strict=True)
@@ -109,14 +109,14 @@ class ServoMap:
 
 
 def read_servo_map(parameters: ParameterSource, firmware: Firmware) -> ServoMap:
-    """Look up how the outputs are wired and return the map.
+    """Read how the outputs are wired and return the map.
 
-    Two side thrusters (``Firmware.skid_functions``) come before a steering output, as the firmware takes them.
+    Two side thrusters (``Firmware.skid_functions``) have priority over a steering output, as in the firmware.
 
     Raises
     ------
     PreconditionFailed
-        The frame is not one we know, or an output we must measure is assigned to nothing (``OutputsUnassigned``).
+        The frame is unknown, or an output that must be measured has no function (``OutputsUnassigned``).
     """
     functions = parameters.read_existing(f"SERVO{n}_FUNCTION" for n in range(1, _OUTPUTS + 1))
     by_function = {int(value): int(name[5:-9]) for name, value in reversed(functions.items())}
@@ -137,11 +137,11 @@ def _by_function(
             raise PreconditionFailed(
                 f"outputs of this vehicle are assigned to motors ({', '.join(map(str, mixed))}), as on an omni frame, "
                 f"and none to {', '.join(missing)}. Only a rudder, a vectored thruster, or two thrusters side by side "
-                "(73 and 74) can be tuned. If the vehicle has these, set SERVOn_FUNCTION"
+                "(73 and 74) can be tuned. If the vehicle is built like this, set SERVOn_FUNCTION"
             )
         raise OutputsUnassigned(
             f"no output of this vehicle is assigned to {', '.join(missing)}. Set SERVOn_FUNCTION. "
-            "(A boat that steers by two thrusters has functions 73 and 74 instead.)",
+            "A boat that steers by two thrusters uses the functions 73 and 74.",
             told=told,
             of=_OUTPUTS,
         )
@@ -165,8 +165,8 @@ def _read_outputs(parameters: ParameterSource, channels: Iterable[int]) -> dict[
         low, trim, high, is_reversed = (values[f"SERVO{n}_{field}"] for field in fields)
         if not low < trim < high:
             raise PreconditionFailed(
-                f"SERVO{n}_MIN {low:g}, TRIM {trim:g}, MAX {high:g} are not in ascending order. Correct them before "
-                f"tuning"
+                f"SERVO{n}_MIN {low:g}, TRIM {trim:g}, MAX {high:g} are not in ascending order. Correct these "
+                "parameters before tuning"
             )
         outputs[n] = Output(n, trim, low, high, -1.0 if is_reversed else 1.0)
     return outputs

@@ -1,7 +1,8 @@
-"""What a parameter may hold: the one place where a number that a vehicle sent becomes one that is reckoned with.
+"""Plausible values of parameters. All values received from a vehicle are checked here before they are used in
+computations.
 
-Wide on purpose: a value outside these limits is one that no autopilot means (a damaged storage, a foreign firmware, a
-message that was forged), not one that is unwise. Names as in ArduPilot's parameter metadata, 4.5 to 4.7.
+The limits are wide on purpose. A value outside them is an error (damaged storage, an unknown firmware, a forged
+message), not just an unwise setting. Names as in ArduPilot's parameter metadata, 4.5 to 4.7.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ __all__ = ["VALUES", "Values", "checked", "checked_all"]
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """From ``low`` to ``high``, in the parameter's own unit; ``whole``: whole numbers only."""
+    """Range from ``low`` to ``high``, in the parameter's own unit. ``whole``: whole numbers only."""
 
     low: float
     high: float
     whole: bool = False
 
     def fault(self, value: float) -> str:
-        """Return in words what is wrong with *value*; empty when nothing is."""
+        """Return a sentence on what is wrong with *value*; empty if it is valid."""
         if math.isnan(value):
             return "is nan, not a number"
         if not self.low <= value <= self.high:
@@ -65,8 +66,10 @@ VALUES: Mapping[str, Values] = {
     r"(ATC|PSC)_\w+": Values(0, 1e6),
     r"PILOT_(SPEED|SPD|ACCEL|ACC)_\w+": Values(0, 1e5),
 }
-"""Pattern of whole names -> what such parameters may hold; the first that fits counts, any finite number is believed
-where none does. Adding a kind is one line."""
+"""Pattern of whole names -> valid values of such parameters.
+
+The first matching pattern counts. Without a match any finite number is valid. To add a kind, add a line.
+"""
 
 _PATTERNS = tuple((re.compile(pattern), values) for pattern, values in VALUES.items())
 
@@ -77,17 +80,17 @@ def checked(name: str, value: float) -> float:
     Raises
     ------
     PreconditionFailed
-        It is implausible; the message has name and value.
+        It is implausible; the message states name and value.
     """
     values = next((v for pattern, v in _PATTERNS if pattern.fullmatch(name)), _ANY)
     fault = values.fault(value)
     if fault:
         raise PreconditionFailed(
-            f"{name} {fault}. Correct it on the vehicle or load a correct parameter file, and try again"
+            f"{name} {fault}. Correct the value on the vehicle or in the parameter file, and try again"
         )
     return value
 
 
 def checked_all(values: Mapping[str, float]) -> dict[str, float]:
-    """Return *values* by name; errors as those of :func:`checked`."""
+    """Return *values* by name; errors as for :func:`checked`."""
     return {name: checked(name, value) for name, value in values.items()}

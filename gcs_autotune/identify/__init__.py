@@ -27,6 +27,7 @@ from gcs_autotune.identify.api import fit, fit_axis, form_of, scaled_form
 from gcs_autotune.identify.axis.form import Structure, structure_of
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
+from gcs_autotune.identify.doubts import reversed_input
 from gcs_autotune.identify.free_run import Validation, validate
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
@@ -49,7 +50,6 @@ from gcs_autotune.identify.signals.intake import CONTRADICTION
 from gcs_autotune.identify.signals.segment import MIN_SAMPLES
 from gcs_autotune.identify.signals.whiteness import Remainder
 from gcs_autotune.identify.simulation import extended_of, simulated
-from gcs_autotune.identify.solution_doubts import reversed_input
 
 __all__ = [
     "CONTRADICTION",

@@ -15,13 +15,13 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import DataError, NotInformative, UsageError
 from gcs_autotune.identify.axis.form import FREE, Structure, axis_form, structure_of
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.cramer_rao import with_bounds
 from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.extended.by_output_error import fit_with_effects
 from gcs_autotune.identify.extended.effect_spec import effect_spec_of
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.methods import METHODS
 from gcs_autotune.identify.problems.base_model import by_thrusters, plain_form
-from gcs_autotune.identify.problems.information import with_bounds
 from gcs_autotune.identify.relay.limit_cycle import find_cycles
 from gcs_autotune.identify.result import AxisFit, Fit, LimitCycle, Model
 from gcs_autotune.identify.signals.cleaning import noted
@@ -114,11 +114,11 @@ def form_of(structure: str | Form | Path | None, dof: str | None, runs: Sequence
 def _refuse_what_effects_cannot(method: str, options: dict[str, Any], structure: object) -> None:
     """Raise UsageError for arguments that a fit with effects does not support."""
     if method != "output-error":
-        raise UsageError(f"effects and start values need method output-error, not '{method}'")
+        raise UsageError(f"effects and start values need method 'output-error', not '{method}'")
     if options:
-        raise UsageError(f"a fit with effects has no option {', '.join(options)}")
+        raise UsageError(f"a fit with effects has no option {', '.join(options)}. Omit it")
     if structure is not None:
-        raise UsageError("the start model fixes the structure. Omit --structure")
+        raise UsageError("the start model already determines the structure. Omit --structure")
 
 
 def _case_with_effects(
@@ -175,7 +175,7 @@ def _fit_coupled(
     arm = [n for n in LEVER_ARM if n in form.parameters]
     if arm and "lever arm" not in chosen.bears:
         raise UsageError(
-            f"{method} assumes a sensor at the origin and cannot use {' and '.join(arm)}. Methods that can: "
+            f"method {method} assumes a sensor at the origin and cannot use {' and '.join(arm)}. Use one of "
             f"{', '.join(n for n, m in METHODS.items() if 'lever arm' in m.bears)}"
         )
     driven, unscaled = scaled_form(form.driven_by({name for run in runs for name in run.channels}), runs)
@@ -214,14 +214,14 @@ def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
         return form.scaling_inputs(), []
     inertia = next(f"{DOFS[d].force}_{DOFS[d].velocity}dot" for d in form.dofs)
     own = form.in_shares
-    mixed = "forces between the equations mix normalised outputs of different actuators"
-    apart = "nothing is in newtons, and an undriven equation is per unit of its inertia"
+    mixed = "coupling forces mix normalised outputs of different actuators"
+    apart = "no force is in newtons, and an equation without input is per unit of its inertia"
     doubt = Doubt(
         "forces-in-shares",
-        "the inputs are normalised outputs (-1 to 1): inertia and drag are per full output of their own equation, and "
-        + (mixed if own is None else apart),
-        "give the force at full output (--full-scale X=85,N=23), or an inertia with its added mass "
-        f"(--known {inertia}=-20)",
+        "the inputs are normalised outputs (-1 to 1). Inertia and drag are therefore per full output of their own "
+        "equation, and " + (mixed if own is None else apart),
+        "supply the force at full output (--full-scale X=85,N=23), or an inertia with its added mass (--known "
+        f"{inertia}=-20)",
     )
     return form if own is None else own, [doubt, *_masses_beside_shares(form, own or form)]
 
@@ -236,13 +236,13 @@ def _masses_beside_shares(form: Form, own: Form) -> list[Doubt]:
         return []
     given = ", ".join(f"{n} = {form.known[n]:g}" for n in masses)
     kept = any(n in own.known for n in masses)
-    effect = "nothing else is in kg" if kept else "nothing was used"
+    effect = "is in kg, but nothing else is" if kept else "was not used"
     letters = [DOFS[d].force for d in form.dofs if any(DOFS[d].force in (c, *dict(g)) for c, g in form.inputs.items())]
     return [
         Doubt(
             "mass-without-newtons",
-            f"of the known {given}, {effect}: the inputs are normalised outputs (-1 to 1) and no force is in newtons",
-            f"give the force at full output (--full-scale {','.join(f'{f}=...' for f in letters)})",
+            f"the inputs are normalised outputs (-1 to 1) and no force is in newtons. The known {given} {effect}",
+            f"supply the force at full output (--full-scale {','.join(f'{f}=...' for f in letters)})",
         )
     ]
 
@@ -328,16 +328,16 @@ def _not_borne(method: Method, segments: Sequence[Segment], loss: str) -> list[D
         found.append(
             Doubt(
                 "stamps-taken-as-exact",
-                f"all input time stamps may be off by up to {1000.0 * dating:.0f} ms, which {method.name} cannot "
-                "model. Its standard errors do not include this",
-                "compare with output-error, which fits the shift",
+                f"all input time stamps may be off by up to {1000.0 * dating:.0f} ms. Method {method.name} cannot "
+                "model this, so its standard errors do not include it",
+                "use output-error, which fits the time shift, and compare",
             )
         )
     if loss == "soft_l1" and "robust" not in method.bears:
         found.append(
             Doubt(
                 "outliers-not-weighed",
-                f"{method.name} is sensitive to outliers: robust weighting is applied only after smoothing",
+                f"{method.name} is sensitive to outliers, because robust weighting is applied only after smoothing",
                 "use output-error, or repair the sensor",
             )
         )
@@ -351,24 +351,24 @@ def _all(runs: Trial | Sequence[Trial], use: Sequence[str] | None) -> tuple[Tria
 def _all_as_they_are(runs: Trial | Sequence[Trial]) -> tuple[Trial, ...]:
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
     if not together:
-        raise NotInformative("no run to identify from: supply at least one run file")
+        raise NotInformative("there is no run to identify from. Supply at least one run file")
     return together
 
 
 def _method(name: str, loss: str, options: dict[str, Any]) -> Method:
     method = lookup(METHODS, name, "identification method")
     if loss not in ("linear", "soft_l1"):
-        raise UsageError(f"unknown loss '{loss}'; use linear or soft_l1")
+        raise UsageError(f"unknown loss '{loss}'. Use linear or soft_l1")
     known = {option for option, _ in method.options}
     for option in options:
         if option not in known:
             has = ", ".join(sorted(known)) or "none"
-            raise UsageError(f"method '{name}' has no option '{option}'; it has: {has}")
+            raise UsageError(f"method '{name}' has no option '{option}'. Its options: {has}")
     return method
 
 
 def _no_answer(method: str, what: str, others: list[str]) -> str:
-    return f"method '{method}' does not fit {what}; these do: {', '.join(others)}"
+    return f"method '{method}' does not fit {what}. Use one of {', '.join(others)}"
 
 
 def _known(delay: Literal["auto"] | float) -> float | None:
@@ -378,7 +378,7 @@ def _known(delay: Literal["auto"] | float) -> float | None:
 
 def _seconds(delay: float | str) -> float:
     if not 0.0 <= float(delay) < 60.0:
-        raise UsageError(f"a delay of {delay} s is not valid: use 0 s or more")
+        raise UsageError(f"a delay of {delay} s is not valid. Use 0 s or more")
     return float(delay)
 
 
@@ -389,7 +389,7 @@ def _common_axis(runs: Sequence[Trial], dof: str | None) -> Dof:
     if any(g != guesses[0] for g in guesses):
         names = ", ".join(f"{r.name}: {g.name}" for r, g in zip(runs, guesses, strict=True))
         raise UsageError(
-            f"the runs are of different degrees of freedom ({names}). Select one with --dof, or use fewer runs"
+            f"the runs excite different degrees of freedom ({names}). Select one with --dof, or use fewer runs"
         )
     return guesses[0]
 
@@ -398,7 +398,7 @@ def _check_one_input(names: set[str], units: set[str]) -> None:
     if len(names) > 1 or len(units) > 1:
         raise UsageError(
             f"the runs have different inputs ({', '.join(sorted(names))} in {', '.join(sorted(units))}). Identify "
-            "them one at a time"
+            "runs of one input at a time"
         )
 
 

@@ -1,49 +1,60 @@
-"""Collect reasons not to trust an identification, each with its cause and a remedy.
+"""Reasons not to trust an identification: one table, each with its condition, sentence and cure.
 
-:func:`collect` returns the doubts about the runs and parameters of one axis, for any method. Doubts about a
-maximum-likelihood solution, for any form and effects, are in ``solution_doubts``. Doubts of a single method
-(innovations of a filter, choice of a structure) are in that method's module.
+A method calls :func:`doubts_about` with its evidence: :class:`Findings` of one axis, a ``Solution``, and what it has
+chosen or compared. To add a doubt, add a row to :data:`DOUBTS`. Doubts of a single method (innovations of a filter) are
+in that method's module, and those about raw runs in ``signals``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from gcs_autotune.identify.axis.form import Structure
+from gcs_autotune import chi_square
+from gcs_autotune.effects import EFFECTS
+from gcs_autotune.identify.axis.evidence import UNDECIDED
+from gcs_autotune.identify.axis.form import ExplicitForm, Structure
+from gcs_autotune.identify.axis.run_comparison import RunComparison
 from gcs_autotune.identify.axis.signals import first_names
+from gcs_autotune.identify.axis.structure import Selection
+from gcs_autotune.identify.axis.uncertainty import std_of
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.coupled.local import LocalFit
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.problems.solution import Solution
+from gcs_autotune.identify.outlier_run import DifferentPair, MisfittingRun
+from gcs_autotune.identify.problems.fitted import Fitted
+from gcs_autotune.identify.problems.problem import Problem
+from gcs_autotune.identify.problems.solution import Solution, fit_percents
 from gcs_autotune.identify.relay.limit_cycle import PERIODS, SCATTER
 from gcs_autotune.identify.result import Decision, LimitCycle, Parameter
 from gcs_autotune.identify.signals.segment import Segment
-from gcs_autotune.models import SingleDof
+from gcs_autotune.identify.signals.whiteness import autocorrelation
+from gcs_autotune.models import CoupledModel, Form, SingleDof
+from gcs_autotune.rounding import format_value
+from gcs_autotune.sname import DOFS
 
 __all__ = [
     "COLOUR",
+    "DOUBTS",
     "OF_THE_RUNS",
     "POOR",
+    "Choice",
+    "DoubtRow",
+    "EffectTest",
     "Findings",
-    "collect",
-    "delay_fitted",
-    "once",
-    "poor_fit",
+    "FittedDelay",
+    "Gains",
+    "doubts_about",
+    "inertia_unresolved",
+    "reversed_input",
 ]
 
-OF_THE_RUNS = (
-    "few-periods",
-    "unsettled",
-    "not-self-oscillation",
-    "one-sided-input",
-    "saturated-input",
-    "irregular-sampling",
-    "time-unit",
-    "dropped-rows",
-)
-"""Slugs of the doubts about the runs themselves, which apply to any model."""
+Facts = Mapping[str, object]
+"""Numbers and names that fill the sentence of a doubt."""
 
 WEAK = 0.30
 """Relative standard error above which a parameter counts as weakly excited."""
@@ -55,46 +66,36 @@ COLOUR = 0.2
 """Autocorrelation of residuals or innovations above which a doubt is raised. A smaller one hardly changes a confidence
 interval."""
 
+TOGETHER = 0.99
+"""Correlation of two estimates above which only a combination of both is known."""
 
-def once(doubts: Iterable[Doubt]) -> tuple[Doubt, ...]:
-    """Return *doubts* in their order, without repeats of the same slug and cause."""
-    return tuple({(d.slug, d.cause): d for d in doubts}.values())
+FAR, OFTEN = 6.0, 0.005
+"""Limits for outliers. FAR: standard deviations above which a sample is an outlier. OFTEN: fraction of outliers above
+which a doubt is raised."""
+
+SIGNIFICANCE = 0.01
+"""Probability that the test keeps an effect that does not exist."""
+
+REVERSED = 2.0
+"""Standard errors below zero from which an input counts as reversed."""
+
+DELAY_CHANGE = 0.03
+"""Relative change of inertia by an unproved delay, above which a doubt is raised. The change must also exceed three
+standard errors."""
+
+PUSHES_BOTH_WAYS: Mapping[str, str] = {
+    "yaw": "fly a manoeuvre that pushes both ways, such as a relay or a zig-zag",
+    "surge": "fly well-separated steps ahead (throttle-steps), or pulses ahead and astern (doublets)",
+}
+"""Degree of freedom -> manoeuvre to fly if the input had only one sign. Those not listed need a relay or doublets."""
 
 
-def poor_fit(shares: Mapping[str, float]) -> Doubt | None:
-    """Return a doubt about signals that the model explains only in part, or None.
-
-    shares : fit [%] per signal.
-    """
-    poor = [f"{name} ({share:.0f} %)" for name, share in shares.items() if share < POOR]
-    if not poor:
-        return None
-    return Doubt(
-        "poor-fit",
-        f"the model explains these signals only in part: {', '.join(poor)}",
-        "inspect the plot of the fit; check for wind, current, other axes, a missing term, a drifting clock or a "
-        "wrong input",
-    )
-
-
-def delay_fitted(solution: Solution, evidence: float) -> Doubt | None:
-    """Return a doubt that a delay was fitted, or None if none was.
-
-    evidence : decrease of the criterion with the delay.
-    """
-    if evidence <= 0.0 or "delay" not in solution.free:
-        return None
-    return Doubt(
-        "delay-fitted",
-        f"a delay of {solution.value('delay'):.2g} s between input and motion was fitted. It lowers BIC (misfit "
-        f"with a penalty per parameter) by {evidence:.0f}",
-        "supply --delay if it is known; if the actuator is slow, fit a form with 'lag' free instead",
-    )
+# -- evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """Values that the checks use.
+    """What any method knows of one axis.
 
     ``noise``: standard deviation of the noise in the main signal. ``white``: whether the residuals are white, so that
     nothing is left to explain.
@@ -115,83 +116,76 @@ class Findings:
         return self.case.cycles if self.case.relay_flown else ()
 
 
-def collect(findings: Findings) -> tuple[Doubt, ...]:
-    """Return the doubts of the records, then those of every check, without repeats."""
-    notes = [doubt for record in findings.case.records for doubt in record.notes]
-    return once([*notes, *(d for check in _CHECKS if (d := check(findings)) is not None)])
+@dataclass(frozen=True, slots=True, eq=False)
+class Choice:
+    """The structure and delay that output error chose for one axis."""
+
+    chosen: Selection
+    case: Case
 
 
-REVERSED_INPUT = Doubt(
-    "reversed-input",
-    "a positive input turns or pushes against the SNAME convention, so the fitted parameters are negative",
-    "this is normal for a rudder angle; otherwise check wiring and sign of the channel",
-)
-"""Doubt for a model with negative inertia, which indicates an input of reversed sign."""
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedDelay:
+    """A solution, and the decrease of the criterion with a delay."""
+
+    solution: Solution
+    evidence: float
 
 
-def _few_periods(f: Findings) -> Doubt | None:
-    if not f.relays or f.case.cut_short or max(c.periods for c in f.relays) >= PERIODS:
-        return None
-    most = max(c.periods for c in f.relays)
-    return Doubt(
-        "few-periods",
-        f"only {most} full period(s) of self-oscillation; {PERIODS} are required",
-        "let the relay run longer",
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class Gains:
+    """Values and standard errors of the parameters of a form."""
+
+    form: Form
+    values: Mapping[str, float]
+    std: Mapping[str, float]
 
 
-def _unsettled(f: Findings) -> Doubt | None:
-    if not f.relays or f.case.cut_short or min(c.scatter for c in f.relays) <= SCATTER:
-        return None
-    worst = min(c.scatter for c in f.relays)
-    cause = "only one period" if np.isinf(worst) else f"maxima and minima scatter by {100 * worst:.0f} %"
-    return Doubt(
-        "unsettled",
-        f"the oscillation never settled ({cause}; the limit is {100 * SCATTER:.0f} %)",
-        "wait for calmer water, use a larger C (output) or x_a (switching value), or let the relay run longer",
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectTest:
+    """A fit with effects; ``correlation``: number of samples that count as one independent sample."""
+
+    problem: Problem
+    fitted: Fitted
+    parameters: Mapping[str, Parameter]
+    correlation: float
 
 
-def _condition(f: Findings) -> Doubt | None:
+# -- conditions: each yields the facts of its sentence, once per doubt
+
+
+def _few_periods(f: Findings) -> Iterator[Facts]:
+    if f.relays and not f.case.cut_short:
+        most = max(c.periods for c in f.relays)
+        if most < PERIODS:
+            yield {"most": most, "needed": PERIODS}
+
+
+def _unsettled(f: Findings) -> Iterator[Facts]:
+    if f.relays and not f.case.cut_short:
+        worst = min(c.scatter for c in f.relays)
+        if not worst <= SCATTER:
+            cause = "only one period" if np.isinf(worst) else f"maxima and minima scatter by {100 * worst:.0f} %"
+            yield {"cause": cause, "limit": 100 * SCATTER}
+
+
+def _condition(f: Findings) -> Iterator[Facts]:
     broken = [c for c in f.relays if not c.valid]
-    if not broken:
-        return None
-    return Doubt(
-        "not-self-oscillation",
-        f"{len(broken)} of {len(f.relays)} relay settings violate x_a* + |x_0| < X_m (Miskovic2010, eq. 7.12). "
-        "IS-O is not valid for them; the simulated fit is",
-        "use a larger C or a smaller x_a; trim away the constant force",
-    )
+    if broken:
+        yield {"broken": len(broken), "all": len(f.relays)}
 
 
-PUSHES_BOTH_WAYS: Mapping[str, str] = {
-    "yaw": "fly a manoeuvre that pushes both ways: a relay, a zig-zag",
-    "surge": "fly well-separated steps ahead (throttle-steps), or pulses ahead and astern (doublets)",
-}
-"""Degree of freedom -> manoeuvre to fly if the input had only one sign. Those not listed need a relay or doublets."""
+def _one_sided(f: Findings) -> Iterator[Facts]:
+    if not any(float(r.tau.min()) < 0.0 < float(r.tau.max()) for r in f.case.records):
+        usual = "fly a manoeuvre that pushes both ways, such as a relay or doublets"
+        yield {"manoeuvre": PUSHES_BOTH_WAYS.get(f.model.dof, usual)}
 
 
-def _one_sided(f: Findings) -> Doubt | None:
-    if any(float(r.tau.min()) < 0.0 < float(r.tau.max()) for r in f.case.records):
-        return None
-    return Doubt(
-        "one-sided-input",
-        "the input never changes sign: constant force and drag are poorly separated",
-        PUSHES_BOTH_WAYS.get(f.model.dof, "fly a manoeuvre that pushes both ways: a relay, doublets"),
-    )
-
-
-def _saturated(f: Findings) -> Doubt | None:
-    if f.case.records[0].input_units[0] != "1" or f.relays:
-        return None
-    share = max(_time_at(r, 0.999) for r in f.case.records)
-    if share <= 0.1:
-        return None
-    return Doubt(
-        "saturated-input",
-        f"the input is at full output for {100 * share:.0f} % of the time",
-        "use smaller inputs; the record does not show commands beyond the actuator's limit",
-    )
+def _saturated(f: Findings) -> Iterator[Facts]:
+    if f.case.records[0].input_units[0] == "1" and not f.relays:
+        share = max(_time_at(r, 0.999) for r in f.case.records)
+        if not share <= 0.1:
+            yield {"share": 100 * share}
 
 
 def _time_at(record: Segment, level: float) -> float:
@@ -201,124 +195,566 @@ def _time_at(record: Segment, level: float) -> float:
     return float(held[np.abs(record.tau) >= level].sum()) / total if total > 0.0 else 0.0
 
 
-def _irregular(f: Findings) -> Doubt | None:
+def _irregular(f: Findings) -> Iterator[Facts]:
     shares = []
     for record in f.case.records:
         dt = np.diff(record.main.t)
         shares.append(float(np.mean(np.abs(dt - np.median(dt)) > 0.5 * np.median(dt))))
-    if max(shares) <= 0.1:
-        return None
-    return Doubt(
-        "irregular-sampling",
-        f"{100 * max(shares):.0f} % of the time steps differ from the median by more than half of it",
-        "request a lower, steadier message rate; the fit uses each timestamp unchanged",
-    )
+    if not max(shares) <= 0.1:
+        yield {"share": 100 * max(shares)}
 
 
-def _time_unit(f: Findings) -> Doubt | None:
+def _time_unit(f: Findings) -> Iterator[Facts]:
     step = min(float(np.median(np.diff(r.main.t))) for r in f.case.records)
-    if 1e-3 <= step <= 5.0:
-        return None
-    return Doubt(
-        "time-unit",
-        f"the median time step is {step:.3g} s, so the time stamps may not be in seconds",
-        "name the time column t[ms] or t[us] if it is in these units",
-    )
+    if not 1e-3 <= step <= 5.0:
+        yield {"step": step}
 
 
-def _dropped(f: Findings) -> Doubt | None:
-    if not f.case.dropped_rows:
-        return None
-    return Doubt(
-        "dropped-rows",
-        f"{f.case.dropped_rows} damaged row(s) at a file's end were left out",
-        "stop the recording before copying the file",
-    )
+def _dropped(f: Findings) -> Iterator[Facts]:
+    if f.case.dropped_rows:
+        yield {"rows": f.case.dropped_rows}
 
 
-def _quantised(f: Findings) -> Doubt | None:
-    step = max(r.main.step for r in f.case.records)
-    if step / np.sqrt(12.0) < 0.3 * f.noise:
-        return None
-    return Doubt(
-        "quantised",
-        f"{f.case.records[0].main.name} is recorded in steps of {step:.3g} "
-        f"{f.case.records[0].dof.position_unit}, coarser than its noise",
-        "use a finer sensor or message, or larger oscillations",
-    )
+def _quantised(f: Findings) -> Iterator[Facts]:
+    step, record = max(r.main.step for r in f.case.records), f.case.records[0]
+    if not step / np.sqrt(12.0) < 0.3 * f.noise:
+        yield {"signal": record.main.name, "step": step, "unit": record.dof.position_unit}
 
 
-def _weak(f: Findings) -> Doubt | None:
+def _weak(f: Findings) -> Iterator[Facts]:
     names = f.model.axis.parameter_names()
     weak = [n for n in names[:3] if _is_weak(f.parameters[n], abs(f.parameters[n].value))]
     level = max(float(np.max(np.abs(r.tau))) for r in f.case.records)
     if _is_weak(f.parameters["delta"], level):
         weak.append("delta")
-    if not weak:
-        return None
-    return Doubt(
-        "weakly-excited",
-        f"{', '.join(weak)}: standard error above {100 * WEAK:.0f} %",
-        f"record longer, with larger or more different inputs{' (a second relay with another C)' if f.relays else ''}",
-    )
+    if weak:
+        more = " (a second relay with another C)" if f.relays else ""
+        yield {"limit": 100 * WEAK, "names": ", ".join(weak), "more": more}
 
 
 def _is_weak(parameter: Parameter, scale: float) -> bool:
     return parameter.status == "fitted" and parameter.std > WEAK * scale
 
 
-def _reversed(f: Findings) -> Doubt | None:
-    return None if f.model.alpha >= 0.0 else REVERSED_INPUT
+def _reversed(f: Findings) -> Iterator[Facts]:
+    if not f.model.alpha >= 0.0:
+        yield {}
 
 
-def _negative_drag(f: Findings) -> Doubt | None:
+def _negative_drag(f: Findings) -> Iterator[Facts]:
     sign = np.sign(f.model.alpha)
     names = f.model.axis.parameter_names()[1:3]
     bad = [n for n in names if sign * f.parameters[n].value < 0.0]
-    if not bad:
-        return None
-    return Doubt(
-        "negative-drag",
-        f"{', '.join(bad)} is destabilising: the model diverges without input",
-        "check that input and output belong together and are synchronous; check for current or a course-unstable hull",
-    )
+    if bad:
+        yield {"names": ", ".join(bad)}
 
 
-def _poor(f: Findings) -> Doubt | None:
-    return None if f.white else poor_fit({first_names(f.case.records)[0]: f.fit_percent})
+def _poor_axis(f: Findings) -> Iterator[Facts]:
+    if not f.white:
+        yield from _poor({first_names(f.case.records)[0]: f.fit_percent})
 
 
-def _disagreement(f: Findings) -> Doubt | None:
-    if (
-        not f.relays
-        or f.decision is None
-        or f.structure == "affine"
-        or f.decision.verdict in ("undecided", f.structure)
-    ):
-        return None
-    kind = {"linear": "linear", "nonlinear": "quadratic"}
-    return Doubt(
-        "decisions-disagree",
-        f"two limit cycles indicate {kind[f.decision.verdict]} damping, but the simulated fit indicates "
-        f"{kind[f.structure]}",
-        "fly a further relay with a clearly different output C",
-    )
+def _poor(shares: Mapping[str, float]) -> Iterator[Facts]:
+    poor = [f"{name} ({share:.0f} %)" for name, share in shares.items() if share < POOR]
+    if poor:
+        yield {"signals": ", ".join(poor)}
 
 
-_CHECKS: tuple[Callable[[Findings], Doubt | None], ...] = (
-    _few_periods,
-    _unsettled,
-    _condition,
-    _one_sided,
-    _saturated,
-    _irregular,
-    _time_unit,
-    _dropped,
-    _quantised,
-    _weak,
-    _reversed,
-    _negative_drag,
-    _poor,
-    _disagreement,
+def _disagreement(f: Findings) -> Iterator[Facts]:
+    if f.relays and f.decision is not None and f.structure != "affine":
+        verdict, kind = f.decision.verdict, {"linear": "linear", "nonlinear": "quadratic"}
+        if verdict not in ("undecided", f.structure):
+            yield {"cycles": kind[verdict], "fit": kind[f.structure]}
+
+
+def _named(solution: Solution) -> bool:
+    """Return whether the parameters of a solution have names of their own; those of one axis are in its findings."""
+    return not isinstance(solution.form, ExplicitForm)
+
+
+def _not_converged(solution: Solution) -> Iterator[Facts]:
+    if not solution.converged:
+        yield {}
+
+
+def _at_bound(solution: Solution) -> Iterator[Facts]:
+    if not solution.at_bound or not _named(solution):
+        return
+    values = dict(zip(solution.form.parameters, solution.theta, strict=True))
+    dofs = [DOFS[name] for name in solution.form.dofs]
+    damping = {f"{d.force}_{n}" for d in dofs for n in (d.velocity, 2 * d.velocity)}
+    none = [n for n in solution.at_bound if n in damping and values[n] == 0.0]
+    held = [n for n in solution.at_bound if n not in none]
+    causes, cures = [], []
+    if none:
+        causes.append(f"{', '.join(none)} stopped at zero, the limit of damping. These runs show no such damping")
+        cures.append("no action if other damping was identified. Otherwise fly slower and faster runs")
+    if held:
+        causes.append(
+            f"{', '.join(held)} stopped at a bound and was fixed there. A value beyond the bound fits the runs better"
+        )
+        cures.append("widen the bound, or omit the parameter")
+    yield {"causes": "; ".join(causes), "cures": "; ".join(cures)}
+
+
+def _not_excited(solution: Solution) -> Iterator[Facts]:
+    if solution.blind and _named(solution):
+        yield {"names": ", ".join(solution.blind)}
+
+
+def _together(solution: Solution) -> Iterator[Facts]:
+    if not _named(solution):
+        return
+    k = len(solution.names)
+    covariance = solution.whole[:k, :k]
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(std > 0.0, std, np.inf)
+    rho = np.triu(np.abs(covariance / np.outer(scale, scale)), 1)
+    pairs = [(float(rho[i, j]), solution.names[i], solution.names[j]) for i, j in np.argwhere(rho > TOGETHER)]
+    if pairs:
+        worst = sorted(pairs, reverse=True)[:3]
+        yield {"pairs": "; ".join(f"{a} and {b} ({value:.4f})" for value, a, b in worst)}
+
+
+def _poor_solution(solution: Solution) -> Iterator[Facts]:
+    if _named(solution) and not solution.white:
+        yield from _poor(fit_percents(solution))
+
+
+def _coloured(solution: Solution) -> Iterator[Facts]:
+    colour = max(float(np.max(np.abs(autocorrelation(s, 5)))) for s in solution.scores)
+    if not colour <= COLOUR and not solution.white:
+        yield {"colour": colour}
+
+
+def _outliers(solution: Solution) -> Iterator[Facts]:
+    """Signals with robust weights are skipped. For a rounding sensor the limit includes noise and resolution."""
+    share = 0.0
+    for r in solution.rests:
+        model, errors = solution.noise_models[r.signal], np.abs(r.judged[r.known])
+        if model.robust:
+            continue
+        rough = max(1.4826 * float(np.median(errors)), r.step, 1e-300)
+        reach = 0.5 * model.quantum + FAR * model.sigma if model.quantum > 0.0 else FAR * rough
+        share = max(share, float(np.mean(errors > reach)))
+    if not share <= OFTEN:
+        yield {"share": 100 * share}
+
+
+def _pieces(local: LocalFit) -> Iterator[Facts]:
+    if local.pieces:
+        yield {"longest": max(float(np.ptp(r.stamps)) for r in local.records)}
+
+
+def _negative_gains(g: Gains) -> list[str]:
+    return [n for n in g.std if n.startswith("k_") and g.values[n] < -REVERSED * g.std[n]]
+
+
+def _reversed_gains(g: Gains) -> Iterator[Facts]:
+    names = _negative_gains(g)
+    if names:
+        channels = [c for c, pairs in g.form.inputs.items() if any(str(k).lstrip("-") in names for _, k in pairs)]
+        yield {"names": ", ".join(names), "channels": ", ".join(channels)}
+
+
+def _reversed_inertia(g: Gains) -> Iterator[Facts]:
+    """An input drives a degree of freedom with a known gain, and its inertia is below zero by :data:`REVERSED` standard
+    errors."""
+    if _negative_gains(g):
+        return
+    driven = {force for pairs in g.form.inputs.values() for force, gain in pairs if not isinstance(gain, str)}
+    inertia = np.diag(CoupledModel(g.form, {n: g.values[n] for n in g.form.parameters}).inertia)
+    for dof, own in zip(g.form.dofs, inertia.tolist(), strict=True):
+        spread = g.std.get(f"{DOFS[dof].force}_{DOFS[dof].velocity}dot")
+        if DOFS[dof].force in driven and spread is not None and own < -REVERSED * spread:
+            yield {}
+            return
+
+
+def _structure_undecided(c: Choice) -> Iterator[Facts]:
+    if c.chosen.undecided:
+        yield {"more": c.case.more_levels}
+
+
+def _second_drag(c: Choice) -> Iterator[Facts]:
+    """The evidence neither proves nor excludes a second damping term."""
+    chosen = c.chosen
+    bic = {candidate.structure: candidate.bic for candidate in chosen.candidates}
+    if chosen.rival is None or bic["affine"] - bic[chosen.structure] > UNDECIDED:
+        return
+    drag = "a" if chosen.structure == "linear" else "c"
+    one, both = (s.value(drag) / s.value("b") for s in (chosen.solution, chosen.rival))
+    own, other = ("linear", "quadratic") if chosen.structure == "linear" else ("quadratic", "linear")
+    yield {"own": own, "other": other, "change": 100.0 * (both / one - 1.0), "more": c.case.more_levels}
+
+
+def _delay_fitted(d: FittedDelay) -> Iterator[Facts]:
+    if not d.evidence <= 0.0 and "delay" in d.solution.free:
+        yield {"delay": d.solution.value("delay"), "evidence": d.evidence}
+
+
+def _delay_undecided(c: Choice) -> Iterator[Facts]:
+    """A delay is neither proved nor excluded, by a likelihood ratio at 10 %, and would change the inertia."""
+    chosen, tried = c.chosen, c.chosen.with_delay
+    if tried is None or "delay" in chosen.solution.free:
+        return
+    ratio = chosen.delay_evidence + math.log(tried.samples / chosen.correlation)
+    gain = chosen.solution.value("b")
+    change = gain / tried.value("b") - 1.0
+    spread = 3.0 * std_of(chosen.solution, "b", raised=False) / abs(gain)
+    if not (ratio < 2.7 or abs(change) < max(DELAY_CHANGE, spread)):
+        yield {"delay": tried.value("delay"), "change": 100.0 * change, "more": c.case.more_levels}
+
+
+def _inertia_unresolved(c: Choice) -> Iterator[Facts]:
+    if inertia_unresolved(c.chosen.solution):
+        yield {}
+
+
+def inertia_unresolved(solution: Solution) -> bool:
+    """Return whether a rate is at the limit of what the sampling resolves."""
+    return "a" in solution.at_bound or "c" in solution.at_bound
+
+
+def _pair_apart(c: RunComparison) -> Iterator[Facts]:
+    if not c.lacks_term:
+        yield from ({"one": o.pair[0], "other": o.pair[1], "sigmas": o.sigmas} for o in c.outliers if o.pair)
+
+
+def _run_apart(c: RunComparison) -> Iterator[Facts]:
+    if not c.lacks_term:
+        yield from ({"run": o.run, "sigmas": o.sigmas} for o in c.outliers if not o.pair)
+
+
+def _term_lacking(c: RunComparison) -> Iterator[Facts]:
+    """Runs differ while the model does not explain most of them down to noise: no sign of another craft."""
+    if c.lacks_term:
+        runs = ", ".join(f"'{o.run}' by {o.sigmas:.0f} standard errors" for o in c.outliers)
+        besides = f". The craft also moved in {' and '.join(c.moved_too)}, which the model does not include"
+        cure = f"identify these motions as well, with --dof {c.option}" if c.option else ""
+        yield {
+            "runs": runs,
+            "moved": besides if c.moved_too else "",
+            "cure": cure or "find the missing term with `diagnose`",
+        }
+
+
+def _other_inertia(c: RunComparison) -> Iterator[Facts]:
+    if c.other_inertia:
+        yield {"runs": ", ".join(c.other_inertia)}
+
+
+def _misfitting(m: MisfittingRun) -> Iterator[Facts]:
+    yield {"run": m.run, "misfit": m.misfit, "relief": m.relief}
+
+
+def _different(p: DifferentPair) -> Iterator[Facts]:
+    yield {"one": p.runs[0], "other": p.runs[1], "relief": p.relief}
+
+
+def _effect_not_needed(test: EffectTest) -> Iterator[Facts]:
+    """The runs do not support an effect, by a likelihood ratio test."""
+    fitted = test.fitted
+    for own in fitted.effects:
+        entry = EFFECTS[own.slug]
+        others = tuple(e for e in fitted.effects if e is not own)
+        without = test.problem.fit(fitted.theta, others, fitted.initial, shift=fitted.shift)
+        pays = math.inf if without is None else without.cost - fitted.cost
+        numbers = max(len(entry.parameters), 1)
+        if chi_square.exceeded_by_chance(max(pays, 0.0) / test.correlation, numbers) > SIGNIFICANCE:
+            known = ((n, v, test.parameters[own.label_of(n)].std) for n, v in own.values.items())
+            said = ", ".join(f"{n} = {format_value(v, std)}" for n, v, std in known)
+            yield {"slug": own.slug, "place": own.place, "said": said, "separated_by": entry.separated_by}
+
+
+# -- the table
+
+
+@dataclass(frozen=True, slots=True)
+class DoubtRow:
+    """A doubt: about which kind of evidence it is, when it is raised, its sentence and its cure.
+
+    ``when`` yields the facts that fill ``cause`` and ``cure``, once per doubt. ``of_the_runs``: it is about the runs
+    themselves and applies to any model.
+    """
+
+    slug: str
+    about: type
+    when: Callable[[Any], Iterator[Facts]]
+    cause: str
+    cure: str
+    of_the_runs: bool = False
+
+
+REVERSED_CAUSE = "a positive input turns or pushes against the SNAME convention, so the fitted parameters are negative"
+REVERSED_CURE = "no action for a rudder angle, where this is normal. Otherwise check wiring and sign of the channel"
+POOR_CAUSE = "the model explains these signals only in part: {signals}"
+POOR_CURE = (
+    "inspect the plot of the fit. Check for wind, current, other axes, a missing term, a drifting clock or a "
+    "wrong input"
 )
-"""Checks of one axis, in the order in which their doubts are listed."""
+
+DOUBTS: tuple[DoubtRow, ...] = (
+    DoubtRow(
+        "few-periods",
+        Findings,
+        _few_periods,
+        "only {most} full period(s) of self-oscillation were recorded, but {needed} are required",
+        "let the relay run longer",
+        of_the_runs=True,
+    ),
+    DoubtRow(
+        "unsettled",
+        Findings,
+        _unsettled,
+        "the oscillation never settled ({cause}). The scatter must be at most {limit:.0f} %",
+        "wait for calmer water, use a larger C (output) or x_a (switching value), or let the relay run longer",
+        of_the_runs=True,
+    ),
+    DoubtRow(
+        "not-self-oscillation",
+        Findings,
+        _condition,
+        "{broken} of {all} relay settings violate x_a* + |x_0| < X_m (Miskovic2010, eq. 7.12). IS-O is not valid for "
+        "them, but the simulated fit is",
+        "use a larger C (output) or a smaller x_a (switching value). Trim the craft to remove the constant force",
+        of_the_runs=True,
+    ),
+    DoubtRow(
+        "one-sided-input",
+        Findings,
+        _one_sided,
+        "the input never changes sign, so constant force and drag are poorly separated",
+        "{manoeuvre}",
+        of_the_runs=True,
+    ),
+    DoubtRow(
+        "saturated-input",
+        Findings,
+        _saturated,
+        "the input is at full output for {share:.0f} % of the time",
+        "use smaller inputs, because the record does not show commands beyond the actuator's limit",
+        of_the_runs=True,
+    ),
+    DoubtRow(
+        "irregular-sampling",
+        Findings,
+        _irregular,
+        "{share:.0f} % of the time steps differ from the median by more than half of it",
+        "request a lower, steadier message rate. The fit uses each time stamp unchanged",
+        of_the_runs=True,
+    ),
+    DoubtRow(
+        "time-unit",
+        Findings,
+        _time_unit,
+        "the median time step is {step:.3g} s, so the time stamps may not be in seconds",
+        "name the time column t[ms] or t[us] if it is in these units",
+        of_the_runs=True,
+    ),
+    DoubtRow(
+        "dropped-rows",
+        Findings,
+        _dropped,
+        "{rows} damaged row(s) at a file's end were left out",
+        "stop the recording before you copy the file",
+        of_the_runs=True,
+    ),
+    DoubtRow(
+        "quantised",
+        Findings,
+        _quantised,
+        "{signal} is recorded in steps of {step:.3g} {unit}, which is coarser than its noise",
+        "use a finer sensor or message, or larger oscillations",
+    ),
+    DoubtRow(
+        "weakly-excited",
+        Findings,
+        _weak,
+        "these parameters have a standard error above {limit:.0f} %: {names}",
+        "record longer, with larger or more varied inputs{more}",
+    ),
+    DoubtRow("reversed-input", Findings, _reversed, REVERSED_CAUSE, REVERSED_CURE),
+    DoubtRow(
+        "negative-drag",
+        Findings,
+        _negative_drag,
+        "{names} is destabilising, so the model diverges without input",
+        "check that input and output belong together and are synchronous. Check for current or a course-unstable hull",
+    ),
+    DoubtRow("poor-fit", Findings, _poor_axis, POOR_CAUSE, POOR_CURE),
+    DoubtRow(
+        "decisions-disagree",
+        Findings,
+        _disagreement,
+        "two limit cycles indicate {cycles} damping, but the simulated fit indicates {fit}",
+        "fly a further relay with a clearly different output C",
+    ),
+    DoubtRow(
+        "not-converged",
+        Solution,
+        _not_converged,
+        "the fit did not converge",
+        "record longer. Otherwise supply the structure, start values or the delay, or fit fewer parameters",
+    ),
+    DoubtRow("at-bound", Solution, _at_bound, "{causes}", "{cures}"),
+    DoubtRow(
+        "not-excited",
+        Solution,
+        _not_excited,
+        "nothing in these runs depends on {names}, so the values are meaningless",
+        "fly a manoeuvre that moves these degrees of freedom, measure the parameters, or omit them from the form",
+    ),
+    DoubtRow(
+        "correlated",
+        Solution,
+        _together,
+        "only combinations of these parameters are known (with the correlation of their estimates): {pairs}",
+        "fix one of each pair at a known value, or fly a manoeuvre with other speeds and turns",
+    ),
+    DoubtRow("poor-fit", Solution, _poor_solution, POOR_CAUSE, POOR_CURE),
+    DoubtRow(
+        "residuals-not-white",
+        Solution,
+        _coloured,
+        "the residuals are correlated ({colour:.2f}), so a term is missing from the model. The standard errors were "
+        "increased",
+        "inspect the residuals. Check for wind, waves, current, a slow actuator, another axis or a missing term",
+    ),
+    DoubtRow(
+        "outliers",
+        Solution,
+        _outliers,
+        "{share:.1f} % of the samples are outliers",
+        "identify again with --robust (in Python loss='soft_l1'), or repair the sensor",
+    ),
+    DoubtRow(
+        "short-horizon",
+        LocalFit,
+        _pieces,
+        "no model of this form follows a whole run. It was fitted to pieces of {longest:.0f} s each",
+        "check for a missing term, a run of another vehicle, or a course-unstable craft",
+    ),
+    DoubtRow(
+        "reversed-input",
+        Gains,
+        _reversed_gains,
+        "{names} are negative, so {channels} act opposite to their names",
+        "check labels, wiring, signs and left/right of the inputs. The model is valid for the log as recorded",
+    ),
+    DoubtRow("reversed-input", Gains, _reversed_inertia, REVERSED_CAUSE, REVERSED_CURE),
+    DoubtRow(
+        "structure-undecided",
+        Choice,
+        _structure_undecided,
+        "linear and quadratic damping explain the record equally well. Linear damping was used",
+        "{more}",
+    ),
+    DoubtRow(
+        "second-drag-undecided",
+        Choice,
+        _second_drag,
+        "the runs neither prove nor exclude {other} damping in addition to {own} damping. It would change {own} "
+        "damping by {change:+.0f} %, so the standard errors were increased",
+        "{more}. A wider range of speeds separates the two",
+    ),
+    DoubtRow(
+        "delay-fitted",
+        FittedDelay,
+        _delay_fitted,
+        "a delay of {delay:.2g} s between input and motion was fitted. It lowers BIC (misfit with a penalty per "
+        "parameter) by {evidence:.0f}",
+        "supply --delay if the delay is known. If the actuator is slow, fit a form with 'lag' free instead",
+    ),
+    DoubtRow(
+        "delay-undecided",
+        Choice,
+        _delay_undecided,
+        "a delay of {delay:.2f} s fits as well as no delay, but changes the inertia by {change:+.0f} %",
+        "supply --delay if the delay is known. Otherwise {more}",
+    ),
+    DoubtRow(
+        "inertia-unresolved",
+        Choice,
+        _inertia_unresolved,
+        "the craft responds faster than it is sampled. The runs determine only the ratio of input to steady velocity",
+        "request a higher message rate",
+    ),
+    DoubtRow(
+        "run-apart",
+        RunComparison,
+        _pair_apart,
+        "runs '{one}' and '{other}' differ by {sigmas:.0f} standard errors, as if they came from two different craft",
+        "check the load, speed and battery of both runs, and that both used the same vehicle. Identify them separately",
+    ),
+    DoubtRow(
+        "run-apart",
+        RunComparison,
+        _run_apart,
+        "run '{run}' differs from the others by {sigmas:.0f} standard errors, as if it came from a different craft",
+        "check vehicle, load, speed and battery of the outlier. Identify it separately",
+    ),
+    DoubtRow(
+        "run-apart",
+        MisfittingRun,
+        _misfitting,
+        "run '{run}' does not fit the others. The model of the other runs misses it by {misfit:.1f} times their noise. "
+        "Without it the noise falls by a factor of {relief:.1f}",
+        "omit '{run}' and identify it separately. Check its vehicle, load and input scale",
+    ),
+    DoubtRow(
+        "runs-disagree",
+        RunComparison,
+        _term_lacking,
+        "the parameters differ between runs ({runs}). In most runs, however, the model error exceeds the noise. The "
+        "difference therefore does not show that the craft changed{moved}",
+        "{cure}",
+    ),
+    DoubtRow(
+        "runs-disagree",
+        RunComparison,
+        _other_inertia,
+        "fitted separately, these runs give a different inertia: {runs}",
+        "check whether load, speed or battery changed between the runs. Identify the outlier separately",
+    ),
+    DoubtRow(
+        "runs-disagree",
+        DifferentPair,
+        _different,
+        "runs '{one}' and '{other}' need different models. A separate fit of each is {relief:.1f} times better",
+        "check whether load, speed or battery changed between the runs. Identify them separately, or fly a third run",
+    ),
+    DoubtRow(
+        "effect-not-needed",
+        EffectTest,
+        _effect_not_needed,
+        "the model fits these runs as well without {slug} at {place} ({said})",
+        "omit it. To test for it, fly: {separated_by}",
+    ),
+)
+"""All doubts, in the order in which they are listed."""
+
+OF_THE_RUNS = frozenset(row.slug for row in DOUBTS if row.of_the_runs)
+"""Slugs of the doubts about the runs themselves, which apply to any model."""
+
+
+def doubts_about(*evidence: object, rows: Sequence[DoubtRow] = DOUBTS) -> list[Doubt]:
+    """Return the doubts that the *evidence* raises, in the order of the table.
+
+    evidence : any of the kinds that rows are about; None for what there is not.
+    """
+    return [
+        Doubt(row.slug, row.cause.format(**facts), row.cure.format(**facts))
+        for row in rows
+        for known in evidence
+        if isinstance(known, row.about)
+        for facts in row.when(known)
+    ]
+
+
+def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> Doubt | None:
+    """Return a doubt about negative gains ``k_*``, which indicate reversed labels, wiring or signs of inputs.
+
+    The same holds for a negative inertia of a motion that an input drives with a known gain.
+    """
+    return next(iter(doubts_about(Gains(form, values, std))), None)

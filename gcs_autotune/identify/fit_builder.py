@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import once
+from gcs_autotune.identify.doubt import Doubt, once
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, runs_or_doubt
 from gcs_autotune.identify.problems.reweighting import rounding_error
 from gcs_autotune.identify.problems.solution import Solution, fit_percents, traces_of

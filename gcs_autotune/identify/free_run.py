@@ -89,7 +89,7 @@ class Validation:
 
     @classmethod
     def joined(cls, parts: Sequence[Validation]) -> Validation:
-        """Return several validations as one."""
+        """Return the traces and statistics of several validations as one validation."""
         return cls(tuple(t for part in parts for t in part.traces), tuple(s for part in parts for s in part.statistics))
 
     @property
@@ -120,7 +120,7 @@ def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
         The model diverges on the inputs of a run, or a run cannot be prepared.
     """
     if not isinstance(model, (SingleDof, CoupledModel, ExtendedModel)):
-        raise UsageError(f"a {type(model).__name__} cannot be validated on runs")
+        raise UsageError(f"a {type(model).__name__} cannot be validated on runs. Use output-error")
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
     traces = [trace for run in together for trace in _on_trial(model, run)]
     return Validation(tuple(traces), tuple(residual_statistics(t) for t in traces))
@@ -174,8 +174,8 @@ def runs_or_doubt(
         return tuple(t for s in segments for t in run_freely(model, s)), ()
     except NotInformative as error:
         cure = (
-            "fly manoeuvres that determine the drag (coast-down, steps at several speeds), supply start values, "
-            "omit terms of the form, or use output-error"
+            "fly manoeuvres that determine the drag (coast-down, steps at several speeds), supply start values, omit "
+            "terms of the form, or use output-error"
         )
         return (), (Doubt(RUNS_AWAY, str(error), cure),)
 
@@ -220,7 +220,9 @@ def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequenc
         x_0 = _best_start(simulator, model.theta, x_0, columns, segment.until(share), scale)
     best = _simulated(simulator, model.theta, x_0, segment)
     if best is None:
-        raise NotInformative(f"the model '{model.form.name}' diverges on run '{segment.run}': its drag destabilises it")
+        raise NotInformative(
+            f"the model '{model.form.name}' diverges on run '{segment.run}' because its drag is destabilising"
+        )
     signals = segment.signals
     return [_trace(segment.name, n, signals[n].t, signals[n].values, fitted) for n, (fitted, _) in best.items()]
 
@@ -236,7 +238,9 @@ def _axis(model: SingleDof, segment: Segment) -> list[Trace]:
         effort=None,
     )
     if found is None:
-        raise NotInformative(f"the model diverges on run '{segment.run}': its drag destabilises it at these speeds")
+        raise NotInformative(
+            f"the model diverges on run '{segment.run}' because its drag is destabilising at these speeds"
+        )
     return [_trace(segment.name, r.signal, r.t, r.measured, r.predicted) for r in found.rests]
 
 
@@ -329,14 +333,14 @@ def residual_statistics(trace: Trace) -> ResidualStatistics:
     """Return the statistics of the residuals of a trace."""
     error = trace.measured - trace.fitted
     rms = math.sqrt(float(np.mean(error**2)))
-    swing = float(np.std(trace.measured))
+    measured_std = float(np.std(trace.measured))
     return ResidualStatistics(
         n=len(error),
         mean=float(error.mean()),
         rms=rms,
         mean_absolute=float(np.mean(np.abs(error))),
         worst=float(np.max(np.abs(error))),
-        fit_percent=100.0 * (1.0 - rms / swing) if swing > 0.0 else 0.0,
+        fit_percent=100.0 * (1.0 - rms / measured_std) if measured_std > 0.0 else 0.0,
         lag_one=float(autocorrelation(error, 1)[0]),
         whiteness_p=whiteness(error),
     )

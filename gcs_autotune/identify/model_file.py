@@ -59,7 +59,10 @@ class ModelFile:
 
     @property
     def written_as(self) -> Mapping[str, tuple[str, float]]:
-        """Derivative -> its name in a file of one degree of freedom and the sign between them; else empty."""
+        """Derivative -> its name in a file of one degree of freedom, and the sign between both.
+
+        It is empty for other files.
+        """
         if self.axis is None:
             return {}
         return dict(zip(self.axis.axis.derivative_names(), zip(PHYSICAL, SIGNS, strict=True), strict=True))
@@ -157,10 +160,13 @@ def _uncertainty(known: KnownFrom, dofs: Sequence[str], path: Path) -> tuple[tup
         return (), np.zeros((0, 0))
     std = np.array([p.std or 0.0 for p in parameters.values()])
     if len(rows) != len(std) or any(len(row) != len(std) for row in rows):
-        raise BadFile(f"{path}: its {len(std)} parameters need a correlation of {len(std)} rows and columns")
+        raise BadFile(
+            f"{path}: its {len(std)} parameters need a correlation matrix of {len(std)} rows and columns. The "
+            "file is damaged"
+        )
     correlation = np.array([[value or 0.0 for value in row] for row in rows]).reshape(len(std), len(std))
     if not np.allclose(correlation, correlation.T, atol=_SLIGHT) or np.any(np.linalg.eigvalsh(correlation) < -_SLIGHT):
-        raise BadFile(f"{path}: its correlation is not symmetric and positive: the file is damaged")
+        raise BadFile(f"{path}: its correlation matrix is not symmetric and positive definite. The file is damaged")
     return _as_derivatives(tuple(parameters), correlation * np.outer(std, std), dofs)
 
 

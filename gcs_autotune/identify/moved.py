@@ -80,7 +80,7 @@ def moved_too(runs: Sequence[Trial], dofs: Collection[str]) -> list[Doubt]:
     return [
         Doubt(
             MOVED_TOO,
-            f"only {' and '.join(dofs)} was examined; {names} moved too",
+            f"only {' and '.join(dofs)} was analysed, but {names} moved too",
             f"repeat the command with --dof {option}" if option else f"record their inputs ({inputs})",
         )
     ]

@@ -22,14 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_autotune import chi_square
-from gcs_autotune.identify.doubt import Doubt
 from gcs_autotune.identify.problems.likelihood import Limits
 from gcs_autotune.identify.problems.reweighting import Effort
 from gcs_autotune.identify.problems.solution import Solution, solve_form
 from gcs_autotune.identify.signals.segment import Segment
 from gcs_autotune.slow_imports import scipy_stats
 
-__all__ = ["CraftEstimate", "OutlierRun", "outlier_run", "outlier_run_doubts", "outlier_runs"]
+__all__ = ["CraftEstimate", "DifferentPair", "MisfittingRun", "OutlierRun", "outlier_run", "outlier_runs"]
 
 Array = NDArray[np.float64]
 
@@ -73,6 +72,26 @@ class OutlierRun:
     sigmas: float
     change: float
     pair: tuple[str, str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MisfittingRun:
+    """A run that the model of the others misses by ``misfit`` times their noise.
+
+    ``relief``: factor by which the noise falls without it.
+    """
+
+    run: str
+    misfit: float
+    relief: float
+
+
+@dataclass(frozen=True, slots=True)
+class DifferentPair:
+    """Two runs that need different models; a separate fit of each is ``relief`` times better."""
+
+    runs: tuple[str, str]
+    relief: float
 
 
 def outlier_runs(
@@ -126,26 +145,8 @@ def _distance(one: CraftEstimate | None, rest: CraftEstimate | None, sigmas: flo
     return math.sqrt(square), change
 
 
-def outlier_run_doubts(found: Sequence[OutlierRun]) -> list[Doubt]:
-    """Return one doubt per outlier, with the name of the run."""
-    return [
-        Doubt(
-            "run-apart",
-            f"runs '{a.pair[0]}' and '{a.pair[1]}' differ by {a.sigmas:.0f} standard errors: they indicate two "
-            "different crafts"
-            if a.pair
-            else (
-                f"run '{a.run}' differs from the others by {a.sigmas:.0f} standard errors: it indicates a "
-                "different craft"
-            ),
-            "check vehicle, load, speed and battery of the outlier; identify it separately",
-        )
-        for a in found
-    ]
-
-
-def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) -> Doubt | None:
-    """Return a doubt with the name of the run that differs from the others, or None if all agree."""
+def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) -> MisfittingRun | DifferentPair | None:
+    """Return the run that differs from the others, or None if all agree."""
     runs = list(dict.fromkeys(r.run for r in records))
     if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):
         return None
@@ -165,29 +166,20 @@ def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) 
     if best is None:
         return None
     relief, misfit, run = best
-    return Doubt(
-        "run-apart",
-        f"run '{run}' does not fit the others. The model of the other runs misses it by {misfit:.1f} times their "
-        f"noise. Without it the noise falls by a factor of {relief:.1f}",
-        f"omit '{run}' and identify it separately; check its vehicle, load and input scale",
-    )
+    return MisfittingRun(run, misfit, relief)
 
 
-def _two_apart(solution: Solution, records: Sequence[Segment], runs: Sequence[str], limits: Limits) -> Doubt | None:
-    """Return a doubt if two runs differ. With only two, neither can be identified as the outlier."""
+def _two_apart(
+    solution: Solution, records: Sequence[Segment], runs: Sequence[str], limits: Limits
+) -> DifferentPair | None:
+    """Return the two runs if they differ. With only two, neither can be identified as the outlier."""
     relief = np.inf
     for run in runs:
         alone = _fitted(solution, records, [i for i, r in enumerate(records) if r.run == run], limits)
         if alone is None:
             return None
         relief = min(relief, max(solution.noise[n] / alone.noise[n] for n in alone.noise))
-    if relief < RELIEF:
-        return None
-    return Doubt(
-        "runs-disagree",
-        f"runs '{runs[0]}' and '{runs[1]}' need different models: each fits alone {relief:.1f} times better",
-        "check whether load, speed or battery changed between the runs; identify them separately, or fly a third run",
-    )
+    return None if relief < RELIEF else DifferentPair((runs[0], runs[1]), float(relief))
 
 
 def _strangeness(solution: Solution, records: Sequence[Segment], runs: Sequence[str]) -> list[float]:

@@ -218,19 +218,19 @@ class Fit(Generic[ModelT]):
 
     @property
     def unexplained(self) -> float:
-        """What the model leaves unexplained [percent]."""
+        """Fraction of the motion that the model does not explain [percent]."""
         return 100.0 - self.fit_percent
 
     @property
     def whole_model(self: Fit[Model]) -> Model:
-        """The model, with the effects of its actuator if this is a fit of one axis with some."""
+        """Model of the fit. For one axis it includes the effects of the actuator, if fitted."""
         if not is_of_one_axis(self) or not self.effects:
             return self.model
         plain = as_extended(self.model)
         inputs = plain.base.form.inputs
-        swing = {str(k): float(v) for k, v in self.extra.get("swing", {}).items() if k in inputs}
+        full_scale = {str(k): float(v) for k, v in self.extra.get("swing", {}).items() if k in inputs}
         units = dict.fromkeys(inputs, self.model.input_unit)
-        return ExtendedModel(plain.base, (*plain.effects, *self.effects), swing, units)
+        return ExtendedModel(plain.base, (*plain.effects, *self.effects), full_scale, units)
 
     @property
     def remainder(self) -> Mapping[str, Remainder]:

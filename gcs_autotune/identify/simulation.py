@@ -37,7 +37,7 @@ def extended_of(fit: Fit[Model]) -> ExtendedModel:
     elif isinstance(model, CoupledModel):
         model = ExtendedModel(model)
     if not isinstance(model, ExtendedModel):
-        raise UsageError(f"a {type(model).__name__} (method {fit.method}) cannot be simulated; use output-error")
+        raise UsageError(f"a {type(model).__name__} (method {fit.method}) cannot be simulated. Use output-error")
     return model
 
 
@@ -83,7 +83,7 @@ def simulated(
     first = {n: float(inputs[n].values[0]) for n in states if n in inputs} if isinstance(inputs, Trial) else {}
     strange = sorted(set(start or {}) - set(states))
     if strange:
-        raise UsageError(f"the model has no state {', '.join(strange)}; it has {', '.join(states)}")
+        raise UsageError(f"the model has no state {', '.join(strange)}. Its states are {', '.join(states)}")
     found = model.predict(
         passage_of("simulated", t_in, commands, dict.fromkeys(states, at)), {**first, **(start or {})}
     )
@@ -105,15 +105,20 @@ def _channel(inputs: Trial | Mapping[str, tuple[ArrayLike, ArrayLike]], name: st
     if isinstance(inputs, Trial):
         channel = inputs[name]
         if unit and channel.unit != unit:
-            raise UsageError(f"{name} of run '{inputs.name}' is in {channel.unit}, the model's is in {unit}")
+            raise UsageError(
+                f"{name} of run '{inputs.name}' is in {channel.unit}, but the model needs {unit}. Convert the column"
+            )
         return channel
     if name not in inputs:
         raise UsageError(
-            f"the model needs the input {name}: supply its time stamps and values. Supplied:  {', '.join(inputs)}"
+            f"the model needs the input {name}. Supply its time stamps and values. Supplied so far: {', '.join(inputs)}"
         )
     t, values = (np.atleast_1d(np.asarray(a, dtype=np.float64)) for a in inputs[name])
     if t.shape != values.shape or len(t) == 0 or np.any(np.diff(t) < 0.0):
-        raise UsageError(f"{name}: as many ascending stamps as values are needed, and at least one")
+        raise UsageError(
+            f"the time stamps and values of {name} do not match. Supply at least one value and one time stamp "
+            "per value, in ascending order"
+        )
     return Channel(name, unit, t, values)
 
 

@@ -1,4 +1,4 @@
-"""Every number a user can set: its meaning, unit and range, and the reason for the range.
+"""All numbers that a user can set, with meaning, unit, range and the reason for the range.
 
 One table serves the command line (parser and help), the settings of the workflow, and the web page. A number that is
 not finite or outside its range is rejected, with its name, before anything is opened, created or moved.
@@ -22,10 +22,10 @@ LIMITS: Mapping[tuple[str, str], Limit] = {
 
 
 def limit_of(name: str, axis: str = "") -> Limit:
-    """Return the limit *name*, that of *axis* if it differs by axis."""
+    """Return the limit called *name*; if it differs by axis, the one of *axis*."""
     return LIMITS.get((name, axis)) or LIMITS[name, ""]
 
 
 def axes_of(name: str) -> Sequence[Limit]:
-    """Return the limits *name*: one, or one per axis."""
+    """Return all limits called *name*: one, or one per axis."""
     return [limit for (called, _), limit in LIMITS.items() if called == name]

@@ -13,9 +13,9 @@ from gcs_autotune_files import Refused, number
 __all__ = ["CENTI", "CM", "CM_S", "MM", "MS", "PERCENT", "RADIANS", "Limit", "UnitMistake", "finite"]
 
 _TO_SI: Mapping[str, float] = {"deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "%": 0.01, "min": 60.0}
-"""Unit as typed -> factor to SI; the others are SI."""
+"""Unit as typed -> factor to SI. Other units are SI already."""
 _TIMES: Mapping[str, float] = {"s": 1.0, "min": 60.0, "h": 3600.0}
-"""Unit of time -> seconds; a time can be typed in any of them."""
+"""Unit of time -> seconds. A time can be typed in any of these units."""
 _WITH_UNIT = re.compile(r"([^a-z]+(?:e[+-]?\d+)?) ?(s|min|h)")
 _ROUNDING = 1e-9
 """Relative tolerance of a limit, for rounding to radians and back."""
@@ -23,7 +23,8 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class UnitMistake:
-    """A common unit mistake: the user typed the value in the unit *words*, and meant the value times ``factor``."""
+    """A common unit mistake: the user typed the value in the unit *words*, so the intended value is ``factor`` times
+    it."""
 
     factor: float
     words: str
@@ -40,7 +41,7 @@ MM = UnitMistake(0.001, "in millimetres")
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One number. ``least`` and ``greatest`` are in ``unit``, as typed.
+    """The limit of one number. ``least`` and ``greatest`` are in ``unit``, as typed.
 
     Attributes
     ----------
@@ -48,8 +49,8 @@ class Limit:
     meaning : text of the help; ``unset`` describes the default if there is no number ``default``.
     reason : why the range ends where it does.
     axis : the axis it belongs to, if unit and range depend on it; empty for all.
-    mistakes : likely unit mistakes behind a value outside.
-    whole : a whole number; ``signed``: its magnitude is bounded, and it may be negative.
+    mistakes : likely unit mistakes that explain a value outside the range.
+    whole : whether it is a whole number. signed : whether it may be negative; its magnitude is then limited.
     """
 
     name: str
@@ -67,13 +68,13 @@ class Limit:
 
     @property
     def range(self) -> str:
-        """The range in words, e.g. ``2 to 120 deg``, ``0.02 to 1``."""
+        """Text of the range, e.g. ``2 to 120 deg``, ``0.02 to 1``."""
         ends = f"{_shown(self.least)} to {_shown(self.greatest)}"
         return ends + (f" {self.unit}" if self.unit else "") + (" in either direction" if self.signed else "")
 
     @property
     def factor(self) -> float:
-        """Factor from a typed value to SI and radians."""
+        """Factor from the typed value to SI and radians."""
         return _TO_SI.get(self.unit, 1.0)
 
     @property
@@ -98,7 +99,10 @@ class Limit:
         return self.check(value)
 
     def _time(self, text: str) -> float:
-        """Return a time in ``unit``, typed so or with a unit of its own (``90s``, ``30min``); ``Refused``: none."""
+        """Parse a time in ``unit`` or with its own unit (``90s``, ``30min``).
+
+        Raises ``Refused`` if it is not a time.
+        """
         found = _WITH_UNIT.fullmatch(text.strip())
         return number(text) if found is None else number(found[1]) * _TIMES[found[2]] / _TIMES[self.unit]
 
@@ -108,7 +112,7 @@ class Limit:
         Raises
         ------
         UsageError
-            It is invalid; the message has range, reason and the likely value.
+            It is invalid. The message states the range, the reason and the likely value.
         """
         if not math.isfinite(value):
             raise UsageError(f"{value:g} is not a finite number. {self._wanted}")
@@ -119,7 +123,7 @@ class Limit:
         return int(value) if self.whole else value
 
     def check_si(self, value: float) -> None:
-        """Check *value*, in SI and radians; errors as in :meth:`check`, with the name."""
+        """Check *value* in SI and radians; errors as for :meth:`check`, with the name."""
         try:
             self.check(value / self.factor)
         except UsageError as error:
@@ -156,12 +160,12 @@ class Limit:
 
 
 def finite(text: str) -> float:
-    """Return the number written as *text*, whatever its size.
+    """Return the number written as *text*, of any size.
 
     Raises
     ------
     UsageError
-        It is no finite number.
+        It is not a finite number.
     """
     try:
         return number(text)

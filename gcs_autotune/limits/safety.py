@@ -1,4 +1,4 @@
-"""Safety limits of a flight."""
+"""Limits for the options that set the safety envelope of a flight."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GUARDED = (
         "deg",
         5.0,
         720.0,
-        "below, compass noise trips it; above two turns it limits nothing",
+        "below this range, compass noise exceeds the limit; above it (two turns), nothing is limited",
         120.0,
         mistakes=(RADIANS, CENTI),
     ),
@@ -23,21 +23,30 @@ GUARDED = (
         "m",
         0.1,
         100.0,
-        "below, sensor noise trips it; above, it limits nothing",
+        "below this range, sensor noise exceeds the limit; above it, nothing is limited",
         3.0,
         mistakes=(CM,),
     ),
     Limit(
-        "max-depth", "greatest depth", "m", 0.1, 6000.0, "limits how deep the craft goes", unset="off", mistakes=(CM,)
+        "max-depth",
+        "greatest depth of the craft",
+        "m",
+        0.1,
+        6000.0,
+        "keeps the craft above this depth",
+        unset="off",
+        mistakes=(CM,),
     ),
-    Limit("min-depth", "least depth", "m", 0.0, 6000.0, "limits how near the surface the craft comes; 0: off", 0.0),
+    Limit(
+        "min-depth", "smallest depth of the craft", "m", 0.0, 6000.0, "keeps the craft below this depth; 0: off", 0.0
+    ),
     Limit(
         "max-speed",
         "greatest speed over ground",
         "m/s",
         0.1,
         40.0,
-        "below, GPS noise at rest trips it; above, it limits nothing",
+        "below this range, GPS noise at rest exceeds the limit; above it, nothing is limited",
         unset="4, or 1.5 times cruise",
         mistakes=(CM_S,),
     ),
@@ -47,7 +56,8 @@ GUARDED = (
         "deg/s",
         1.0,
         720.0,
-        "below, gyro noise trips it; above, no vehicle turns that fast; set it lower for a tether or a sonar",
+        "below this range, gyro noise exceeds the limit; above it, no vehicle turns that fast. Set it lower for a "
+        "tether or a sonar",
         unset="off",
         mistakes=(RADIANS,),
     ),
@@ -57,7 +67,7 @@ GUARDED = (
         "m",
         1.0,
         10000.0,
-        "below, GPS noise at rest trips it; above, out of range of telemetry radios",
+        "below this range, GPS noise at rest exceeds the limit; above it, out of range of telemetry radios",
         unset="300, or 100 s of cruise",
     ),
     Limit(
@@ -66,7 +76,7 @@ GUARDED = (
         "deg",
         1.0,
         180.0,
-        "below, waves trip it; above, it limits nothing",
+        "below this range, waves exceed the limit; above it, nothing is limited",
         45.0,
         mistakes=(RADIANS,),
     ),
@@ -76,7 +86,7 @@ GUARDED = (
         "deg",
         1.0,
         90.0,
-        "below, waves trip it; above, it limits nothing",
+        "below this range, waves exceed the limit; above it, nothing is limited",
         45.0,
         mistakes=(RADIANS,),
     ),
@@ -105,7 +115,7 @@ GUARDED = (
         "min",
         1.0,
         240.0,
-        "below, too short for a run; above, longer than any battery lasts",
+        "below this range, too short for a run; above it, longer than any battery lasts",
         30.0,
         mistakes=(UnitMistake(1.0 / 60.0, "in seconds"),),
     ),
@@ -115,7 +125,7 @@ GUARDED = (
         "s",
         5.0,
         7200.0,
-        "below, every manoeuvre ends too early; above, longer than any manoeuvre",
+        "below this range, every manoeuvre ends too early; above it, longer than any manoeuvre",
         600.0,
         mistakes=(MS,),
     ),

@@ -1,17 +1,21 @@
-"""The link room: bytes to and from the vehicle, turned into a craft that manoeuvres can fly.
+"""The link module: convert bytes to and from the vehicle into a craft that manoeuvres can fly.
 
-The only room that knows sockets, serial ports and MAVSDK; what needs none of them is in ``mavlink``. From the wire up:
+Only this module uses sockets, serial ports and MAVSDK. Code that needs none of them is in ``mavlink``.
+From the wire up:
 
-* ``transports``: :func:`open_link` and one file per kind of connection; ``ports``: which there are, who talks on them;
-* ``session``, made of ``frame_port`` (frames, signing, log), ``routing`` (who is told), ``liveness`` (whom we hear, how
-  long silent), periodic tasks and the operator's stop; ``discovery`` of the vehicle among what is heard;
-* ``parameters``: ``exchange`` (question and answer), ``client`` (:class:`Parameters`), ``journal`` and
-  ``parameter_transaction`` (borrow, verify, give back);
-* ``vehicle``: ``commands``; ``rates`` fitted by ``bandwidth``; ``telemetry`` with ``watchdog``; ``setpoint_streamer``
-  keeps commands in force, ``rc_monitor`` sees whether they are, ``actuation_check`` proves it at arming,
-  ``congestion`` that there is room for them; ``interference_monitor`` notices others, ``other_stations`` knows whom,
-  ``latency`` how late all is; ``vehicle_config`` how it is wired; ``mavlink_craft`` (:class:`MavlinkCraft`), put
-  together by :func:`open_craft` (``handshake``).
+* ``transports``: :func:`open_link`, with one file per kind of connection; ``ports``: the existing ports and the senders
+  on them;
+* ``session``: periodic tasks and the operator's stop. Its parts are ``frame_port`` (frames, signing, log), ``routing``
+  (listeners), ``liveness`` (the accepted sender and its silence) and ``discovery`` of the vehicle;
+* ``parameters``: ``exchange`` (request and answer), ``client`` (:class:`Parameters`), ``journal`` and
+  ``parameter_transaction`` (temporary changes: verify, restore);
+* ``vehicle``, commanding: ``commands`` (modes, arming), ``setpoint_streamer`` (repeats set-points), ``rc_monitor``
+  (whether the vehicle obeys them), ``actuation_check`` (the same at arming), ``congestion`` (whether the link has
+  capacity for them);
+* ``vehicle``, receiving: ``rates``, fitted by ``bandwidth``; ``telemetry`` with ``watchdog``; ``latency`` (delays);
+* ``vehicle``, other senders: ``interference_monitor`` (their effects), ``other_stations`` (their identity);
+* ``vehicle``, configuration: ``vehicle_config`` (wiring); ``mavlink_craft`` (:class:`MavlinkCraft`), assembled by
+  :func:`open_craft` (``handshake``).
 """
 
 from __future__ import annotations

@@ -31,13 +31,13 @@ __all__ = [
 
 
 def is_autopilot(heartbeat: Message) -> bool:
-    """Whether a HEARTBEAT comes from an autopilot (a ground station or camera says INVALID)."""
+    """Return whether a HEARTBEAT comes from an autopilot (a ground station or camera reports INVALID)."""
     return bool(heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID)
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleCandidate:
-    """An autopilot found on the link."""
+    """An autopilot heard on the link."""
 
     system: int
     component: int
@@ -65,7 +65,7 @@ class VehicleCandidate:
 
 
 class Sightings:
-    """The autopilots found before one is chosen; ``candidates`` by (system, component)."""
+    """Autopilots heard before one is chosen; ``candidates`` by (system, component)."""
 
     def __init__(self) -> None:
         self.candidates: dict[tuple[int, int], VehicleCandidate] = {}
@@ -87,7 +87,7 @@ class Sightings:
         return next((c for c in self.candidates.values() if system_id in (None, c.system)), None)
 
     def signs(self, candidate: VehicleCandidate) -> bool:
-        """Return whether it has signed a message."""
+        """Return whether the sender has signed a message."""
         return (candidate.system, candidate.component) in self._signing
 
 
@@ -97,7 +97,7 @@ def choose(candidates: Sequence[VehicleCandidate]) -> VehicleCandidate:
     Raises
     ------
     UsageError
-        When there are several; the message names them.
+        There are several; the message lists them.
     """
     if len(candidates) > 1:
         names = " and ".join(str(c) for c in candidates)
@@ -113,7 +113,7 @@ def no_vehicle_error(
     heard: Iterable[tuple[int, int]],
     bad_data: int,
 ) -> NoVehicle:
-    """Return the error for a search without result, with the senders found instead."""
+    """Return the error for an unsuccessful search, with the senders heard instead."""
     others = sorted({system for system, _ in heard})
     if candidates:
         return NoVehicle(
@@ -126,20 +126,20 @@ def no_vehicle_error(
         seen = "data was received, but it is not MAVLink. Check the baud rate"
     else:
         seen = "nothing was received. Check that the vehicle is on, and the port"
-    return NoVehicle(f"no autopilot's heartbeat within {timeout:g} s on {description}: {seen}")
+    return NoVehicle(f"no HEARTBEAT of an autopilot within {timeout:g} s on {description}: {seen}")
 
 
 _CURES = {
-    Refusal.UNSIGNED: "the vehicle has no key on this link. Set one up (Mission Planner: Setup, Advanced, MAVLink "
-    "Signing; MAVProxy: signing setup), or omit --signing-key",
-    Refusal.WRONG: "this is not the vehicle's key. Use the one it was set up with",
-    Refusal.OLD: "they may be a replayed recording, or the vehicle does not receive our messages and so has not set "
-    "its clock",
+    Refusal.UNSIGNED: "the vehicle has no signing key for this link. Set one up (Mission Planner: Setup, Advanced, "
+    "MAVLink Signing; MAVProxy: signing setup), or omit --signing-key",
+    Refusal.WRONG: "the key differs from the vehicle's key. Use the key that the vehicle was set up with",
+    Refusal.OLD: "the messages may be a replayed recording, or the vehicle does not receive our messages and so has "
+    "not set its clock. Check the uplink",
 }
 
 
 def not_believed(signer: Signer, description: str) -> SigningMismatch:
-    """Return the error for a search in which no message matched our signing key."""
+    """Return the error for a search in which no message matched the user's signing key."""
     worst, _ = signer.refused.most_common(1)[0]
     return SigningMismatch(
         f"messages are received on {description}, but none is valid ({refusals(signer)}): {_CURES[worst]}"
@@ -147,8 +147,8 @@ def not_believed(signer: Signer, description: str) -> SigningMismatch:
 
 
 def cannot_be_commanded(candidate: VehicleCandidate, description: str) -> SigningMismatch:
-    """Return the error for a vehicle that signs its messages and does not answer us without a key."""
+    """Return the error for a vehicle that signs its messages and does not answer unsigned ones."""
     return SigningMismatch(
-        f"{candidate} on {description} signs its messages and answers none of ours: it accepts only messages signed "
+        f"{candidate} on {description} signs its messages and does not answer: it accepts only messages signed "
         "with its key. Use --signing-key FILE or --signing-passphrase"
     )

@@ -23,17 +23,17 @@ _ACK, _NACK = 128, 129
 _END_OF_FILE = 6
 _PIECE, _PAYLOAD = 239, 251
 _ABREAST = 5
-"""Pieces requested at once. Chosen: about what the buffer of a slow radio holds."""
+"""Number of pieces requested at once, about what the buffer of a slow radio can store. Project choice."""
 _REPLY = 1.0
-"""Seconds after which a request is repeated. Chosen."""
+"""Seconds after which a request is repeated. Project choice."""
 _TRIES = 3
 _LONGEST = 1 << 20
-"""Largest file that is read [bytes]. Chosen."""
+"""Largest file that is read [bytes]. Project choice."""
 _ERRORS = {
     1: "it failed",
-    4: "the session was lost",
-    5: "it has no free session",
-    7: "it does not support the request",
+    4: "the file session was lost",
+    5: "the vehicle has no free file session",
+    7: "the vehicle does not support the request",
     10: "the file does not exist",
 }
 
@@ -48,7 +48,7 @@ class _Reply:
 
 
 class _Exchange:
-    """The requests of one session and their replies."""
+    """Requests of one FTP session and their replies."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -62,7 +62,7 @@ class _Exchange:
     def ask(self, opcode: int, *, offset: int = 0, size: int = 0, data: bytes = b"") -> None:
         vehicle = self._session.vehicle
         if vehicle is None:
-            raise NoReply("a file was requested before a vehicle was found. Discover one first")
+            raise NoReply("a file was requested before a vehicle was discovered. Discover a vehicle first")
         self._sequence = (self._sequence + 1) & 0xFFFF
         head = _HEAD.pack(self._sequence, 0, opcode, size or len(data), 0, 0, 0, offset)
         payload = (head + data).ljust(_PAYLOAD, b"\0")
@@ -78,7 +78,7 @@ class _Exchange:
             self.replies.append(_Reply(sequence, opcode == _ACK, asked, offset, data))
 
     def has(self, count: int) -> bool | None:
-        """Return True once that many replies have arrived, else None."""
+        """Return True once this many replies have arrived, else None."""
         return True if len(self.replies) >= count else None
 
     def answer(self, opcode: int, data: bytes = b"") -> _Reply:
@@ -87,7 +87,7 @@ class _Exchange:
         Raises
         ------
         NoReply
-            It is not.
+            It was not answered.
         """
         for _ in range(_TRIES):
             self.replies.clear()
@@ -127,7 +127,7 @@ def _read(session: Session, exchange: _Exchange, deadline: Deadline, path: str) 
         if end is not None and first >= end:
             return b"".join(pieces[o] for o in sorted(pieces))[:end]
         if first > _LONGEST:
-            raise BadFile(f"{path} of {session.vehicle} is longer than {_LONGEST} bytes")
+            raise BadFile(f"{path} of {session.vehicle} is longer than the limit of {_LONGEST} bytes")
         wanted = [o for o in range(first, first + _ABREAST * _PIECE, _PIECE) if o not in pieces]
         wanted = [o for o in wanted if end is None or o < end]
         exchange.replies.clear()

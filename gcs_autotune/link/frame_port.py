@@ -1,4 +1,4 @@
-"""MAVLink frames over one transport: packed, signed and logged; received frames are verified."""
+"""MAVLink frames over one transport. Sent frames are packed and signed, received ones verified, and all are logged."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ from gcs_autotune.mavlink import (
 __all__ = ["SIMULATED_EPOCH", "FramePort", "time_base"]
 
 SIMULATED_EPOCH = 1_577_836_800.0
-"""2020-01-01 00:00 UTC [s]. Chosen: simulated records count from here, so equal seeds give equal bytes."""
+"""Start of time in simulated records: 2020-01-01 00:00 UTC [s].
+
+It is fixed so that equal seeds give equal bytes. Project choice.
+"""
 _STALE_PARTIAL = 0.5
-"""Seconds after which an unfinished frame is discarded as noise. Chosen."""
+"""Age [s] above which an unfinished frame is discarded as noise. Project choice."""
 _MOST_SENDERS = 16
-"""Senders whose unfinished frames are kept. Chosen."""
+"""Number of senders whose unfinished frames are stored. Project choice."""
 _SECRET = ("SETUP_SIGNING",)
-"""Messages that contain a signing key; never logged, whoever sent them."""
+"""Messages that contain a signing key. They are never logged, whatever their sender."""
 
 
 class FramePort:
@@ -41,7 +44,7 @@ class FramePort:
     Parameters
     ----------
     tlog : where to log every frame, both directions; None for no log.
-    notes : where things worth telling the operator are added.
+    notes : list to which messages for the operator are added.
     """
 
     def __init__(
@@ -66,7 +69,7 @@ class FramePort:
 
     @property
     def system(self) -> int:
-        """The system id used for sending."""
+        """System id used for sending."""
         return self.packer.system
 
     @system.setter
@@ -90,12 +93,12 @@ class FramePort:
 
     @property
     def refusals(self) -> str:
-        """The rejected frames and the reasons in words; empty if there are none."""
+        """The rejected frames and the reasons, as text; empty if there are none."""
         return refusals(self.signer)
 
     @property
     def trouble(self) -> str:
-        """Problems of the connection and its messages, in brackets; empty if there are none."""
+        """Problems of the connection and its messages, as text in brackets; empty if there are none."""
         said = "; ".join(filter(None, (self._transport.trouble, self.refusals)))
         return f" ({said})" if said else ""
 
@@ -126,7 +129,7 @@ class FramePort:
         return []
 
     def _framer(self, origin: str) -> Framer:
-        """Return the framer of *origin*, so that half frames of different senders are not mixed."""
+        """Return the framer of *origin*. Each sender has its own, so that partial frames are not mixed."""
         if origin not in self._framers and len(self._framers) >= _MOST_SENDERS:
             del self._framers[next(iter(self._framers))]
         return self._framers.setdefault(origin, Framer(origin))
@@ -136,13 +139,16 @@ class FramePort:
         self._log(b"")
 
     def _log(self, frame: bytes) -> None:
-        """Log *frame*, or flush if it is empty. A full disk ends the log, never a vehicle's clean-up."""
+        """Log *frame*, or flush the log if the frame is empty.
+
+        A full disk ends the log, but never the clean-up of a vehicle.
+        """
         if self._tlog is None:
             return
         try:
             self._tlog.write(frame) if frame else self._tlog.flush()
         except BadFile as error:
-            self._notes.append(f"{error}. Logging stops here")
+            self._notes.append(f"{error}. The telemetry log ends here")
             with suppress(BadFile):
                 self._tlog.close()
             self._tlog = None
@@ -159,7 +165,7 @@ class FramePort:
 
 
 def time_base(transport: Transport) -> Callable[[], float]:
-    """Return the time [s since 1970] that stamps of a log of *transport* count from."""
+    """Return the time [s since 1970] that is zero for the time stamps of a log of *transport*."""
     if transport.is_simulated:
         return _simulated(transport.clock)
     return time.time

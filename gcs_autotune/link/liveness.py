@@ -1,9 +1,9 @@
-"""Which sender is the vehicle, and how long it has been silent.
+"""Determine which sender is the vehicle, and how long it has been silent.
 
 Silence counts only while we listen. The first sender found is used; another sender with the vehicle's ids is reported
-and ignored, because anybody can use MAVLink ids. Senders differ in their origin (address and port on UDP) and in their
+and ignored, because any sender can use these ids. Senders differ in their origin (address and port on UDP) and in their
 sequence numbers. After a restart or a radio reconnect the vehicle may use another port. If the sender in use has fallen
-silent, another one is asked for its board id and used if that matches.
+silent, another sender with the same ids is asked for its board id, and used if that matches.
 """
 
 from __future__ import annotations
@@ -15,14 +15,17 @@ from gcs_autotune.mavlink import Frame, VehicleIdentity, firmware_version, uniqu
 __all__ = ["GONE", "HeldSender", "Liveness"]
 
 _LONGEST_PUMP = 0.5
-"""Most of the time between two pumps that counts as listening [s]. Chosen. Beyond it this computer was busy or
-suspended, and messages received meanwhile are still unread."""
+"""Longest time between two pumps that counts as listening [s]. Project choice.
+
+After a longer time this computer was busy or suspended, and received messages are still unread.
+"""
 _LEAST_KEPT = 0.5
 _KEPT = 50
 
 
 class Liveness:
-    """Time spent listening, and the last message. Also a clock that stops while this computer is busy.
+    """Measures the time spent listening and the time since the last message. It is also a clock that stops while this
+    computer is busy.
 
     Attributes
     ----------
@@ -38,16 +41,16 @@ class Liveness:
         self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
 
     def now(self) -> float:
-        """Return :attr:`listened` [s], for deadlines that must not pass while an answer is unread."""
+        """Return the time listened so far [s], for deadlines that must not expire while an answer is unread."""
         return self.listened
 
     @property
     def silence(self) -> float:
-        """Seconds of listening since the last message; negative while an expected silence is tolerated."""
+        """Seconds of listening since the last message; negative during an expected silence that is tolerated."""
         return self.listened - self.last_received
 
     def count(self, now: float) -> float:
-        """Count the time since the last call as listening (*now*: link time [s]); return that time [s]."""
+        """Count the time since the last call as listening. *now* is the link time [s]; it is returned."""
         since, self._last_pump = now - self._last_pump, now
         self.listened += min(since, _LONGEST_PUMP)
         return since
@@ -62,28 +65,30 @@ class Liveness:
         return max((silence for end, silence in self._silences if end >= self.listened - span), default=0.0)
 
     def heard(self) -> None:
-        """Record a message from the vehicle."""
+        """Record that a message from the vehicle arrived."""
         if self.actual_silence > _LEAST_KEPT:
             self._silences.append((self.listened, self.actual_silence))
         self.last_received = self._word = self.listened
 
     def bear(self, silence: float) -> None:
-        """Tolerate a silence: :attr:`silence` starts *silence* [s] from now."""
+        """Tolerate a silence. :attr:`silence` counts from zero again only after *silence* [s]."""
         self.last_received = self.listened + silence
 
 
 LOSSY = 0.1
-"""Share of lost messages that is reported as a cause. Chosen; a good radio loses 1 to 3 %."""
+"""Fraction of lost messages above which the loss is reported as a cause; a good radio loses 1 to 3 %. Project
+choice."""
 _ENOUGH = 12
-"""Messages sent before their loss is computed. Chosen."""
+"""Number of messages sent before their loss is computed. Project choice."""
 _JUMP = 128
-"""A larger step of the sequence number counts as backwards: out of order, or a restart."""
+"""Step of the sequence number above which it counts as backwards, because of messages out of order or a restart."""
 
 
 class Loss:
-    """Share of the vehicle's messages lost on the way, from gaps in its sequence numbers.
+    """Fraction of the vehicle's messages that the link lost, computed from gaps in the sequence numbers.
 
-    An autopilot counts what it sends, not what its port had no room for: a gap was lost on the way.
+    The autopilot numbers only messages that it sends, not those that did not fit into its port's buffer. So a gap means
+    a loss on the link.
     """
 
     def __init__(self) -> None:
@@ -100,7 +105,7 @@ class Loss:
 
     @property
     def share(self) -> float:
-        """Lost messages as a share of those sent; 0 if too few were sent."""
+        """Lost messages as a fraction of those sent; 0 if too few were sent."""
         return self.lost / (self.received + self.lost) if self.is_known else 0.0
 
     @property
@@ -110,39 +115,39 @@ class Loss:
 
     @property
     def words(self) -> str:
-        """The loss and its remedy for an error message; empty if little is lost."""
+        """Sentence with the loss and its remedy for an error message; empty if the loss is small."""
         if self.share < LOSSY:
             return ""
         return (
-            f"the link loses {100.0 * self.share:.0f} % of what the vehicle sends, by its sequence numbers. Check "
-            "antennas, range and interference, and whether a radio or router on the way is overloaded"
+            f"the link loses {100.0 * self.share:.0f} % of the vehicle's messages (gaps in their sequence numbers). "
+            "Check antennas, range and interference, and whether a radio or router on the way is overloaded"
         )
 
 
 GONE = 3.0
-"""Silence of the sender in use after which another may replace it [s]. Chosen: three heartbeats."""
+"""Silence of the sender in use after which another may replace it [s]. Project choice: three heartbeats."""
 _VOICES = 16
-"""Sequences followed at once. Every loss begins one."""
+"""Number of sequences followed at once. Every lost message starts a new one."""
 _TURNS = 5
-"""Alternations between two sequences that prove two senders. Chosen."""
+"""Number of alternations between two sequences that prove two senders. Project choice."""
 _MOST_STRANGERS = 20
 
 
 class _Voice:
-    """A run of sequence numbers; ``turns`` counts how often it resumed after another one."""
+    """A series of consecutive sequence numbers; ``turns`` counts how often it resumed after another one."""
 
     def __init__(self) -> None:
         self.turns = 0
 
 
 class HeldSender:
-    """The sender held to.
+    """The sender that is accepted as the vehicle.
 
     Attributes
     ----------
-    origin : where its bytes come from; empty where a link does not tell.
-    loss : how much of what it sends does not arrive.
-    notes : things worth telling the operator.
+    origin : source address of its bytes; empty if the link does not report it.
+    loss : fraction of its messages that does not arrive.
+    notes : messages for the operator.
     """
 
     def __init__(self, notes: list[str]) -> None:
@@ -156,11 +161,14 @@ class HeldSender:
         self._two_told = False
 
     def is_held(self, frame: Frame) -> bool:
-        """Whether *frame*, under the vehicle's ids, comes from the sender held to."""
+        """Return whether *frame*, sent with the vehicle's ids, comes from the accepted sender."""
         return frame.origin == self.origin
 
     def hear(self, frame: Frame) -> None:
-        """Follow the sequence numbers of the sender held to; tell, once, of two that interleave, and of strangers."""
+        """Follow the sequence numbers of the accepted sender.
+
+        Report interleaved sequences and other senders once each.
+        """
         if self._suspects:
             self._report_others()
         sequence = frame.raw[4] if frame.raw[0] == 0xFD else frame.raw[2]
@@ -176,11 +184,14 @@ class HeldSender:
             self._notes.append(
                 "two senders use the vehicle's system id on this connection (their sequence numbers "
                 "interleave): another program with the vehicle's id, or a router that joins two links to it. "
-                "Use a signed link if the other one is unknown"
+                "Stop one of them. If the other sender is unknown, use a signed link"
             )
 
     def note_other_sender(self, frame: Frame) -> None:
-        """Note somebody else who says that he is the vehicle; he is told of, once, when that is heard after him."""
+        """Record another sender with the vehicle's ids.
+
+        It is reported once, if the accepted sender is heard after it.
+        """
         if frame.origin not in self._other_senders and len(self._other_senders) < _MOST_STRANGERS:
             self._suspects[frame.origin] = f"system {frame.system}, component {frame.component}"
 
@@ -189,17 +200,18 @@ class HeldSender:
             self._other_senders[origin] = None
             self._notes.append(
                 f"another sender at {origin} uses the vehicle's ids ({ids}); the vehicle is at {self.origin}. The "
-                "other is ignored. Give one of the two another system id, or use a signed link"
+                "other sender is ignored. Give one of the two another system id, or use a signed link"
             )
         self._suspects.clear()
 
     @property
     def others(self) -> tuple[str, ...]:
-        """Where others spoke from under the vehicle's ids."""
+        """Addresses of other senders that used the vehicle's ids."""
         return tuple(dict.fromkeys((*self._suspects, *self._other_senders)))
 
     def may_be(self, frame: Frame, known: VehicleIdentity) -> bool:
-        """Whether *frame* is a stranger's AUTOPILOT_VERSION that shows him to be the *known* vehicle come back."""
+        """Return whether *frame* is an AUTOPILOT_VERSION which shows that its sender is the *known* vehicle at a new
+        address."""
         if frame.name != "AUTOPILOT_VERSION":
             return False
         if known.uid:
@@ -207,9 +219,9 @@ class HeldSender:
         return not unique_id(frame.message) and firmware_version(frame.message) == known.version
 
     def hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
-        """From now on hold to the sender at *origin*; the *known* vehicle has moved there."""
+        """Accept the sender at *origin* from now on, because the *known* vehicle has moved there."""
         if known is not None:
-            how = "its board's id is the same" if known.uid else "its board reports no id, its firmware is the same"
+            how = "its board's id is the same" if known.uid else "its board reports no id, but its firmware is the same"
             self._notes.append(f"the vehicle now sends from {origin}, not {self.origin} (restarted?): {how}")
         self.origin = origin
         self._suspects.pop(origin, None)

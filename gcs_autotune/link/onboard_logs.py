@@ -14,12 +14,12 @@ __all__ = ["OnboardLog", "fetch_log", "list_logs"]
 _PIECE = 90
 """Bytes in one LOG_DATA."""
 _STRETCH = 128 * _PIECE
-"""Bytes requested at once. Chosen: some seconds on a slow radio."""
+"""Number of bytes requested at once, a few seconds on a slow radio. Project choice."""
 _QUIET = 1.0
-"""Seconds without new data after which missing data is requested again. Chosen."""
+"""Seconds without new data after which missing data is requested again. Project choice."""
 _TRIES = 5
 _LARGEST = 1 << 30
-"""Largest log that is downloaded [bytes]. Chosen."""
+"""Largest log that is downloaded [bytes]. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ def list_logs(session: Session) -> tuple[OnboardLog, ...]:
     Raises
     ------
     NoReply
-        The vehicle does not tell.
+        The vehicle does not answer.
     """
     entries: dict[int, OnboardLog] = {}
     told: list[int] = []
@@ -58,7 +58,7 @@ def list_logs(session: Session) -> tuple[OnboardLog, ...]:
         stop()
     raise NoReply(
         f"{session.vehicle} listed only {len(entries)} of {told[-1] if told else 'unknown'} logs. "
-        "Disarm it, since it sends logs only disarmed"
+        "Disarm the vehicle: it sends logs only when disarmed"
     )
 
 
@@ -69,7 +69,7 @@ def _more(entries: dict[int, OnboardLog], told: list[int]) -> Callable[[], bool 
 
 def _ids(session: Session) -> tuple[int, int]:
     if session.vehicle is None:
-        raise NoReply("logs were requested before a vehicle was found. Discover one first")
+        raise NoReply("logs were requested before a vehicle was discovered. Discover a vehicle first")
     return session.vehicle.system, session.vehicle.component
 
 
@@ -80,15 +80,15 @@ def _ask_list(session: Session) -> None:
 def fetch_log(
     session: Session, log: OnboardLog, progress: Callable[[int, int], object] = lambda done, whole: None
 ) -> bytes:
-    """Return the bytes of *log*; ``progress(done, size)`` is called as they come.
+    """Return the bytes of *log*; ``progress(done, size)`` is called as they arrive.
 
     Raises
     ------
     NoReply
-        They stopped coming. BadFile: it is too large. OperatorStopped: the operator did not want to wait.
+        The data stopped arriving. BadFile: it is too large. OperatorStopped: the operator stopped the download.
     """
     if log.size > _LARGEST:
-        raise BadFile(f"log {log.number} has {log.size} bytes, too many for the link. Copy it from the SD card")
+        raise BadFile(f"log {log.number} has {log.size} bytes, too many for the link. Copy the log from the SD card")
     data, missing = bytearray(log.size), set(range(0, log.size, _PIECE))
 
     def hear(message: Message) -> None:
@@ -110,7 +110,8 @@ def fetch_log(
             silent = silent + 1 if len(missing) == before else 0
             if silent == _TRIES:
                 raise NoReply(
-                    f"{session.vehicle} stopped sending log {log.number}. Disarm it, since it sends logs only disarmed"
+                    f"{session.vehicle} stopped sending log {log.number}. Disarm the vehicle: it sends logs only when "
+                    "disarmed"
                 )
         return bytes(data)
     finally:

@@ -1,4 +1,4 @@
-"""Find the serial ports of this machine and who sends on them; nothing is sent."""
+"""Find the serial ports of this computer and the senders on them. Nothing is sent."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ class PortSeen:
 
 @dataclass(frozen=True, slots=True)
 class Overheard:
-    """What was heard on a link for a while.
+    """Messages received on a link while listening.
 
     Attributes
     ----------
     uri : the link, as ``--connect`` takes it.
-    autopilots : who said to be one. others : system ids of everybody else.
-    messages, bad_bytes : MAVLink messages, and bytes that were none.
-    trouble : why nothing could be heard at all; empty when the link opened.
+    autopilots : senders that identify themselves as an autopilot. others : system ids of all other senders.
+    messages, bad_bytes : number of MAVLink messages, and of bytes that belong to none.
+    trouble : why the link could not be opened; empty if it was.
     """
 
     uri: str
@@ -56,7 +56,7 @@ class Overheard:
 
     @property
     def told(self) -> str:
-        """One sentence for the user."""
+        """A sentence for the user on what was received."""
         if self.trouble:
             return self.trouble
         if self.autopilots:
@@ -69,7 +69,7 @@ class Overheard:
 
 
 def serial_ports() -> tuple[PortSeen, ...]:
-    """Return the serial ports of this machine with hardware behind them, by device."""
+    """Return the serial ports of this computer that have hardware, sorted by device."""
     from serial.tools import list_ports  # slow to import where there are many drivers
 
     found: Sequence[Any] = sorted(list_ports.comports(), key=lambda port: str(port.device))
@@ -86,7 +86,7 @@ def serial_ports() -> tuple[PortSeen, ...]:
 
 
 def overhear(uri: str, seconds: float) -> Overheard:
-    """Listen on *uri* for at most *seconds* [s] and tell who talks; nothing is sent.
+    """Listen on *uri* for at most *seconds* [s] and return the senders heard. Nothing is sent.
 
     It ends early, half a second after the first autopilot's heartbeat.
     """

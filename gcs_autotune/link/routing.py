@@ -13,12 +13,12 @@ Listener = Callable[[Message], None]
 
 
 class Routing:
-    """The listeners of a session, and the count of who talks on its link.
+    """The listeners of a session, and message counts per sender on its link.
 
     Attributes
     ----------
-    foreign : (system, component) -> messages heard from others.
-    traffic : message name -> bytes received, of everybody's.
+    foreign : (system, component) -> number of messages received from other senders.
+    traffic : message name -> bytes received from all senders.
     """
 
     def __init__(self, notes: list[str]) -> None:
@@ -30,7 +30,7 @@ class Routing:
         self.traffic: Counter[str] = Counter()
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
-        """Call *listener* with every message *name* of the vehicle; return a function that ends this."""
+        """Call *listener* with every message *name* of the vehicle. Return a function that stops this."""
         self._listeners[name].append(listener)
         return lambda: self._listeners[name].remove(listener)
 
@@ -39,12 +39,12 @@ class Routing:
         self._overhearing.append(listener)
 
     def tell(self, frame: Frame) -> None:
-        """Pass a frame of the vehicle to its listeners."""
+        """Pass a message of the vehicle to its listeners."""
         for listener in tuple(self._listeners.get(frame.name, ())):
             listener(frame.message)
 
     def note_other_station(self, frame: Frame, our_system: int) -> None:
-        """Count a frame of another sender; report once a station with our own system id."""
+        """Count a frame of another sender. Report once if a station uses our own system id."""
         self.foreign[frame.system, frame.component] += 1
         for hear in self._overhearing:
             hear(frame)
@@ -53,5 +53,5 @@ class Routing:
             self._twins.add((frame.system, frame.component))
             self._notes.append(
                 f"another station on this link also has system id {frame.system}. The vehicle cannot distinguish it "
-                "from this tool and obeys both. Close it"
+                "from this tool and obeys both. Close the other station"
             )

@@ -1,8 +1,8 @@
 """One connection to one vehicle: heartbeat, discovery, routing, liveness, operator stop and log.
 
-Everything happens inside :meth:`Session.pump`, on the caller's thread: read what has arrived, pass each message to its
-listeners, send what is due. All waiting is pumping with a deadline on the link's clock; nothing sleeps, and there are
-no other threads.
+Everything happens inside :meth:`Session.pump`, on the caller's thread. It reads what has arrived, passes each message
+to its listeners and sends what is due. To wait, it is called repeatedly until a deadline on the link's clock. Nothing
+sleeps and there are no other threads.
 """
 
 from __future__ import annotations
@@ -47,39 +47,42 @@ __all__ = ["Listener", "OperatorStop", "PeriodicTask", "PeriodicTasks", "Session
 T = TypeVar("T")
 
 _SLICE = 0.1
-"""Longest single wait [s of link time], so that heartbeat and operator are served in time. Chosen."""
+"""Longest single wait [s of link time].
+
+It is short so that the heartbeat and the operator are served in time. Project choice.
+"""
 _HEED = 0.02
-"""The same in real time [s]: STOP must be sent within 50 ms. Chosen."""
+"""Longest single wait in real time [s], because STOP must be sent within 50 ms. Project choice."""
 _AWAY = 0.2
-"""A longer time between two pumps was spent elsewhere, or the machine was busy [s of link time]. Chosen."""
+"""Time between two pumps [s of link time] above which this program was busy elsewhere. Project choice."""
 _MOST_READS = 64
-"""Most reads to catch up with; a continuous sender must not block our own tasks. Chosen."""
+"""Most reads in a row to catch up; a continuous sender must not block our own tasks. Project choice."""
 _HEARTBEAT_PERIOD = 1.0
 _FIRST_BEACON = int(mavlink.MAV_COMP_ID_USER1)
 _BEACONS = int(mavlink.MAV_COMP_ID_USER75) - _FIRST_BEACON + 1
 _THREE_HEARTBEATS = 3.5
 _ASKINGS = 3
-"""Rounds of contradicting heartbeats before an error; one contradiction may be a change under way. Chosen."""
+"""Rounds of contradicting heartbeats before an error; a single one may be due to a change under way. Project choice."""
 _SILENT = 1.2
-"""A vehicle sends at least one heartbeat in this time [s]. Chosen."""
+"""Time [s] in which a vehicle sends at least one heartbeat. Project choice."""
 _ASKED_AGAIN = 0.5
 """Seconds after which a missing heartbeat is requested again."""
 _ROUNDING = 1e-6
-"""Rounding error of sums of decimal fractions [s]."""
+"""Tolerance [s] for rounding errors in sums of decimal fractions."""
 _LISTEN_FOR_SECOND = 2.0
-"""Seconds spent listening for a second autopilot: two heartbeats."""
+"""Time [s] spent listening for a second autopilot: two heartbeat periods."""
 _VERSION_TRIES = 3
 
 
 _SEEN = 3
-"""Messages without a gap that exclude a loss of half of all. Chosen."""
+"""Number of messages without a gap that rule out a loss of half of all messages. Project choice."""
 _TIME_TO_KNOW = 20.0
-"""Time in which a vehicle without streams sends twenty heartbeats [s]. Chosen."""
+"""Time [s] in which a vehicle without streams sends twenty heartbeats. Project choice."""
 
 
 @dataclass(slots=True, eq=False)
 class PeriodicTask:
-    """A task done every ``period`` [s of link time] while pumping."""
+    """A task executed every ``period`` [s of link time] while pumping."""
 
     clock: Clock
     period: float
@@ -87,19 +90,19 @@ class PeriodicTask:
     due: float
 
     def postpone(self) -> None:
-        """Restart the period: the task has just been done."""
+        """Restart the period, because the task has just been executed."""
         self.due = self.clock.now() + self.period
 
 
 class PeriodicTasks:
-    """The periodic tasks, in order of registration."""
+    """All periodic tasks, in order of registration."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._tasks: list[PeriodicTask] = []
 
     def add(self, period: float, action: Callable[[], None]) -> PeriodicTask:
-        """Register *action* every *period* [s], due at once."""
+        """Register *action* for every *period* [s]; it is due at once."""
         task = PeriodicTask(self._clock, period, action, self._clock.now())
         self._tasks.append(task)
         return task
@@ -109,7 +112,7 @@ class PeriodicTasks:
         return min(task.due for task in self._tasks)
 
     def do(self, now: float) -> None:
-        """Do all tasks due at link time *now* [s]."""
+        """Execute all tasks due at link time *now* [s]."""
         for task in self._tasks:
             if task.due <= now + _ROUNDING:
                 task.postpone()
@@ -117,7 +120,7 @@ class PeriodicTasks:
 
 
 class OperatorStop:
-    """The operator's stop; ``asked``: whether it was requested. *interrupt* is polled."""
+    """The operator's stop request; ``asked``: whether it was made. *interrupt* is polled."""
 
     def __init__(self, interrupt: Callable[[], bool]) -> None:
         self._interrupt = interrupt
@@ -133,7 +136,7 @@ class OperatorStop:
 
     @contextmanager
     def shielded(self, *, raise_after: bool = False) -> Iterator[None]:
-        """Postpone the stop inside this context; with *raise_after* it is raised on exit."""
+        """Postpone the stop inside this context. With *raise_after* it is raised on exit."""
         self._shields += 1
         try:
             yield
@@ -144,31 +147,32 @@ class OperatorStop:
 
 
 class Session:
-    """A connection to a vehicle. Its methods are here, its parts are attributes.
+    """A connection to one vehicle.
 
     Parameters
     ----------
-    source_system, source_component : the ids we send as.
+    source_system, source_component : the ids used for sending.
     tlog : where to log every frame, both directions; None for no log.
-    interrupt : asked at every pump; True means that the operator wants to stop.
+    interrupt : called at every pump; True means that the operator requests a stop.
     heartbeat_timeout : seconds of silence after which the link counts as lost.
-    signing : the key that we and the vehicle sign with; None for none. What is not signed with it is refused.
+    signing : the signing key shared with the vehicle; None: no signing. Frames not signed with it are rejected.
 
     Attributes
     ----------
     vehicle : the vehicle found by :meth:`discover`, None before.
     armed, custom_mode : from its last HEARTBEAT.
-    at_work : whether a HEARTBEAT from :attr:`beacon` says that a run of ours is going on.
-    beacon : component id of that HEARTBEAT, drawn anew for every session. Routers, ArduPilot among them, do not pass a
-        HEARTBEAT on to a link on which its sender's ids were heard, and every computer with this tool has the same ids.
-    port : frames out and in, their counts, and the id that we send as.
-    routing : who is told of what, and who else was heard.
-    liveness : for how long the vehicle has been silent.
-    patience : longest silence [s] that is waited out wherever something is waited for; 0 for none. It is for the time
-        before arming: what is armed is made neutral first.
-    operator : his wish to stop, and the shield against it.
-    texts : what the vehicle said in words.
-    notes : things worth telling the operator, in order.
+    at_work : whether the HEARTBEAT from :attr:`beacon` reports that a run is going on.
+    beacon : component id of that HEARTBEAT, chosen at random for every session. Routers, including ArduPilot, do not
+        forward a HEARTBEAT to a link on which its sender's ids were heard. All computers with this program have the
+        same ids otherwise.
+    port : sends and receives frames, counts them, and holds our system id.
+    routing : the listeners, and the other senders heard.
+    liveness : how long the vehicle has been silent.
+    patience : longest silence [s] tolerated while waiting; 0 for none. It is used before arming only, because an armed
+        vehicle is made neutral first.
+    operator : the operator's stop request, and the context that postpones it.
+    texts : text messages of the vehicle.
+    notes : messages for the operator, in order.
     """
 
     def __init__(
@@ -208,16 +212,16 @@ class Session:
         self.listen("STATUSTEXT", self._on_text)
 
     def send(self, message: Message) -> None:
-        """Send one message, and log it."""
+        """Send and log one message."""
         self.port.send(message)
 
     def request_message(self, number: int) -> None:
-        """Request one message by number; do not wait."""
+        """Request one message by number without waiting for it."""
         assert self.vehicle is not None
         self.send(message_request(self.vehicle.system, self.vehicle.component, number))
 
     def listen(self, name: str, listener: Listener) -> Callable[[], None]:
-        """Call *listener* with every message *name* of the vehicle; return a function that ends this.
+        """Call *listener* with every message *name* of the vehicle. Return a function that stops this.
 
         A listener must not pump; it may send.
         """
@@ -228,12 +232,14 @@ class Session:
         return self._periodic_tasks.add(period, action)
 
     def pump(self, timeout: float = _SLICE) -> None:
-        """Do everything due, then wait at most *timeout* for bytes (at most 0.1 s, 20 ms in real time) and route them.
+        """Do everything due, then wait for bytes and route them.
+
+        It waits at most *timeout*, and at most 0.1 s, or 20 ms in real time.
 
         Raises
         ------
         OperatorStopped
-            The operator asked to stop and no shield is up.
+            The operator requested a stop, and it is not deferred.
         LinkLost
             The vehicle has been silent for too long, or the connection broke.
         """
@@ -250,7 +256,8 @@ class Session:
         self.check_contact(self._timeout)
 
     def _catch_up(self) -> None:
-        """Read what arrived while this computer was busy: the oldest comes first, and the newest counts."""
+        """Read what arrived while this computer was busy: the oldest message arrives first but the newest one
+        counts."""
         for _ in range(_MOST_READS):
             data = self.transport.read(0.0)
             if not data:
@@ -274,7 +281,10 @@ class Session:
             self._receive_from_other(frame, self.vehicle)
 
     def _receive_from_other(self, frame: Frame, vehicle: VehicleIdentity) -> None:
-        """Handle the vehicle's ids from another address: after a silence the vehicle may have moved there."""
+        """Handle a frame with the vehicle's ids from another address.
+
+        After a silence the vehicle may have moved there.
+        """
         if self.liveness.listened - self._held_at <= GONE:
             self._held_sender.note_other_sender(frame)
         elif self._held_sender.may_be(frame, vehicle):
@@ -284,25 +294,25 @@ class Session:
 
     @property
     def contested(self) -> str:
-        """The senders in words, if several addresses use the vehicle's ids; else empty."""
+        """Text with the senders if several addresses use the vehicle's ids; else empty."""
         others = self._held_sender.others
         if not others:
             return ""
         return (
             f"messages with the ids of {self.vehicle} come from {len(others) + 1} addresses: "
-            f"{' and '.join((self._held_sender.origin, *others))}. Only those from the first, "
-            f"{self._held_sender.origin}, are used"
+            f"{' and '.join((self._held_sender.origin, *others))}. Only messages "
+            f"from {self._held_sender.origin} are used"
         )
 
     @property
     def loss(self) -> Loss:
-        """Share of the vehicle's messages lost on the way."""
+        """Fraction of the vehicle's messages lost on the link."""
         return self._held_sender.loss
 
     def lossy(self) -> str:
-        """Return a sentence if the link loses much, else an empty text; waits until enough messages have arrived.
+        """Return a sentence if the link loses many messages, else an empty text.
 
-        To be called before another cause is reported.
+        It waits until enough messages have arrived. Call it before reporting another cause.
         """
         if self.loss.received >= _SEEN and not self.loss.lost:
             return ""
@@ -336,7 +346,7 @@ class Session:
 
     @property
     def tolerates_silence(self) -> bool:
-        """Whether the vehicle is silent now and :attr:`patience` allows it."""
+        """Whether the vehicle is silent now and :attr:`patience` permits this."""
         return self.vehicle is not None and _SILENT < self.liveness.silence <= self.patience
 
     def pause(self, seconds: float) -> None:
@@ -350,10 +360,10 @@ class Session:
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
 
     def ask_state(self, timeout: float) -> bool:
-        """Request a HEARTBEAT, so that :attr:`armed` and :attr:`custom_mode` are current; return whether one came in
+        """Request a HEARTBEAT so that :attr:`armed` and :attr:`custom_mode` are current; return whether one came in
         *timeout*.
 
-        Repeated every half second, since the request or the answer may be lost.
+        The request is repeated every half second, because it or its answer may be lost.
         """
         before, deadline = self.heartbeats, Deadline.after(self.clock, timeout)
         while self.heartbeats == before and not deadline.expired:
@@ -364,14 +374,15 @@ class Session:
     def await_heartbeat(self) -> None:
         """Request HEARTBEAT until :attr:`armed` and :attr:`custom_mode` are current and uncontradicted.
 
-        All heartbeats of two periods and a second must agree: a forged one arrives in addition to the vehicle's own.
+        All heartbeats of two periods and a second must agree, because a forged one arrives in addition to the vehicle's
+        own.
 
         Raises
         ------
         LinkLost
-            A vehicle that is there would have sent three in that time.
+            No heartbeat arrived, although a connected vehicle would have sent three.
         TelemetryFault
-            They go on contradicting each other.
+            The heartbeats still contradict each other.
         """
         told: set[tuple[bool, int]] = set()
         for _ in range(_ASKINGS):
@@ -385,14 +396,17 @@ class Session:
         )
 
     def _asked_state(self) -> set[tuple[bool, int]]:
-        """Request HEARTBEAT, listen for a while, and return every (armed, custom mode) received."""
+        """Request HEARTBEAT, listen for a while, and return every pair (armed, custom mode) received."""
         told: list[tuple[bool, int]] = []
         stop = self.listen("HEARTBEAT", lambda m: told.append((_is_armed(m), int(m.custom_mode))))
         try:
             self.request_message(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
             begun = self.liveness.listened
             if not self.await_return(_THREE_HEARTBEATS):
-                raise LinkLost(f"lost contact with {self.vehicle} on {self.transport.description}")
+                raise LinkLost(
+                    f"lost contact with {self.vehicle} on {self.transport.description}. Check power, cable and radio "
+                    "range"
+                )
             self.wait_for(
                 lambda: True if len(told) > 1 and self.liveness.listened - begun > _HEARTBEAT_PERIOD else None,
                 _THREE_HEARTBEATS,
@@ -402,7 +416,8 @@ class Session:
         return set(told)
 
     def outlast(self, patience: float) -> bool:
-        """Wait after ``LinkLost`` in a clean-up, up to *patience* [s] and once per silence, for the vehicle to return.
+        """Wait for the vehicle to return after ``LinkLost`` in a clean-up, up to *patience* [s] and once per
+        silence.
 
         Returns whether it has returned.
         """
@@ -418,16 +433,16 @@ class Session:
     def discover(self, timeout: float = 10.0, system_id: int | None = None) -> VehicleIdentity:
         """Wait for an autopilot's HEARTBEAT; from then on only that system and component count.
 
-        Listens two seconds more, so that a second autopilot on the link is noticed.
+        It listens for two more seconds to detect a second autopilot on the link.
 
         Raises
         ------
         NoVehicle
-            No autopilot was heard within *timeout* [s]; the message says what was heard instead.
+            No autopilot was heard within *timeout* [s]; the message lists the senders heard instead.
         SigningMismatch
-            One was heard, but it signs and we have no key or another one, or it does not sign and we have a key.
+            One was heard, but its signing does not match our key: only one of both signs, or the keys differ.
         UsageError
-            There are several and *system_id* does not say which.
+            There are several and *system_id* does not select one.
         """
         wanted = self._find(timeout, system_id)
         self.vehicle = wanted.identity()
@@ -439,7 +454,7 @@ class Session:
         return self.vehicle
 
     def _find(self, timeout: float, system_id: int | None) -> VehicleCandidate:
-        """Return the only autopilot found, or that with *system_id*; errors as those of :meth:`discover`."""
+        """Return the only autopilot heard, or the one with *system_id*; errors as for :meth:`discover`."""
         port, sightings = self.port, self._sightings
         wanted = self.wait_for(lambda: sightings.found(system_id), timeout)
         if wanted is None:
@@ -456,12 +471,12 @@ class Session:
         return choose(list(sightings.candidates.values()))
 
     def _introduce(self, wanted: VehicleCandidate) -> VehicleIdentity:
-        """Return the identity of *wanted*; ``SigningMismatch``: it signs, we have no key, and it does not answer."""
+        """Return the identity of *wanted*. Raises ``SigningMismatch`` if it signs and does not answer without a key."""
         version, uid = self._ask_version()
         if self.port.signer is None and self._sightings.signs(wanted):
             if not version:
                 raise cannot_be_commanded(wanted, self.transport.description)
-            self.notes.append("the vehicle signs its messages, but accepts unsigned ones on this link")
+            self.notes.append("the vehicle signs its messages, but accepts unsigned messages on this link")
         return wanted.identity(version=version, uid=uid)
 
     def _ask_version(self) -> tuple[str, str]:

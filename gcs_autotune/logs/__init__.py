@@ -1,16 +1,14 @@
-"""Recorded runs from every ordinary log, as trials: no robot middleware, no ground station needed.
+"""Read recorded runs from all common types of logs, without robot middleware or a ground station.
 
-* ``files``: :func:`load_runs`; ``formats``, the one table of kinds of files, by content; ``renaming`` for columns by
+* ``files``: :func:`load_runs`; ``formats``: the table of file types, recognised by content; ``renaming``: columns with
   other names;
-* ``tlog``, ``mavlink_csv`` MAVLink messages, written into sample stores (samples by source, one ``store`` per boot) by
-  ``mavlink_scribe``; ``dataflash`` logs on board, with ``dataflash_format``; ``qgc_csv``;
-  which message brings which source is in the tables ``mavlink_signals`` and ``dataflash_signals``;
-* ``channels`` which source becomes which motion channel, ``filters`` what the autopilot did to it before,
-  ``outputs`` what drove the craft;
-* ``stretches`` a recording cut into runs, one per stretch armed in one mode; ``excitation`` and ``survey`` what is in
-  it; ``importing`` writes it down.
+* ``tlog`` and ``mavlink_csv``: MAVLink messages, which ``mavlink_decoder`` writes into sample stores; ``dataflash``:
+  onboard logs, with ``dataflash_format``; ``qgc_csv``, ``ulog``, ``matlab`` and ``rosbag``: other formats;
+* ``sample_store``: samples by source, one store per boot; ``channels``: which source becomes which motion channel, and
+  which inputs drove the craft;
+* ``segmentation``: a recording is cut into runs, one per segment armed in one mode; ``survey``: its contents.
 
-Everything reads its file a piece at a time.
+Files are read a piece at a time.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""From samples to channels: choice of sources, globe to map, map to body; and the inputs.
+"""Convert samples to motion channels and inputs: choose the sources, and convert from the globe to a map and to the
+body frame.
 
-Inputs are servo outputs converted back to normalised forces, or else the pilot's sticks. ArduPilot
-low-passes the gyro (``INS_GYRO_FILTER``, a second-order Butterworth filter) before ATTITUDE.yawspeed, RATE and IMU use
-it; attitude is integrated from unfiltered samples. At ArduRover's 4 Hz the rate lags by about 50 ms, which matters for
-a heading loop with a period of a second. Therefore each channel records its filter.
+Inputs are servo outputs converted back to normalised forces, or if missing, the pilot's sticks. ArduPilot low-passes
+the gyro (``INS_GYRO_FILTER``, a second-order Butterworth filter) before ATTITUDE.yawspeed, RATE and IMU use it;
+attitude is integrated from unfiltered samples. At ArduRover's 4 Hz the rate lags by about 50 ms, which matters for a
+heading loop with a period of a second. Therefore each channel records its filter.
 """
 
 from __future__ import annotations
@@ -28,32 +29,35 @@ __all__ = ["drive_channels", "filters_of", "motion_channels", "servo_map_of"]
 Array = NDArray[np.float64]
 
 ENOUGH = 20
-"""Fewest samples that make a source worth preferring."""
+"""Fewest samples for which a source is preferred."""
 
 ATTITUDES = ("attitude", "ahrs2")
-"""Sources of ``phi theta psi``, preferred first: the estimate the autopilot steers by, then its second one."""
+"""Sources of ``phi theta psi`` in order of preference: the estimate that the autopilot uses, then its second one."""
 POSITIONS = ("local", "ekf", "global", "gps")
-"""Sources of ``x y`` and of velocity over ground, preferred first; never mixed, because their origins differ."""
+"""Sources of ``x y`` and of velocity over ground in order of preference.
+
+They are never mixed, because their origins differ.
+"""
 DEPTHS = ("global", "local", "ekf", "control", "ahrs2", "pressure", "baro")
-"""Sources of ``z``, preferred first."""
+"""Sources of ``z`` in order of preference."""
 RATES = ("attitude", "rate", "imu", "steering")
-"""Sources of ``p q r``, preferred first, but those that carry a stamp of their own before those that do not."""
+"""Sources of ``p q r`` in order of preference. Sources with their own time stamps have priority over those without."""
 STILL = 0.01
-"""Smallest change of depth per second (rms) that determines the sign of a vertical speed [m]. Chosen."""
+"""Smallest change of depth per second (rms) [m] that determines the sign of a vertical speed. Project choice."""
 SPEEDS = ("hud", "gps")
-"""Sources of ``U`` when no velocity over ground is there."""
+"""Sources of ``U`` if there is no velocity over ground."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Pick:
-    """The sources chosen, for the run's meta data."""
+    """The sources chosen, for the run's metadata."""
 
     channels: dict[str, Channel]
     sources: dict[str, str]
 
 
 def motion_channels(store: SampleStore) -> tuple[dict[str, Channel], dict[str, str]]:
-    """Return the motion channels of a whole store and, per channel, the source it came from.
+    """Return the motion channels of a whole store and, for each channel, its source.
 
     ``psi`` stays wrapped as recorded; ``u v`` are velocity over ground turned by the heading at their own stamps.
     """
@@ -126,9 +130,10 @@ def _depth(pick: _Pick, store: SampleStore) -> None:
 
 
 def _is_upwards(t: Array, w: Array, tz: Array, z: Array) -> bool:
-    """Whether a vertical speed is that of rising, by the changes of depth over every second that it should explain.
+    """Return whether a vertical speed counts upwards, from the changes of depth over every second.
 
-    MAVLink counts ``GLOBAL_POSITION_INT.vz`` down; ArduSub did upwards until February 2018, its 3.5.4 of 2019 still.
+    MAVLink defines ``GLOBAL_POSITION_INT.vz`` as positive down. ArduSub sent it positive up until February 2018, and
+    its version 3.5.4 still in 2019.
     """
     sunk = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) * np.diff(t))])
     ends = np.arange(max(t[0], tz[0]), min(t[-1], tz[-1]), 1.0)
@@ -150,24 +155,24 @@ def _put(pick: _Pick, name: str, source: str, t: Array, values: Array) -> None:
 
 
 NO_OUTPUTS = (
-    "it has no servo outputs",
-    "record SERVO_OUTPUT_RAW (onboard: RCOU) and the vehicle's parameters (load all of them once while the ground "
-    "station records), or use a parameter file with --parameters",
+    "the log contains no servo outputs",
+    "record SERVO_OUTPUT_RAW (onboard: RCOU). For the parameters, load all of them once while the ground "
+    "station records, or use a parameter file with --parameters",
 )
-"""Cause and cure of a log that lacks an output it would need."""
+"""Cause and remedy for a log that lacks a required output."""
 _OTHER = "neither ArduRover nor ArduSub, so the functions of its outputs are unknown"
 LONGEST_GAP = 0.5
-"""Chosen [s]: after a longer silence of the outputs their change is dated by its own message."""
+"""Silence of the outputs [s] above which a change gets the time stamp of its own message. Project choice."""
 
 STICKS = 400.0
 """Half the range of an RC channel [us], if the log does not contain its limits."""
 
 
 def drive_channels(store: SampleStore) -> tuple[dict[str, Channel], str, list[Note]]:
-    """Return the force channels (unit 1) and PWM channels of a store, where they come from, and what to doubt.
+    """Return the force channels (unit 1) and PWM channels of a store, their sources, and the doubts about them.
 
-    A change of output is dated midway between the last message without it and the first with it, as the recorder
-    of live runs does.
+    The time of an output change is midway between the last message without it and the first with it, as in the recorder
+    of live runs.
     """
     every = [Channel(f"servo{n}", "pwm", *store.series(f"servo.{n}")) for n in store.numbered("servo")]
     pwm = {c.name: c for c in every if np.any(c.values)}
@@ -205,7 +210,7 @@ def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
         other = "the log does not identify its autopilot"
         raise PreconditionFailed(other if store.vehicle == UNKNOWN else f"the log is of {store.vehicle}: {_OTHER}")
     if not store.parameters:
-        raise PreconditionFailed("the log has no parameters, so the functions of its outputs are unknown")
+        raise PreconditionFailed("the log contains no parameters, so the functions of its outputs are unknown")
     outputs = with_outputs(store.parameters, store.firmware, store.vehicle)
     try:
         return read_servo_map(RecordedParameters(outputs.values), store.firmware), outputs
@@ -213,8 +218,8 @@ def servo_map_of(store: SampleStore) -> tuple[ServoMap, Outputs]:
         if error.told == error.of:
             raise
         raise PreconditionFailed(
-            f"the log has {len(store.parameters)} parameters, but only {error.told} of {error.of} SERVOn_FUNCTION, "
-            "so the functions of its outputs are unknown"
+            f"the log contains {len(store.parameters)} parameters, but only {error.told} of {error.of} "
+            "SERVOn_FUNCTION, so the functions of its outputs are unknown"
         ) from error
     except PreconditionFailed as error:
         raise PreconditionFailed(outputs.names.worded(str(error))) from error
@@ -234,7 +239,7 @@ def _assumed(outputs: Outputs) -> list[Note]:
     return [
         (
             "assumed-limits",
-            f"the log does not have all limits of its outputs; firmware defaults are used ({taken})",
+            f"the log does not contain all SERVOn limits. Firmware defaults are used ({taken})",
             "supply the vehicle's parameters with --parameters FILE",
         )
     ]
@@ -254,7 +259,7 @@ def _from_servos(store: SampleStore, servos: ServoMap) -> dict[str, Channel]:
 
 
 def _shares(output: Output, pwm: Array) -> Array:
-    """Return the fraction of full output of each pulse."""
+    """Return the fraction of full output for each pulse."""
     distinct, which = np.unique(pwm, return_inverse=True)
     return np.array([output.fraction(float(v)) for v in distinct])[which]
 
@@ -304,10 +309,10 @@ FILTERED = ("p", "q", "r")
 
 
 def filters_of(parameters: Mapping[str, float], sources: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return channel -> ``parameter cutoff_hz order delay_s bias_removed`` of each rate in *sources*, if that is known.
+    """Return channel -> ``parameter cutoff_hz order delay_s bias_removed`` for each rate in *sources*, if known.
 
-    ``delay_s`` [s] is the delay of slow signals, sqrt(2) / (2 pi cutoff); ``bias_removed`` says whether the estimator's
-    gyro bias has been taken off.
+    ``delay_s`` [s] is the delay of slow signals, sqrt(2) / (2 pi cutoff); ``bias_removed``: whether the estimator's
+    gyro bias has been subtracted.
     """
     cutoff = parameters.get(PARAMETER, 0.0)
     if cutoff <= 0.0:

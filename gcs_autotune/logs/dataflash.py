@@ -1,8 +1,8 @@
-"""ArduPilot's log on board (dataflash: ``.bin`` binary, ``.log`` text) to samples.
+"""Convert ArduPilot's onboard log (dataflash: ``.bin`` binary, ``.log`` text) to samples.
 
-Which message brings which sources, in SI, is one table; degrees end here. SIM, SIM2 and the like (a simulator's own
-truth) are not in it. A log on board carries no checksums, but its messages lie in order of time: so its damaged stamps
-are known.
+One table contains the sources of each message, in SI; degrees are converted here. SIM, SIM2 and similar messages (a
+simulator's true state) are not in it. An onboard log has no checksums, but its messages are in order of time, so
+damaged time stamps can be detected.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ __all__ = ["EVENTS", "SIGNALS", "Columns", "Missing", "record_dataflash", "signa
 
 Array = NDArray[np.float64]
 Columns: TypeAlias = Mapping[str, Any]
-"""Column name (as in the log's own FMT) -> values of many messages, or of one."""
+"""Column name (as in the log's own FMT) -> values of many messages, or of a single one."""
 
 RAD = math.pi / 180.0
 FIX_3D = 3
 EVENTS = frozenset({"PARM", "MSG", "VER", "MODE", "ARM", "EV"})
-"""Messages that are looked at one by one."""
+"""Messages that are processed one by one."""
 INSTANCE = ("C", "I")
-"""Columns that number the instances of a sensor or filter; only the first one is read."""
+"""Columns that number the instances of a sensor or filter. Only the first instance is read."""
 
 
 class Missing(KeyError):
-    """A message lacks a column that every version of it known here has, or holds words there."""
+    """Raised if a message lacks a column that all its known versions have, or contains text there."""
 
 
 def _picked(**columns: tuple[str, float]) -> Callable[[Columns], dict[str, Array]]:
@@ -60,7 +60,7 @@ def _gps(c: Columns) -> dict[str, Array]:
 
 
 CHANNEL = ("C", "Ch", "Chan")
-"""What comes before the number of an output or RC channel; the last two until 2015."""
+"""Prefixes of the number of an output or RC channel; the last two were used until 2015."""
 
 
 def _numbered(source: str) -> Callable[[Columns], dict[str, Array]]:
@@ -91,16 +91,16 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     "RCOU": _numbered("servo"),
     "RCIN": _numbered("rc"),
 }
-"""Message -> sources in the store, of arrays as of single numbers."""
+"""Message -> its sources in the store, for arrays as well as single numbers."""
 
 
 def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
-    """Return the sources a *kind* of message brings, values of other instances than the first as NaN.
+    """Return the sources in a *kind* of message. Values of instances other than the first are NaN.
 
     Raises
     ------
     Missing
-        It lacks a column.
+        A column is missing.
     """
     try:
         with np.errstate(invalid="ignore", over="ignore"):  # a damaged number may be infinite
@@ -114,17 +114,18 @@ def signals_of(kind: str, columns: Columns) -> dict[str, Array]:
 
 
 STRAY = 2.0
-"""Chosen [s]: a stamp so much before, or after, the middle one of its neighbours on both sides is damaged."""
+"""Deviation of a stamp [s] from the median of its neighbours on each side above which it counts as damaged. Project
+choice."""
 FAR = 600.0
-"""Chosen [s]: so far from the only neighbours there are it is damaged, too."""
+"""Deviation [s] from the only neighbours available above which a stamp counts as damaged. Project choice."""
 NEIGHBOURS = 5
-"""Chosen: messages looked at on either side."""
+"""Number of neighbouring messages examined on either side. Project choice."""
 
 
 def strays_of(t: Array) -> NDArray[np.bool_]:
-    """Return which stamps, in order of the file, lie before both their neighbourhoods or after both.
+    """Return which stamps, in order of the file, are earlier or later than both their neighbourhoods.
 
-    Where there is only one (the ends of a piece), a stamp far from it is a stray, too.
+    If there is only one neighbourhood (at the ends of a piece), a stamp far from it is also returned.
     """
     if not np.any(~(np.abs(np.diff(t)) <= STRAY)):
         return np.zeros(len(t), dtype=bool)
@@ -146,23 +147,23 @@ FMT_LINE = re.compile(rb"^[\xef\xbb\xbf \t]*FMT\s*,", re.MULTILINE)
 EV_ARMED, EV_DISARMED = 10, 11
 """Event numbers of ArduPilot, for logs older than the ARM message."""
 REBOOT = 5.0
-"""Chosen [s]: a piece of log that begins so much before the end of what came before is of another boot."""
+"""Step back in time [s] above which a piece of log counts as belonging to another boot. Project choice."""
 
 
 def record_dataflash(path: Path, system: int | None = None) -> Recording:
-    """Read the log at *path*, a piece at a time; a log on board is of one vehicle, so *system* is not looked at.
+    """Read the log at *path*, a piece at a time. *system* is ignored, because an onboard log is of one vehicle.
 
     Raises
     ------
     BadFile
-        Unreadable, or not a dataflash log.
+        The file is unreadable or not a dataflash log.
     """
     try:
         with path.open("rb") as stream:
             start = stream.read(4096)
         is_binary = HEAD in start
         if not is_binary and not FMT_LINE.search(start):
-            raise BadFile(f"{path} is not an ArduPilot log: it starts with neither a binary message nor a FMT line")
+            raise BadFile(f"{path} is not an ArduPilot log: it does not start with a binary message or an FMT line")
         log: BinaryLog | DataflashTextLog = (
             BinaryLog(path.open("rb"))
             if is_binary
@@ -187,7 +188,7 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
             (
                 "damaged-log",
                 f"{' and '.join(w for w in (what, stamps) if w)} were damaged and skipped",
-                "fetch the log again. Such logs have no checksums, so check the figures before you use the result",
+                "fetch the log again. These logs have no checksums, so check the plots before you use the result",
             )
         )
     meta = {
@@ -203,7 +204,7 @@ def record_dataflash(path: Path, system: int | None = None) -> Recording:
 
 
 def _undated(path: Path, decoder: _Decoder) -> str:
-    """Return the error of a log without timestamps of the boot clock, and what to do."""
+    """Return the error for a log without time stamps of the boot clock, with the remedy."""
     if "TIME" in decoder.census.seen:
         return (
             f"{path} is a log of PX4's old logger (sdlog2), which is not supported. Convert it with sdlog2_dump.py, "
@@ -218,15 +219,16 @@ def _undated(path: Path, decoder: _Decoder) -> str:
 
 
 STAMPS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
-"""Columns that date a message by the boot clock -> seconds per unit; TimeMS until 2015."""
+"""Columns with the boot clock -> seconds per unit; TimeMS was used until 2015."""
 WEEK = frozenset({"Week", "GWk"})
-"""Beside one of these TimeMS is the time of the GPS week, and the boot clock [ms] is in ``T``."""
+"""Columns that mark TimeMS as the time of the GPS week. The boot clock [ms] is then in ``T``."""
 
 
 def _stamps(block: AnyBlock) -> Array | None:
-    """Return when the messages of *block* were written [s since boot], None where nothing dates them.
+    """Return when the messages of *block* were written [s since boot]; None if they have no time stamp.
 
-    Zeros stand for messages as old as the one before them: events without a stamp, and GPS by its week alone.
+    A zero means the same time as the previous message. It is used for events without a stamp, and for GPS with the week
+    only.
     """
     column, factor = next(((n, f) for n, f in STAMPS.items() if n in block.names), ("", 0.0))
     is_gps_time = column == "TimeMS" and not WEEK.isdisjoint(block.names)
@@ -239,7 +241,7 @@ def _stamps(block: AnyBlock) -> Array | None:
 
 
 class _Decoder:
-    """Writes blocks of messages into sample stores, a new one where the boot clock starts again."""
+    """Writes blocks of messages into sample stores, a new one each time the boot clock restarts."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -251,7 +253,7 @@ class _Decoder:
         self._stores = [SampleStore(name, "vehicle (TimeUS)")]
 
     def write(self, blocks: Iterable[AnyBlock]) -> None:
-        """Take in what one piece of the file holds."""
+        """Process the content of one piece of the file."""
         here = list(blocks)
         self.blocks += len(here)
         stamps = self._believable(here)
@@ -270,7 +272,7 @@ class _Decoder:
             self._write(part, stamps)
 
     def _write(self, part: Mapping[str, tuple[AnyBlock, NDArray[np.bool_]]], stamps: Mapping[str, Array]) -> None:
-        """Write the chosen messages of one boot."""
+        """Write the selected messages of one boot."""
         seen = {kind: t[np.isfinite(t)] for kind, (_, mine) in part.items() for t in (stamps[kind][mine],)}
         begins = min((float(t[0]) for t in seen.values() if len(t)), default=np.nan)
         if begins < self._stores[-1].span[1] - REBOOT:
@@ -292,12 +294,12 @@ class _Decoder:
                 continue
 
     def name_by(self, text: str) -> None:
-        """Take the firmware's name from a line above the log, where the log itself does not name it."""
+        """Use the firmware's name from a line above the log if the log itself does not contain it."""
         for store in self._stores:
             _name(store, text)
 
     def stores(self) -> list[SampleStore]:
-        """Return the stores; where only the armed time is logged (LOG_DISARMED 0) the beginning counts as armed."""
+        """Return the stores. If only armed time is logged (LOG_DISARMED 0), the log counts as armed from its start."""
         for store in self._stores:
             store.arming.sort(key=lambda a: a[0])
             store.modes.sort(key=lambda m: m[0])
@@ -311,7 +313,7 @@ class _Decoder:
         return self._stores[-1].span[1]
 
     def _believable(self, blocks: list[AnyBlock]) -> dict[str, Array]:
-        """Return stamps [s] by kind, NaN where one does not fit between its neighbours in the file."""
+        """Return stamps [s] by kind, with NaN for a stamp that does not fit between its neighbours in the file."""
         told = {b.kind: _stamps(b) for b in blocks}
         kinds = {kind: t for kind, t in told.items() if t is not None}
         if not kinds:
@@ -342,7 +344,7 @@ class _Decoder:
 
 
 def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[float, float]]:
-    """Return from which message to which (numbers in the file) the clock ran on without starting again."""
+    """Return the ranges of messages (by number in the file) within which the clock did not restart."""
     here = [b for b in blocks if b.kind in stamps]
     if not here:
         return []
@@ -356,7 +358,7 @@ def _boots(blocks: list[AnyBlock], stamps: Mapping[str, Array]) -> list[tuple[fl
 
 
 def _whole(t: Array, values: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
-    """Leave out the messages without a stamp or of another instance (NaN)."""
+    """Remove the messages without a time stamp and those of another instance (NaN)."""
     keep = np.isfinite(t)
     for column in values.values():
         keep &= ~np.isnan(column)
@@ -394,7 +396,7 @@ def _event(store: SampleStore, kind: str, t: float, m: Mapping[str, Any]) -> Non
 _PRODUCT = re.compile(
     r"(?:APM:|Ardu|APM)\s?(Rover|Sub|Copter|Plane|Blimp)\w*|(?:Antenna)?Tracker|Rover|Sub", re.IGNORECASE
 )
-"""What a firmware calls itself: ``ArduRover V4.6.0``, until 2018 ``APM:Rover v3.1``."""
+"""Pattern of a firmware's own name: ``ArduRover V4.6.0``, or until 2018 ``APM:Rover v3.1``."""
 
 
 def _name(store: SampleStore, text: str) -> None:

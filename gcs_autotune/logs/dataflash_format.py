@@ -1,10 +1,10 @@
 """ArduPilot's onboard log, read in pieces: binary (``.bin``) and text (``.log``).
 
 Every binary message is ``A3 95``, a type, and a body whose length and layout an earlier FMT message of the same file
-contains. There is no checksum: inconsistent data are skipped and counted. Format letters: ArduPilot's
-``AP_Logger/LogStructure.h``. In text (written by Mission Planner and ``mavlogdump``) a line is the kind and its values,
-``ATT, 1234567, 0.5, ...``; earlier ``FMT`` lines contain the column names, and values are already scaled. A line
-that does not fit its FMT is damaged: skipped and counted.
+contains. There is no checksum, so inconsistent data are skipped and counted. Format letters: ArduPilot's
+``AP_Logger/LogStructure.h``. In text (written by Mission Planner and ``mavlogdump``) a line contains the kind and its
+values, ``ATT, 1234567, 0.5, ...``; earlier ``FMT`` lines contain the column names, and values are already scaled. A
+line that does not fit its FMT is skipped and counted as damaged.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 __all__ = ["HEAD", "BinaryLog", "Block", "DataflashTextLog", "Layout", "TextBlock"]
 
 HEAD = b"\xa3\x95"
-"""What every message begins with."""
+"""First bytes of every message."""
 FMT = 128
 FMT_LENGTH = 89
 FMT_BODY = struct.Struct("<BB4s16s64s")
 PIECE = 4 << 20
-"""Chosen: bytes looked at together."""
+"""Number of bytes processed together. Project choice."""
 LONGEST = 255
 
 LETTERS: dict[str, tuple[str, float]] = {
@@ -51,12 +51,12 @@ LETTERS: dict[str, tuple[str, float]] = {
     "q": ("<i8", 1.0),
     "Q": ("<u8", 1.0),
 }
-"""Format letter -> (type, factor); factor 0 marks text."""
+"""Format letter -> (type, factor). Factor 0 marks text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Layout of one kind of message in the file; ``length`` counts its three bytes of head."""
+    """Layout of one kind of message in the file. ``length`` includes the three header bytes."""
 
     kind: str
     length: int
@@ -102,9 +102,10 @@ class BinaryLog:
 
     Attributes (complete once the iteration has ended)
     --------------------------------------------------
-    messages : whole messages of known kind. damaged : stretches that were none. damaged_bytes : bytes in them.
-    truncated : whether the file ends within a message. counts : messages of each kind. preamble : lines above the log,
-    of which a binary one has none.
+    messages : whole messages of known kind. damaged : number of stretches that contain no message. damaged_bytes :
+        number of bytes in these stretches.
+    truncated : whether the file ends within a message. counts : messages of each kind. preamble : lines above the log;
+        empty for a binary log.
     """
 
     stream: BinaryIO
@@ -132,7 +133,7 @@ class BinaryLog:
                     return
 
     def _scan(self, data: bytes, *, is_last: bool) -> tuple[int, list[int], list[int]]:
-        """Return how far *data* was read, and where messages of which type begin."""
+        """Return how much of *data* was read, and where messages of each type begin."""
         lengths = [0] * 256
         lengths[FMT] = FMT_LENGTH
         for number, layout in self._layouts.items():
@@ -164,7 +165,10 @@ class BinaryLog:
         return at, offsets, kinds
 
     def _define(self, body: bytes, lengths: list[int]) -> None:
-        """Take in one FMT; one that contradicts itself or what is known is damage and left out."""
+        """Process one FMT message.
+
+        One that is inconsistent or contradicts a known layout counts as damaged and is ignored.
+        """
         number, length, name, letters, heads = FMT_BODY.unpack(body)
         kind = name.rstrip(b"\0").decode("ascii", "replace")
         names = [h for h in heads.rstrip(b"\0").decode("ascii", "replace").split(",") if h]
@@ -198,16 +202,16 @@ class BinaryLog:
 
 
 LINES_AT_ONCE = 20_000
-"""Chosen: lines looked at together."""
+"""Number of lines processed together. Project choice."""
 MOST_ABOVE = 50
-"""Chosen: lines above the first FMT line that are no damage."""
+"""Number of lines above the first FMT line that do not count as damage. Project choice."""
 TEXT = frozenset(letter for letter, (_, factor) in LETTERS.items() if factor == 0.0) | {"M", "a"}
-"""Letters whose values may be words: a flight mode is written by its name."""
+"""Letters whose values may be text, because a flight mode is written by its name."""
 
 
 @dataclass(frozen=True, slots=True)
 class TextBlock:
-    """Messages of one kind from one piece of the file, values as columns; ``order`` their numbers in the file."""
+    """Messages of one kind from one piece of the file, as columns; ``order``: their numbers in the file."""
 
     kind: str
     order: list[int]
@@ -216,7 +220,7 @@ class TextBlock:
     rows: list[list[str]]
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return (n,) numbers (NaN where a cell is none) or texts."""
+        """Return (n,) numbers (NaN for a cell that is not a number) or texts."""
         i = self.names.index(name)
         if self.letters[i] in TEXT:
             return np.array([row[i] for row in self.rows], dtype=object)
@@ -225,9 +229,10 @@ class TextBlock:
 
 @dataclass
 class DataflashTextLog:
-    """Iterates over a log: one list of blocks per piece. Counters as of ``BinaryLog``; bytes are characters here.
+    """Iterates over a log: one list of blocks per piece. Counters are as in ``BinaryLog``; bytes are characters
+    here.
 
-    preamble : what stands above the first FMT line, as a terminal that printed the log wrote it.
+    preamble : lines above the first FMT line, e.g. from a terminal that printed the log.
     """
 
     stream: TextIO

@@ -1,4 +1,4 @@
-"""Finding the runs to identify from on disk: files of every kind in the table of ``formats``, and directories."""
+"""Find the runs to identify from on disk: files of every type in the table of ``formats``, and directories."""
 
 from __future__ import annotations
 
@@ -23,27 +23,29 @@ __all__ = ["TRIALS_FOLDER", "load_runs", "record"]
 
 
 TRIALS_FOLDER = "trials"
-"""Where a run directory keeps its recorded manoeuvres."""
+"""Folder of a run directory that contains the recorded manoeuvres."""
 
 LEAD_IN = "-with-lead-in"
-"""What a recording that begins earlier adds to the file name of its manoeuvre."""
+"""Suffix of the file name for a recording that starts before its manoeuvre."""
 
 LONG_ENOUGH: Collection[Purpose] = ("identification", "proof")
-"""Purposes (:attr:`Trial.purpose`) of what lasts long enough to identify from, when no whole experiment was flown."""
+"""Values of :attr:`Trial.purpose` for trials that are long enough to identify from if no complete experiment was
+flown."""
 
 LEAST_SAMPLES = 30
-"""Fewest samples of motion of a usable run: three seconds at 10 Hz. Chosen."""
+"""Fewest motion samples of a usable run: three seconds at 10 Hz. Project choice."""
 
 
 def record(path: Path, system: int | None = None, parameters: Mapping[str, float] | None = None) -> Recording | None:
-    """Read *path* as a log, recognised by its content or, if damaged, its suffix; None for columns.
+    """Read *path* as a log, recognised by its content or, if damaged, by its suffix. Return None for a table of
+    columns.
 
-    parameters : of the vehicle, for those missing in the log.
+    parameters : parameters of the vehicle, used if missing in the log.
 
     Raises
     ------
     BadFile
-        Missing, unreadable, or of an unsupported type; the message states the type and how to convert it.
+        The file is missing, unreadable, or of an unsupported type. The message states the type and how to convert it.
         UsageError: no vehicle of that *system*.
     """
     if not path.exists():
@@ -72,25 +74,25 @@ def load_runs(
       mode; its type is recognised by its content;
     * a MATLAB file or a ROS bag: that run;
     * a run directory: those of its ``trials/*.csv`` that were flown for identification, with their inputs during the
-      lead-in (recorded next to them). If none of these is complete: the incomplete ones, and the steps of a proof,
-      with a doubt; if no meta file names a manoeuvre (files from elsewhere), every CSV there;
-    * any other directory: its ``*.csv``, by the same rule, or its logs when it has no CSV.
+      lead-in. If none of these is complete: the incomplete ones and the steps of a proof, with a doubt. If no metadata
+      file contains a manoeuvre (files from another source): every CSV in that folder;
+    * any other directory: its ``*.csv``, by the same rules, or its logs if it contains no CSV.
 
     Parameters
     ----------
     pick : numbers of the segments of a log to return (``dive#3`` is 3); empty: all.
     system : system id of the vehicle, for a log with several.
     columns : name in the file -> ``channel[unit]``, see :func:`parse_columns`.
-    parameters : of the vehicle, for those missing in the log.
+    parameters : parameters of the vehicle, used if missing in the log.
 
     Raises
     ------
     BadFile
-        Nothing at *path*, nothing readable, or nothing flown for identification; and as ``load_trial``.
+        There is nothing at *path*, nothing readable, or nothing flown for identification; also as for ``load_trial``.
     NotInformative
-        A log without a segment that is armed, driven and moves.
+        The log contains no segment that is armed, driven and moves.
     UsageError
-        A *pick*, *system* or *columns* that does not exist.
+        A *pick*, *system* or name in *columns* does not exist.
     """
     place = Path(path)
     form = format_of(place) if place.exists() else None
@@ -115,14 +117,14 @@ def _picked(place: Path, runs: list[Trial], pick: Collection[int]) -> list[Trial
     if missing:
         there = "; ".join(r.name for r in runs)
         numbers = ", ".join(map(str, sorted(missing)))
-        raise UsageError(f"{place} has no segment {numbers}; it has: {there}")
+        raise UsageError(f"{place} contains no segment {numbers}. It contains: {there}")
     return found
 
 
 def _with_history(trial: Trial, file: Path) -> Trial:
-    """Return *trial* with what its inputs were during its lead-in, recorded beside it.
+    """Return *trial* with its inputs during the lead-in, recorded in a separate file.
 
-    An actuator that lags, plays or delays begins a manoeuvre where the commands before it have left it.
+    The initial state of an actuator with lag, backlash or delay depends on the commands before the manoeuvre.
     """
     whole = file.with_name(f"{file.stem}{LEAD_IN}.csv")
     if not whole.is_file():
@@ -171,8 +173,8 @@ def _of_directory(
     if not found:
         kinds = ", ".join(sorted({str(t.meta.get("manoeuvre", "unnamed")) for t in told}))
         raise BadFile(
-            f"{folder} contains no run with an actuator driven long enough to identify from, only: {kinds}. Give "
-            "a CSV file to try it anyway"
+            f"{folder} contains no run in which an actuator is driven long enough for identification, only: {kinds}. "
+            "Give one of its CSV files to try anyway"
         )
     return found
 
@@ -189,7 +191,7 @@ class _FitData(Struct):
 
 
 def _fitted_to(place: Path) -> set[str]:
-    """Return the names of the runs that the model of their directory was fitted to; empty if unknown."""
+    """Return the names of the runs to which the model of their directory was fitted; empty if unknown."""
     try:
         return set(conform(read(place / "fit.json"), _FitData).used)
     except Refused:
@@ -197,7 +199,7 @@ def _fitted_to(place: Path) -> set[str]:
 
 
 def _makeshift(flown: Sequence[Trial]) -> Iterator[Trial]:
-    """Yield usable parts of a run without a complete experiment, with a doubt: incomplete ones, and its steps.
+    """Yield usable parts of a run without a complete experiment, with a doubt: incomplete trials and steps.
 
     The short pulses of a check are used only if there is nothing else.
     """
@@ -215,13 +217,13 @@ def _makeshift(flown: Sequence[Trial]) -> Iterator[Trial]:
 
 
 def _flown_dof(trial: Trial) -> Dof | None:
-    """Return the degree of freedom a manoeuvre was about, by its side file."""
+    """Return the degree of freedom that a manoeuvre excites, from its metadata file."""
     told, signal = trial.meta.get("dof"), trial.meta.get("signal")
     return next((d for d in DOFS.values() if d.name == told or signal in (d.position, d.velocity)), None)
 
 
 def _is_driven(trial: Trial) -> bool:
-    """Whether the actuator of the degree of freedom flown was moved, and what it moves was measured."""
+    """Return whether the actuator of the degree of freedom was driven, and the resulting motion was measured."""
     dof = _flown_dof(trial)
     if dof is None or dof.force not in trial or not (dof.position in trial or dof.velocity in trial):
         return False

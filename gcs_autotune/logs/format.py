@@ -14,15 +14,15 @@ from gcs_autotune.trial import Trial
 __all__ = ["Format", "Head", "RunReader", "absent"]
 
 SIZE = 1 << 16
-"""Chosen: bytes of a file that are looked at to recognise it."""
+"""Number of bytes of a file that are examined to recognise it. Project choice."""
 
 RunReader: TypeAlias = Callable[[Path, Mapping[str, str]], list[Trial]]
-"""Reads (path, name in the file -> ``channel[unit]``); raises ``BadFile`` or ``UsageError``."""
+"""Function that reads (path, name in the file -> ``channel[unit]``). It raises ``BadFile`` or ``UsageError``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """The beginning of a file: its first bytes, none of a directory."""
+    """The beginning of a file: its first bytes; empty for a directory."""
 
     path: Path
     data: bytes
@@ -46,12 +46,12 @@ class Head:
 
     @property
     def text(self) -> str:
-        """The same as text, undecodable bytes replaced."""
+        """The first bytes as text, with undecodable bytes replaced."""
         return self.data.decode("utf-8-sig", errors="replace")
 
     @property
     def is_text(self) -> bool:
-        """Whether these bytes look like text in one byte a character."""
+        """Return whether these bytes look like text with one byte per character."""
         return bool(self.data) and b"\0" not in self.data and not self.data.startswith((b"\xfd", b"\xfe"))
 
 
@@ -61,9 +61,9 @@ class Format:
 
     Attributes
     ----------
-    name : with its article, after "is": "a PX4 ULog".
+    name : name with its article, as used after "is": "a PX4 ULog".
     fits : whether the first bytes of a file are of this type, whatever its name.
-    suffixes : recognise a file with a damaged start.
+    suffixes : file name suffixes, used if the start of the file is damaged.
     record : reads a vehicle's log into stores. runs : reads columns into runs. Neither: unsupported, and
     advice : how to convert it; ``{name}`` is the file's name.
     """
@@ -77,6 +77,6 @@ class Format:
 
 
 def absent(path: Path, what: str, library: str, instead: str) -> BadFile:
-    """Return the error of a file whose *library* is not installed; *instead* : the alternative."""
+    """Return the error for a file whose *library* is not installed. *instead* : the alternative."""
     cure = f"pip install 'gcs-autotune[formats]' to read it, or {instead}"
     return BadFile(f"{path} is {what}, and {library} is not installed: {cure}")

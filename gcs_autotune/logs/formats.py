@@ -1,7 +1,7 @@
-"""The table of kinds of files: those read here, and those that are named, with the way to convert them.
+"""The table of file types: those that can be read, and those that are recognised with advice on how to convert them.
 
-A file is known by its content, whatever its name. Only where its content shows nothing (a log damaged from its start)
-does the suffix count. Whatever is left is read as a CSV table.
+A file is recognised by its content, whatever its name. The suffix counts only if the content shows nothing (a log
+damaged from its start). Any other file is read as a CSV table.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["FORMATS", "LOG_SUFFIXES", "format_of"]
 
 FIRST_FRAMES = 3
-"""Chosen: MAVLink frames behind each other that show what a file is."""
+"""Number of consecutive MAVLink frames by which a file is recognised. Project choice."""
 YEARS = (946_684_800_000_000, 4_102_444_800_000_000)
-"""Stamps of telemetry logs [us since 1970] of 2000 to 2099."""
-EXPORT = "export it as CSV (comma separated, UTF-8), with a head line like t[s],psi[deg],N[N m]"
+"""Range of valid stamps of telemetry logs [us since 1970]: the years 2000 to 2099."""
+EXPORT = "export it as CSV (comma separated, UTF-8), with a header line like t[s],psi[deg],N[N m]"
 
 
 def _begins(*magic: bytes) -> Callable[[Head], bool]:
@@ -46,13 +46,13 @@ def _of_text(fits: Callable[[str], bool]) -> Callable[[Head], bool]:
 
 
 def _is_stamped(head: Head) -> bool:
-    """Whether a file begins with a stamp and a MAVLink frame, as telemetry logs do."""
+    """Return whether a file begins with a stamp and a MAVLink frame, as telemetry logs do."""
     stamp = int.from_bytes(head.data[:8], "big")
     return head.data[8:9] in (b"\xfd", b"\xfe") and YEARS[0] < stamp < YEARS[1]
 
 
 def _is_raw(head: Head) -> bool:
-    """Whether a file begins with MAVLink frames right behind each other, without stamps."""
+    """Return whether a file begins with consecutive MAVLink frames without stamps."""
     data, at = head.data, 0
     for count in range(FIRST_FRAMES):
         if data[at : at + 1] not in (b"\xfd", b"\xfe"):
@@ -69,7 +69,7 @@ def _is_dataflash(head: Head) -> bool:
 
 
 def _zipped(fits: Callable[[Sequence[str]], bool]) -> Callable[[Head], bool]:
-    """Return whether a file is a zip archive whose members' names fit; an archive that cannot be read has none."""
+    """Return whether a file is a zip archive with matching member names. An unreadable archive does not match."""
 
     def is_such(head: Head) -> bool:
         return head.data.startswith(b"PK\x03\x04") and fits(_members(head.path))
@@ -116,7 +116,7 @@ FORMATS: tuple[Format, ...] = (
         "a document of Word or PowerPoint",
         _zipped(lambda names: any(n.startswith(("word/", "ppt/")) for n in names)),
         (".docx", ".pptx"),
-        advice="give the data that it was made from",
+        advice="give the data that the document was made from",
     ),
     Format(
         "a spreadsheet of LibreOffice",
@@ -145,8 +145,8 @@ FORMATS: tuple[Format, ...] = (
         "a log of Betaflight's Blackbox", _begins(b"H Product:Blackbox"), advice="convert it: blackbox_decode {name}"
     ),
     Format("a PDF", _begins(b"%PDF-"), advice="use the original data"),
-    Format("a picture", _begins(b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), advice="use the original data"),
-    Format("a web page", _text(r"<!doctype html|<html"), advice="use the file that it shows or links to"),
+    Format("an image", _begins(b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), advice="use the original data"),
+    Format("a web page", _text(r"<!doctype html|<html"), advice="use the file that the page shows or links to"),
     Format(
         "a track in XML (GPX, KML)", _text(r"<\?xml|<gpx|<kml"), advice="a track has no actuator inputs: use the log"
     ),
@@ -160,12 +160,12 @@ FORMATS: tuple[Format, ...] = (
         "JSON",
         _text(r"\{\s*[\"}]|\[\s*[\[{\"\d-]"),
         (".json",),
-        advice="use CSV with a head line like t[s],psi[deg],N[N m]",
+        advice="use CSV with a header line like t[s],psi[deg],N[N m]",
     ),
     Format(
         "an ArduPilot log without FMT lines (before 2012)",
         _text(r"(ATT|GPS|NTUN|CTUN|RAW|IMU|MOD|PM)\s*:"),
-        advice="it cannot be read: use the telemetry log (.tlog)",
+        advice="such a log is not supported: use the telemetry log (.tlog)",
     ),
     Format(
         "a list of parameters",
@@ -173,14 +173,14 @@ FORMATS: tuple[Format, ...] = (
         advice="use it with --parameters, together with its log",
     ),
 )
-"""Kinds of files, tried in this order by content and then by suffix. A format is one file and one line here."""
+"""File types, tested in this order by content and then by suffix. To add a format, add a file and a line here."""
 
 LOG_SUFFIXES = tuple(s for f in FORMATS if f.record or f.runs for s in f.suffixes if s not in (".log", ".db3"))
-"""Suffixes of the logs that are looked for in a folder."""
+"""Suffixes of the logs that are searched for in a folder."""
 
 
 def format_of(path: Path) -> Format | None:
-    """Return the type of the file at *path*, None for a table of columns (CSV) or an ordinary folder.
+    """Return the type of the file at *path*; None for a table of columns (CSV) or an ordinary folder.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def format_of(path: Path) -> Format | None:
     """
     head = Head.of(path)
     if not head.data and not path.is_dir():
-        raise BadFile(f"{path} is empty (0 bytes). Check the recording and the copy")
+        raise BadFile(f"{path} is empty (0 bytes). Check the recording, or copy the file again")
     form = next((f for f in FORMATS if f.fits(head)), None) or _by_suffix(head)
     if form is not None and form.record is None and form.runs is None:
         inside = ", ".join(visible(name) for name in _members(path)[:3])
@@ -200,7 +200,7 @@ def format_of(path: Path) -> Format | None:
 
 
 def _by_suffix(head: Head) -> Format | None:
-    """Return what a file is by its name, unless it is a table of text called something else."""
+    """Return the type of a file by its name, unless it is a text table with a misleading name."""
     if head.path.is_dir() or wide_encoding(head.data):
         return None
     first = next((line for line in head.text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")

@@ -1,6 +1,7 @@
-"""MATLAB's MAT files (up to version 7.2) to runs: vectors of the length of a vector ``t``, also within structures.
+"""Convert MATLAB's MAT files (up to version 7.2) to runs.
 
-SciPy reads them. A MAT file has no units: those of the signals (SI) apply, unless ``--columns`` sets others.
+A run consists of the vectors with the length of a vector ``t``, also inside structures. SciPy reads the file. A MAT
+file contains no units: those of the signals (SI) apply, unless ``--columns`` sets others.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["FORMAT", "read_mat"]
 
 HEAD = re.compile(rb"MATLAB 5\.0 MAT-file")
-EXPORT = "export it from MATLAB as CSV: writematrix([t psi N], 'run.csv'), with the head line t[s],psi[rad],N[N m]"
+EXPORT = "export it from MATLAB as CSV: writematrix([t psi N], 'run.csv'), with the header line t[s],psi[rad],N[N m]"
 DEEPEST = 8
-"""Chosen: structures within structures."""
+"""Greatest depth of nested structures. Project choice."""
 SHORTEST = 2
 
 
@@ -37,7 +38,8 @@ def read_mat(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     Raises
     ------
     BadFile
-        Unreadable, or without a vector of times and one beside it. UsageError: a name in *columns* it does not have.
+        The file is unreadable, or contains no vector of times with another vector. UsageError: a name in *columns* does
+            not exist.
     """
     import scipy.io
 
@@ -62,10 +64,14 @@ def read_mat(path: Path, columns: Mapping[str, str]) -> list[Trial]:
     run = trial_of_columns(table, path.name, columns)
     notes = [
         *run.meta.get("notes", ()),
-        ("assumed-units", f"{path.name} has no units: SI is assumed where --columns has none", "give --columns"),
+        (
+            "assumed-units",
+            f"{path.name} contains no units. SI is assumed for columns without a unit in --columns",
+            "state the units with --columns",
+        ),
     ]
     if other:
-        cause = f"vectors of other length than {time} were skipped: {', '.join(map(visible, other[:5]))}"
+        cause = f"vectors whose length differs from {time} were skipped: {', '.join(map(visible, other[:5]))}"
         notes.append(("left-out-vectors", cause, "resample them to the time vector"))
     return [replace(run, name=visible(path.stem), meta={**run.meta, "format": "MATLAB file", "notes": notes})]
 
@@ -75,30 +81,30 @@ TYPES = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 14, 15, 16, 17, 18})
 ARRAY, COMPRESSED = 14, 15
 CLASSES = range(1, 18)
 FLAGS = 6
-"""Type of the element that an array begins with; its lowest byte is the class of the array."""
+"""Type of the first element of an array. Its lowest byte is the class of the array."""
 IS_COMPLEX = 0x0800
 PARTS = {4: 4, 5: 6, **dict.fromkeys(range(6, 16), 4)}
-"""Class of array (4 text, 5 sparse, 6 to 15 numbers) -> elements in it, one more where it is complex."""
+"""Class of array (4 text, 5 sparse, 6 to 15 numbers) -> number of its elements, one more if it is complex."""
 HEADER = 128
 LARGEST = 1 << 31
-"""Chosen: bytes of a compressed element when unpacked."""
+"""Largest size of a compressed element when unpacked [bytes]. Project choice."""
 
 
 def _verify_complete(data: bytes) -> None:
-    """Raise ``ValueError`` unless the elements of a level-5 file nest as they should.
+    """Raise ``ValueError`` unless the elements of a level-5 file are nested correctly.
 
-    SciPy 1.17 ends the whole process by a segmentation fault where a type code of an element is none of these.
+    SciPy 1.17 ends the process by a segmentation fault if an element has an unknown type code.
     """
     if not HEAD.match(data):
-        raise ValueError("it does not start like a MAT file of level 5")
+        raise ValueError("the file does not start like a MAT file of level 5")
     order = {b"IM": "<", b"MI": ">"}.get(data[HEADER - 2 : HEADER])
     if order is None or len(data) <= HEADER:
-        raise ValueError("it has no data after its header")
+        raise ValueError("the file contains no data after its header")
     _verify_elements(data[HEADER:], order, 0)
 
 
 def _verify_elements(data: bytes, order: str, depth: int) -> list[int]:
-    """Return the types of the elements in *data*; raises ``ValueError`` where one is none."""
+    """Return the types of the elements in *data*; raise ``ValueError`` if one is unknown."""
     at, found = 0, []
     while at + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, at)
@@ -122,7 +128,7 @@ def _verify_elements(data: bytes, order: str, depth: int) -> list[int]:
 
 
 def _verify_array(data: bytes, order: str, depth: int) -> None:
-    """Raise ``ValueError`` unless an array has the elements of its class, without which SciPy reads on past its end."""
+    """Raise ``ValueError`` unless an array has the elements of its class. Without them SciPy reads past its end."""
     head = data[:12]
     if len(head) < 12 or struct.unpack_from(f"{order}I", head)[0] != FLAGS:
         raise ValueError("a damaged array")
@@ -139,7 +145,7 @@ def _first_line(error: BaseException) -> str:
 
 
 def _vectors(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
-    """Yield every vector of real numbers in a tree of structures, by its name with dots."""
+    """Yield every vector of real numbers in a tree of structures, with its name in dot notation."""
     if isinstance(value, Mapping) and depth < DEEPEST:
         for key, inner in value.items():
             if not str(key).startswith("__"):

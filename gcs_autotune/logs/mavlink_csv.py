@@ -1,9 +1,9 @@
 """MAVLink messages from CSV files: Mission Planner's conversion of a tlog, and ``mavlogdump.py --format csv``.
 
-Mission Planner writes a line per message: its local time, the head of the frame in hexadecimal (7 cells of MAVLink 1,
+Mission Planner writes one line per message: its local time, the head of the frame in hexadecimal (7 cells of MAVLink 1,
 8 of MAVLink 2, the last three being system, component and message id), the name of its structure
-(``mavlink_attitude_t``), then ``name,value`` pairs and a tail after an empty cell. Numbers are in the language of
-its computer, so a decimal comma splits a value in two cells: values are reassembled by the names that follow.
+(``mavlink_attitude_t``), then ``name,value`` pairs and a tail after an empty cell. Numbers use the locale of its
+computer, so a decimal comma splits a value into two cells. Such values are reassembled from the names that follow.
 ``mavlogdump`` writes one table for all requested kinds: ``timestamp`` [s since 1970], then ``ATTITUDE.roll``...
 """
 
@@ -32,39 +32,39 @@ VEHICLE = (1, 1)
 TEXTS = frozenset({"param_id", "text"})
 TAIL = "Len"
 TAIL_CELLS = 5
-"""Every whole line ends in ``Len`` and a number, later versions with a checksum behind."""
+"""Number of cells at the end of a line: ``Len`` and a number, in later versions followed by a checksum."""
 OLD_STAMP = "%m/%d/%Y %I:%M:%S %p"
 
 
 def is_mission_planner(head: str) -> bool:
-    """Whether the first lines of a file look like Mission Planner's conversion."""
+    """Return whether the first lines of a file look like Mission Planner's conversion."""
     return STRUCTURE.search(head) is not None
 
 
 def is_mavlogdump(head: str) -> bool:
-    """Whether the first lines of a file look like mavlogdump's table of a telemetry log."""
+    """Return whether the first lines of a file look like mavlogdump's table of a telemetry log."""
     return DUMPED.match(head) is not None
 
 
 def record_mission_planner(path: Path, system: int | None = None) -> Recording:
-    """Read Mission Planner's CSV at *path*. Raises as ``record_tlog``."""
+    """Read Mission Planner's CSV at *path*. Errors as for ``record_tlog``."""
     lines = _Lines(path)
     return _recording(path, "Mission Planner CSV", lines, _planner(lines), system, ())
 
 
 def record_mavlogdump(path: Path, system: int | None = None) -> Recording:
-    """Read mavlogdump's CSV at *path*, which has no senders. Raises as ``record_tlog``."""
+    """Read mavlogdump's CSV at *path*, which contains no senders. Errors as for ``record_tlog``."""
     lines = _Lines(path)
     note = (
         "senders-unknown",
-        "this CSV has no sender of messages: all are assigned to one vehicle",
-        "use the .tlog itself if several vehicles were heard",
+        "this CSV does not state the senders of messages. All messages are assigned to one vehicle",
+        "use the .tlog itself if the link carried several vehicles",
     )
     return _recording(path, "mavlogdump CSV", lines, _dumped(lines), None, (note,))
 
 
 class _Lines:
-    """The lines of a file, and how many of them were of no use."""
+    """The lines of a file, and the number of unusable ones."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -86,7 +86,7 @@ class _Lines:
                 yield line.rstrip("\r\n")
 
     def damaged(self, line: str) -> None:
-        """Count a line that is of no use."""
+        """Count an unusable line."""
         self.bad += 1
         self.bad_bytes += len(line)
 
@@ -132,7 +132,7 @@ def _planner(lines: _Lines) -> Iterator[Heard]:
 
 
 def _pairs(cells: list[str], known: frozenset[str]) -> dict[str, str]:
-    """Read ``name,value`` pairs until the empty cell before the tail; a value may have commas of its own."""
+    """Read ``name,value`` pairs until the empty cell before the tail. A value may contain commas."""
     found: dict[str, str] = {}
     at = 0
     while at + 1 < len(cells) and cells[at].strip():
@@ -167,7 +167,10 @@ def _dumped(lines: _Lines) -> Iterator[Heard]:
 
 
 def _message(name: str, values: dict[str, str]) -> SimpleNamespace:
-    """Return a message with its fields as numbers; SERVO_OUTPUT_RAW of MAVLink 1 has no ports above the first."""
+    """Return a message with numeric fields.
+
+    In MAVLink 1, SERVO_OUTPUT_RAW has no ``port``, and the first one is used.
+    """
     fields: dict[str, float | int | str] = {k: v if k in TEXTS else _number(v) for k, v in values.items()}
     if name == "SERVO_OUTPUT_RAW":
         fields.setdefault("port", 0)
@@ -188,7 +191,7 @@ def _number(text: str) -> float | int | str:
 
 
 def _time(text: str) -> float:
-    """Return seconds since 1970 of Mission Planner's local time, NaN when it is none."""
+    """Return Mission Planner's local time in seconds since 1970; NaN if it is invalid."""
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:

@@ -1,11 +1,12 @@
-"""MAVLink messages of a ground log to the samples of one vehicle, by its own clock, in one pass over the log.
+"""Convert MAVLink messages of a ground station's log to samples of one vehicle, by its own clock, in one pass over the
+log.
 
 A vehicle reports its time in two ways: ``time_boot_ms`` and, in SERVO_OUTPUT_RAW and GPS_RAW_INT, ``time_usec`` since
-the same boot, which wraps after 71 minutes. Both are converted to one axis. A message without a timestamp
-gets its arrival time, relative to the last one with a timestamp.
+the same boot, which wraps after 71 minutes. Both are converted to one axis. A message without a timestamp gets a time
+from its arrival, counted from the last message with a timestamp.
 
-Which message brings which sources, in SI, is one table; degrees, centimetres and hectopascals end here. SIMSTATE
-and SIM_STATE are not in it, since real craft do not measure them.
+One table contains the sources of each message, in SI; degrees, centimetres and hectopascals are converted here.
+SIMSTATE and SIM_STATE are not in it, because real craft do not measure them.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ BOOT_MS = frozenset(
         "RC_CHANNELS",
     }
 )
-"""Messages whose ``time_boot_ms`` is the autopilot's own."""
+"""Messages whose ``time_boot_ms`` is the autopilot's own time."""
 BOOT_US = frozenset({"SERVO_OUTPUT_RAW", "GPS_RAW_INT"})
-"""Messages whose ``time_usec`` ArduPilot counts from its boot too (32 bits of it in SERVO_OUTPUT_RAW)."""
+"""Messages whose ``time_usec`` ArduPilot also counts from its boot (in SERVO_OUTPUT_RAW only 32 bits of it)."""
 TRUTH = frozenset({"SIMSTATE", "SIM_STATE", "SIM", "SIM2"})
-"""Messages with a simulator's true state: listed, never used."""
+"""Messages with a simulator's true state. They are listed but never used."""
 
 NO_PULSE = 0.0
-"""Of outputs 9 to 16, which MAVLink 1 does not have."""
+"""Value of outputs 9 to 16, which MAVLink 1 does not contain."""
 FIX_3D = 3
 UNKNOWN = 65535
 
@@ -101,7 +102,7 @@ def _rc(m: Message) -> dict[str, float]:
 
 
 def sticks(m: Message) -> dict[str, float]:
-    """Return ArduSub's sticks of a MANUAL_CONTROL: z runs from 0 to 1000 with 500 in the middle, up positive."""
+    """Return ArduSub's sticks in a MANUAL_CONTROL. z runs from 0 to 1000 with 500 in the middle, positive up."""
     return {
         "stick.X": m.x * 1e-3,
         "stick.Y": m.y * 1e-3,
@@ -121,19 +122,22 @@ SIGNALS: Mapping[str, Callable[[Message], dict[str, float]]] = {
     "AHRS2": _ahrs2,
     "SCALED_PRESSURE2": lambda m: {"pressure.z": (m.press_abs - 1013.25) * 100.0 / (1000.0 * 9.80665)},
 }
-"""Message -> sources in the store."""
+"""Message -> its sources in the store."""
 
 Vehicle = tuple[int, int]
 """System and component id."""
 
 ARMED = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED."""
+"""Value of MAV_MODE_FLAG_SAFETY_ARMED."""
 NO_AUTOPILOT = 8
-"""MAV_AUTOPILOT_INVALID: a heartbeat of something that steers nothing (ground station, camera, companion)."""
+"""Value of MAV_AUTOPILOT_INVALID: the heartbeat of a ground station, camera or companion computer."""
 REBOOT = 5.0
-"""Chosen [s]: a boot clock that falls back by more belongs to a new boot; by less, to a late message."""
+"""Step back of the boot clock [s] above which a new boot is assumed.
+
+A smaller step is a late message. Project choice.
+"""
 ARMING_TEXTS = {"throttle armed": True, "throttle disarmed": False, "arming motors": True, "disarming motors": False}
-"""STATUSTEXTs of ArduRover and ArduSub -> armed."""
+"""Status texts of ArduRover and ArduSub -> armed state."""
 WRAP_US = 2**32 * 1e-6
 WRAP_MS = 2**32 * 1e-3
 
@@ -155,14 +159,14 @@ def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> D
 
     Parameters
     ----------
-    system : the vehicle's system id, in a log with several; None: the one with most messages.
+    system : the vehicle's system id, if the log contains several; None: the one with most messages.
 
     Raises
     ------
     BadFile
-        No message, or none of a vehicle.
+        The log contains no message, or none of a vehicle.
     UsageError
-        No vehicle of that *system* in it.
+        The log contains no vehicle of that *system*.
     """
     scribes: dict[Vehicle, _Decoder] = {}
     known: Counter[Vehicle] = Counter()
@@ -201,8 +205,9 @@ def decode_messages(path: Path, heard: Iterable[Heard], system: int | None) -> D
         notes.append(
             (
                 "several-vehicles",
-                f"the log contains vehicles {', '.join(map(str, [chosen[0], *also]))}; only {chosen[0]} was read",
-                "select another with --system-id",
+                f"the log contains vehicles {', '.join(map(str, [chosen[0], *also]))}. Only vehicle {chosen[0]} was "
+                "read",
+                "select another vehicle with --system-id",
             )
         )
     decoder = scribes[chosen]
@@ -216,7 +221,7 @@ def _chosen(path: Path, vehicles: Counter[Vehicle], system: int | None) -> Vehic
     mine = [who for who, _ in vehicles.most_common() if who[0] == system]
     if not mine:
         heard = ", ".join(str(s) for s, _ in vehicles)
-        raise UsageError(f"{path} contains no vehicle with system id {system}; it contains {heard}")
+        raise UsageError(f"{path} contains no vehicle with system id {system}. It contains {heard}")
     return mine[0]
 
 
@@ -224,7 +229,8 @@ def _chosen(path: Path, vehicles: Counter[Vehicle], system: int | None) -> Vehic
 class _Decoder:
     """Writes one sender's messages into sample stores, a new one after each boot.
 
-    Until its first boot stamp everything is also written by the ground's clock, in case none ever comes.
+    Until the first boot stamp, everything is also written with the ground station's clock, in case there is no boot
+    stamp.
     """
 
     name: str
@@ -244,7 +250,7 @@ class _Decoder:
         self._ground = SampleStore(self.name, "ground station")
 
     def hear(self, h: Heard) -> None:
-        """Take in one message of this sender."""
+        """Process one message of this sender."""
         t = self._stamp(h)
         self.census.count(h.name, t + self._before)
         if h.name == "PARAM_VALUE":
@@ -257,7 +263,7 @@ class _Decoder:
             self._write(self._stores[-1], t, h)
 
     def read_sticks(self, h: Heard) -> None:
-        """Take in what a ground station sent to steer this vehicle."""
+        """Process the stick commands that a ground station sent to this vehicle."""
         if math.isfinite(self._boot):
             self._stores[-1].take(self._mapped(h.time), sticks(h.message))
             self._stores[-1].dated_by_arrival.add("stick")
@@ -309,7 +315,7 @@ class _Decoder:
         return t
 
     def _mapped(self, ground: float) -> float:
-        """Return the vehicle's time at the ground's stamp, from the last message that carried both."""
+        """Return the vehicle's time at the ground station's stamp, from the last message with both."""
         self._now = max(self._now, self._boot + max(0.0, ground - self._heard))
         return self._now
 
@@ -326,7 +332,7 @@ def _beat(store: SampleStore, t: float, m: Any, system: int) -> None:
 
 
 def _said(store: SampleStore, t: float, text: str) -> None:
-    """Process a STATUSTEXT; it reports arming up to a second before the next HEARTBEAT."""
+    """Process a status text. It reports arming up to a second before the next HEARTBEAT."""
     store.texts.append((t, text))
     armed = ARMING_TEXTS.get(text.lower())
     if armed is not None and math.isfinite(t) and store.arming and store.arming[-1][1] != armed:
@@ -334,7 +340,7 @@ def _said(store: SampleStore, t: float, text: str) -> None:
 
 
 def _nearest(t: float, now: float, period: float) -> float:
-    """Add the turns of a counter that bring it nearest to *now*; a restart near zero after less than a turn stays."""
+    """Add the wraps of a counter that bring it nearest to *now*. A restart near zero before the first wrap is kept."""
     if math.isnan(now):
         return t
     turned = t + period * round((now - t) / period)

@@ -1,10 +1,10 @@
 """QGroundControl's own CSV (settings: "Save CSV log of telemetry data"): displayed values, once a second.
 
-Its head line is ``Timestamp,roll,pitch,heading,rollRate,...,gps.lat,...,localPosition.x,...``. Values are as displayed:
-whole degrees of heading, speeds in the unit chosen in the settings (metres per second by default),
-``--.--`` for missing. It has neither actuator outputs nor mode nor arming, so nothing can be identified from it.
-Where batteries were found after its head line was written, all later columns are shifted (qgroundcontrol issue 11763):
-of such rows only the columns in front of the groups are read.
+Its header line is ``Timestamp,roll,pitch,heading,rollRate,...,gps.lat,...,localPosition.x,...``. Values are as
+displayed: whole degrees of heading, speeds in the unit set in the settings (metres per second by default), ``--.--``
+for missing. It contains neither actuator outputs nor mode nor arming, so nothing can be identified from it. If
+batteries were detected after the header line was written, all later columns are shifted (qgroundcontrol issue 11763).
+From such rows only the columns in front of the groups are read.
 """
 
 from __future__ import annotations
@@ -36,27 +36,27 @@ COLUMNS: tuple[tuple[tuple[tuple[str, str, float], ...], ...], ...] = (
         (("gps.lat", "gps.lat", 1.0), ("gps.lon", "gps.lon", 1.0)),
     ),
 )  # fmt: skip
-"""Columns that go together -> source and factor; first those in front of all groups, then those within one."""
+"""Columns that belong together -> source and factor. First those in front of all groups, then those within one."""
 
 MOTION_ONLY: Note = (
     "motion-only",
-    "QGroundControl's CSV has no actuator outputs, and displayed values once a second",
+    "QGroundControl's CSV contains no actuator outputs, and its values are displayed values, once a second",
     "use the .tlog that QGroundControl saves next to it (settings: Save log after each flight)",
 )
 
 
 def is_qgc(head: str) -> bool:
-    """Whether the first lines of a file are those of QGroundControl's CSV."""
+    """Return whether the first lines of a file are those of QGroundControl's CSV."""
     return set(head.partition("\n")[0].strip().split(",")) >= HEADS
 
 
 def record_qgc(path: Path, system: int | None = None) -> Recording:
-    """Read QGroundControl's CSV at *path*; it is of one vehicle, so *system* is not looked at.
+    """Read QGroundControl's CSV at *path*. *system* is ignored, because the file is of one vehicle.
 
     Raises
     ------
     BadFile
-        Unreadable, or without one row that makes sense.
+        The file is unreadable or contains no valid row.
     """
     store = SampleStore(path.stem, "ground station")
     census = Census()
@@ -79,7 +79,7 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
     except OSError as error:
         raise BadFile(f"{path} cannot be read: {error.strerror or error}") from error
     if not rows:
-        raise BadFile(f"{path} has QGroundControl's head line but no row with a time")
+        raise BadFile(f"{path} contains QGroundControl's header line but no row with a time. Use the .tlog")
     notes: list[Note] = [MOTION_ONLY]
     if bad:
         notes.append(("damaged-log", f"{bad} rows of the log were damaged and skipped", "use the .tlog"))
@@ -88,7 +88,10 @@ def record_qgc(path: Path, system: int | None = None) -> Recording:
 
 
 def _samples(cells: list[str], heads: list[str], place: Mapping[str, int]) -> Iterator[dict[str, float]]:
-    """Yield the complete groups of signals in one row; of a row with cells too many or too few, the first columns."""
+    """Yield the complete groups of signals in one row.
+
+    From a row with too many or too few cells, use only the first columns.
+    """
     for groups in COLUMNS[: 1 if len(cells) != len(heads) else None]:
         for group in groups:
             values = {s: _number(cells, place.get(name, -1)) * factor for name, s, factor in group}

@@ -1,4 +1,4 @@
-"""Renaming of columns and channels by ``--columns``."""
+"""Rename columns and channels as requested by ``--columns``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ __all__ = ["parse_columns", "renamed"]
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Read ``"t_sim=t[s],heading_deg=psi[deg]"`` as name in the file -> ``channel[unit]``.
+    """Parse ``"t_sim=t[s],heading_deg=psi[deg]"`` into name in the file -> ``channel[unit]``.
 
     Raises
     ------
     UsageError
-        A piece is not of the form ``name=channel[unit]``, or a name comes twice.
+        A piece is not of the form ``name=channel[unit]``, or a name occurs twice.
     """
     found: dict[str, str] = {}
     for piece in (p.strip() for p in text.split(",")):
@@ -26,7 +26,7 @@ def parse_columns(text: str) -> dict[str, str]:
         if not equals or not name.strip() or not head.strip():
             raise UsageError(f"--columns: '{piece}' is not name=channel[unit]. Write e.g. heading_deg=psi[deg]")
         if name.strip() in found:
-            raise UsageError(f"--columns has '{name.strip()}' twice. Remove one")
+            raise UsageError(f"--columns contains '{name.strip()}' twice. Remove one")
         found[name.strip()] = head.strip()
     if len({parse_header(h)[0] for h in found.values()}) < len(found):
         raise UsageError("--columns maps two columns to the same channel. Change one")
@@ -34,18 +34,20 @@ def parse_columns(text: str) -> dict[str, str]:
 
 
 def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
-    """Return *trial* with channels renamed; values of a channel without unit are converted to SI on the way.
+    """Return *trial* with channels renamed. Values of a channel without a unit are converted to SI.
 
     mapping : present name -> ``channel[unit]``.
 
     Raises
     ------
     UsageError
-        A name the trial does not have, a new name it already has, or a unit for a channel that has another one.
+        A name does not exist, a new name already exists, or the unit differs from the channel's own unit.
     """
     missing = [name for name in mapping if name not in trial]
     if missing:
-        raise UsageError(f"run '{trial.name}' has no column {', '.join(missing)}; it has {', '.join(trial.channels)}")
+        raise UsageError(
+            f"run '{trial.name}' contains no column {', '.join(missing)}. Its columns are {', '.join(trial.channels)}"
+        )
     channels: dict[str, Channel] = {}
     notes = list(trial.meta.get("notes", ()))
     for name, channel in trial.channels.items():
@@ -58,7 +60,7 @@ def renamed(trial: Trial, mapping: Mapping[str, str]) -> Trial:
         if channel.unit not in ("1", si):
             raise UsageError(f"column {name} of run '{trial.name}' is in {channel.unit}, not {new}[{unit}]")
         if new in channels:
-            raise UsageError(f"run '{trial.name}' would have two channels called {new}")
+            raise UsageError(f"run '{trial.name}' would have two channels called {new}. Map only one column to {new}")
         scale = factor if channel.unit == "1" else 1.0
         channels[new] = replace(channel, name=new, unit=si, values=channel.values * scale)
     return replace(trial, channels=channels, meta={**trial.meta, "notes": notes} if notes else trial.meta)

@@ -1,7 +1,8 @@
-"""ROS bags (ROS 1 ``.bag``, ROS 2 ``.db3``, ``.mcap`` or their directory) to runs, read by rosbags (extra ``formats``).
+"""Convert ROS bags (ROS 1 ``.bag``, ROS 2 ``.db3``, ``.mcap`` or their directory) to runs, read by rosbags (extra
+``formats``).
 
-ROS uses east, north, up and ahead, port, up (REP 103); here it is north, east, down and ahead, starboard, down.
-Frames whose name ends in ``_ned`` or ``_frd`` need no conversion. Numbers of any other topic keep its name, for
+ROS uses east, north, up and ahead, port, up (REP 103). This program uses north, east, down and ahead, starboard, down.
+Frames whose name ends in ``_ned`` or ``_frd`` need no conversion. Numbers of other topics keep the topic's name, for
 ``--columns``.
 """
 
@@ -29,11 +30,11 @@ Samples: TypeAlias = dict[str, float]
 INSTEAD = "convert it to CSV (ros2 bag, bagpy: bag.message_by_topic) and map the columns with --columns"
 OURS = ("_ned", "_frd")
 CAPACITY = 20_000_000
-"""Chosen: messages read of one bag."""
+"""Most messages read from one bag. Project choice."""
 
 
 def _signs(frame: str) -> float:
-    """Return -1 where a frame counts port and up, 1 where it counts starboard and down."""
+    """Return -1 if a frame is positive to port and up, 1 if it is positive to starboard and down."""
     return 1.0 if frame.lower().endswith(OURS) else -1.0
 
 
@@ -88,19 +89,22 @@ KINDS: Mapping[str, Callable[[Message], Samples]] = {
     "geometry_msgs/msg/Wrench": _wrench,
     "mavros_msgs/msg/RCOut": lambda m: {f"servo{i}": float(v) for i, v in enumerate(m.channels, start=1)},
 }
-"""Kind of message -> channels; of two topics that bring one channel the kind further up counts, then the first one."""
+"""Type of message -> channels.
+
+If two topics have the same channel, the type listed first is used, then the first topic.
+"""
 _PLAIN = ("Float64", "Float32", "Int64", "Int32", "Int16", "UInt16")
 NUMBERS = frozenset(f"std_msgs/msg/{kind}" for kind in _PLAIN)
 ARRAYS = frozenset(f"std_msgs/msg/{kind}MultiArray" for kind in _PLAIN)
 
 
 def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:
-    """Read the run in the bag at *path*; *columns* are given to its channels afterwards.
+    """Read the run in the bag at *path*; *columns* are applied to its channels afterwards.
 
     Raises
     ------
     BadFile
-        Unreadable, without a topic that is understood, or rosbags is not installed.
+        The bag is unreadable or contains no supported topic, or rosbags is not installed.
     """
     try:
         from rosbags.highlevel import AnyReader
@@ -117,7 +121,7 @@ def read_bag(path: Path, columns: Mapping[str, str]) -> list[Trial]:
         raise BadFile(f"{path} is a ROS bag that cannot be read ({why}): {INSTEAD}") from None
     if not found:
         shown = ", ".join(visible(f"{name} ({kind})") for name, kind in topics[:8]) or "none"
-        raise BadFile(f"{path} is a ROS bag without a supported topic; it has {shown}: {INSTEAD}")
+        raise BadFile(f"{path} is a ROS bag without a supported topic (its topics: {shown}): {INSTEAD}")
     channels: dict[str, Channel] = {}
     notes: list[Note] = []
     for name, (t, values) in found.items():

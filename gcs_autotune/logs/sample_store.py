@@ -1,10 +1,10 @@
-"""What any ArduPilot log holds between two boots, whatever its format: samples, parameters, modes, arming.
+"""Content of any ArduPilot log between two boots, whatever its format: samples, parameters, modes, arming.
 
-Readers fill a :class:`SampleStore` with *named sources* (``attitude.psi``, ``local.x``, ``ekf.z``, ``servo.1``); which
-source becomes which channel is decided afterwards, in :mod:`.channels`. Angles are in radians, the rest in SI,
-positions on the globe in degrees. Samples lie in flat arrays of doubles, a column that never changes in one number, so
-that an hour's log costs megabytes and not gigabytes. A :class:`Recording` is the stores of a whole log, with what was
-counted on the way and what to doubt.
+Readers fill a :class:`SampleStore` with *named sources* (``attitude.psi``, ``local.x``, ``ekf.z``, ``servo.1``).
+:mod:`.channels` later decides which source becomes which channel. Angles are in radians, the rest in SI, positions on
+the globe in degrees. Samples are stored in flat arrays of doubles, and a column that never changes as one number. So an
+hour's log needs megabytes and not gigabytes. A :class:`Recording` contains the stores of a whole log, with its counts
+and doubts.
 """
 
 from __future__ import annotations
@@ -34,27 +34,28 @@ LIMITS: Mapping[str, float] = {
     "lat": 90.0,
     "lon": 180.0,
 }
-"""Chosen: largest believable size of a source's values, by what comes after the dot (rad, rad/s, m/s, m, deg)."""
+"""Largest plausible magnitude of a source's values, by the part of its name after the dot (rad, rad/s, m/s, m, deg).
+Project choice."""
 LARGEST = 1e5
-"""Chosen: the same for every other source (pulses in us, stick fractions)."""
+"""Largest plausible magnitude for every other source (pulses in us, stick fractions). Project choice."""
 
 
 UNKNOWN = "unknown vehicle"
-"""What a vehicle is called that its log does not name."""
+"""Name of the vehicle if the log does not contain one."""
 
 
 class RecordedParameters:
-    """Parameters of a log; a ``ParameterSource``."""
+    """The parameters recorded in a log, as a ``ParameterSource``."""
 
     def __init__(self, values: Mapping[str, float]) -> None:
         self.values = dict(values)
 
     def read(self, name: str) -> float:
-        """Return one value."""
+        """Return the value of one parameter."""
         return self.read_all([name])[name]
 
     def read_all(self, names: Iterable[str]) -> dict[str, float]:
-        """Return all of them.
+        """Return the values of all *names*.
 
         Raises
         ------
@@ -75,7 +76,7 @@ class RecordedParameters:
 
 
 class _Column:
-    """Values of one source; one number and a count until they change for the first time."""
+    """Values of one source, stored as one number and a count until they change for the first time."""
 
     __slots__ = ("count", "first", "values")
 
@@ -109,7 +110,7 @@ class _Column:
 
 
 class _Group:
-    """Sources that share their stamps, because one message brings them; never without a sample."""
+    """Sources that share time stamps, because one message contains them. It always has at least one sample."""
 
     __slots__ = ("_read", "columns", "stamps")
 
@@ -119,7 +120,7 @@ class _Group:
         self._read = np.empty(0)
 
     def times(self) -> Array:
-        """Return the stamps; the same array for all columns, so that they cost memory only once."""
+        """Return the time stamps as one array for all columns, so that they need memory only once."""
         if len(self._read) != len(self.stamps):
             self._read = np.array(self.stamps, dtype=np.float64)
         return self._read
@@ -131,7 +132,7 @@ class SampleStore:
 
     Attributes
     ----------
-    name : of the file. vehicle : in words. firmware : its profile, None when unknown.
+    name : name of the file. vehicle : text for the vehicle. firmware : its profile, None when unknown.
     parameters : last recorded value of each. texts, modes, arming : messages and changes, with their times.
     clock : source of the timestamps. late : samples skipped because they arrived after later ones.
     absurd : samples skipped because they are not a number, or implausible (see :data:`LIMITS`).
@@ -154,7 +155,7 @@ class SampleStore:
     _limits: dict[tuple[str, ...], list[float]] = field(default_factory=dict)
 
     def take(self, t: float, values: Mapping[str, float]) -> None:
-        """Add samples stamped *t* [s]; one older than the last of its kind is counted and left out."""
+        """Add samples stamped *t* [s]. One that is older than the last of its kind is counted and discarded."""
         if not values:
             return
         names = tuple(values)
@@ -205,7 +206,7 @@ class SampleStore:
         return any(source in names for names in self._groups)
 
     def series(self, source: str) -> tuple[Array, Array]:
-        """Return stamps and values of a source, both empty when the log has none of it."""
+        """Return time stamps and values of a source; both are empty if the log does not contain it."""
         found = [
             (group.times(), group.columns[names.index(source)].read())
             for names, group in self._groups.items()
@@ -220,19 +221,19 @@ class SampleStore:
         return t[order], np.concatenate([f[1] for f in found])[order]
 
     def numbered(self, source: str) -> list[int]:
-        """Return the numbers *n* of all sources called ``source.n``, in order."""
+        """Return the numbers *n* of all sources named ``source.n``, in order."""
         prefix = source + "."
         every = {n for names in self._groups for n in names}
         return sorted(int(n.removeprefix(prefix)) for n in every if n.startswith(prefix))
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last stamp [s]; (0, 0) when there is nothing."""
+        """First and last stamp [s]; (0, 0) if there are none."""
         ends = [(g.stamps[0], g.stamps[-1]) for g in self._groups.values()]
         return (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 0.0)
 
     def silences(self, longest: float) -> list[tuple[float, float]]:
-        """Return the stretches [s] longer than *longest* in which no source at all has a sample."""
+        """Return the intervals [s] longer than *longest* in which no source has a sample."""
         groups = [g.times() for g in self._groups.values()]
         if not groups:
             return []
@@ -248,7 +249,7 @@ def _limits(names: Iterable[str]) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """One MAVLink message of a ground log: ``time`` [s since 1970], sender, fields by name."""
+    """One MAVLink message of a ground station's log: ``time`` [s since 1970], sender, fields by name."""
 
     time: float
     system: int
@@ -259,12 +260,12 @@ class Heard:
 
 @dataclass(slots=True)
 class Census:
-    """Kinds of messages: how many, and the first and last moment [s, of whatever clock] of each."""
+    """Kinds of messages: number, and the first and last time of each [s, by any clock]."""
 
     seen: dict[str, list[float]] = field(default_factory=dict)
 
     def count(self, kind: str, t: float, how_many: int = 1, until: float | None = None) -> None:
-        """Count *how_many* messages of a *kind* at *t* (or from *t* to *until*); a moment not known is not finite."""
+        """Count *how_many* messages of a *kind* at *t*, or from *t* to *until*. An unknown time is not finite."""
         row = self.seen.setdefault(kind, [0, math.inf, -math.inf])
         row[0] += how_many
         if math.isfinite(t):
@@ -272,7 +273,7 @@ class Census:
             row[2] = max(row[2], t if until is None else until)
 
     def rate(self, kind: str) -> float:
-        """Return messages per second between the first and the last one; 0 when there are fewer than two."""
+        """Return messages per second between the first and the last one; 0 if there are fewer than two."""
         count, first, last = self.seen.get(kind, [0, 0.0, 0.0])
         return (count - 1) / (last - first) if last > first else 0.0
 
@@ -283,10 +284,10 @@ class Recording:
 
     Attributes
     ----------
-    form : of the file, in words.
+    form : text for the type of file.
     stores : one per boot of the vehicle, in order of time.
-    meta : goes into the meta data of every run: ``source messages damaged damaged_bytes truncated system``...
-    notes : goes into what is doubted of every run.
+    meta : added to the metadata of every run: ``source messages damaged damaged_bytes truncated system``...
+    notes : added to the doubts of every run.
     """
 
     form: str
@@ -297,4 +298,4 @@ class Recording:
 
 
 LogReader: TypeAlias = Callable[[Path, int | None], Recording]
-"""Reads (path, system id of the vehicle meant); raises ``BadFile`` or ``UsageError``."""
+"""Function that reads (path, system id of the vehicle meant). It raises ``BadFile`` or ``UsageError``."""

@@ -25,15 +25,15 @@ Array = NDArray[np.float64]
 
 AXES = ("yaw", "surge", "sway", "heave")
 SMALL_INPUT = 0.05
-"""Smallest range of a useful input, normalised. Chosen."""
+"""Smallest range of a useful input (normalised). Project choice."""
 FEW_CHANGES = 4
-"""Fewest reversals of the input that separate inertia from drag. Chosen."""
+"""Fewest reversals of the input that separate inertia from drag. Project choice."""
 QUIET = 3.0
-"""Chosen: a response that scatters by less than so many times its noise is none."""
+"""Ratio of a response's scatter to its noise below which it counts as no response. Project choice."""
 SLOW = 0.5
-"""Chosen [s]: samples further apart miss what a small craft does."""
+"""Sampling interval [s] above which the motion of a small craft is missed. Project choice."""
 FEWEST = 20
-"""Fewest samples of any motion channel."""
+"""Fewest samples required of any motion channel."""
 GOOD = "possibly usable"
 
 
@@ -43,11 +43,11 @@ class DofExcitation:
 
     Attributes
     ----------
-    input_range : of full output (or in the input's unit), from the 2nd to the 98th percentile.
-    swings : times the input went from the upper to the lower third of that range or back.
+    input_range : range from the 2nd to the 98th percentile, as a fraction of full output or in the input's unit.
+    swings : number of times that the input went from the upper to the lower third of that range or back.
     response : name of the response channel. response_to_noise : its scatter divided by its short-time noise.
     input_interval, response_interval : median [s] between samples.
-    verdict : ``possibly usable``, ``weak`` or ``nothing``; why : in words.
+    verdict : ``possibly usable``, ``weak`` or ``nothing``. why : its reason.
     """
 
     dof: str
@@ -67,7 +67,7 @@ class DofExcitation:
 
 
 def excitation_of(run: Trial) -> list[DofExcitation]:
-    """Return a first look at each degree of freedom that *run* has an input and a response of."""
+    """Return a quick assessment of each degree of freedom for which *run* has an input and a response."""
     found = (_look(run, DOFS[name]) for name in AXES)
     return [e for e in found if e is not None]
 
@@ -95,10 +95,10 @@ def _look(run: Trial, dof: Dof) -> DofExcitation | None:
     ratio = _to_noise(effect, is_angle=effect.unit == "rad")
     step, beat = _interval(cause), _interval(effect)
     reasons = [
-        (high - low < SMALL_INPUT, "nothing", "the input hardly moves"),
+        (high - low < SMALL_INPUT, "nothing", "the input hardly changes"),
         (ratio < QUIET, "nothing", "the response is smaller than the sensor noise"),
         (swings < FEW_CHANGES, "weak", f"the input reverses only {swings} times"),
-        (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is slow for a small craft"),
+        (max(step, beat) > SLOW, "weak", f"a sample every {max(step, beat):.2g} s is too slow for a small craft"),
     ]
     verdict, why = next(((v, w) for holds, v, w in reasons if holds), (GOOD, ""))
     return DofExcitation(
@@ -131,17 +131,17 @@ def _interval(channel: Channel) -> float:
 
 
 SHORTEST = 5.0
-"""Chosen [s]: a shorter stretch is no manoeuvre."""
+"""Shortest segment [s] that counts as a manoeuvre. Project choice."""
 SILENCE = 3.0
-"""Longest silence inside a run [s]. Chosen."""
+"""Longest silence [s] inside a run. Project choice."""
 NO_INPUT = ("motion-only", "no-inputs")
-"""Slugs of notes about a missing input."""
+"""Short names of the notes about a missing input."""
 FORCES = ("X", "Y", "Z", "K", "M", "N")
 
 
 @dataclass(frozen=True, slots=True)
 class _LogSegment:
-    """From ``start`` to ``end`` [s] the craft was armed in ``mode``."""
+    """A segment from ``start`` to ``end`` [s] in which the craft was armed in ``mode``."""
 
     start: float
     end: float
@@ -150,7 +150,7 @@ class _LogSegment:
 
 @dataclass(frozen=True, slots=True)
 class SkippedPart:
-    """A stretch from which nothing can be identified, and why."""
+    """A segment from which nothing can be identified, and the reason."""
 
     run: Trial
     why: str
@@ -161,14 +161,14 @@ class SkippedPart:
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """What became of a log: the ``runs``, and the stretches left out."""
+    """Result of cutting a log: the ``runs`` and the segments left out."""
 
     runs: list[Trial]
     left_out: list[SkippedPart]
 
 
 def runs_of(log: Recording) -> list[Trial]:
-    """Return the runs in a log, numbered through in order of time, e.g. ``dive#3 MANUAL 120-185 s``.
+    """Return the runs in a log, numbered in order of time, e.g. ``dive#3 MANUAL 120-185 s``.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def _between(channel: Channel, start: float, end: float) -> Channel:
 
 
 def _looked_at(run: Trial) -> Trial:
-    """Return a run with its quick assessment, and a doubt if it contains little information."""
+    """Return a run with its quick assessment, and with a doubt if it contains little information."""
     looks = excitation_of(run)
     doubt = little_excitation(looks)
     notes = [*run.meta["notes"], *([doubt] if doubt else [])]
@@ -245,7 +245,7 @@ def _with_dropped(run: Trial, dropped: list[str]) -> Trial:
 
 
 def _stretches(store: SampleStore) -> list[_LogSegment]:
-    """Cut at every change of mode or arming and around silences; without any word of arming it counts as armed."""
+    """Cut at every change of mode or arming and around silences. Without any arming information it counts as armed."""
     start, end = store.span
     silent = store.silences(SILENCE)
     armed = store.arming or [(start, True)]
@@ -266,7 +266,7 @@ def _stretches(store: SampleStore) -> list[_LogSegment]:
 
 
 def _at(changes: list[tuple[float, Any]], t: float) -> Any:
-    """Return the last entry at or before *t*, None before the first."""
+    """Return the last entry at or before *t*; None before the first."""
     before = [value for moment, value in changes if moment <= t]
     return before[-1] if before else None
 
@@ -283,7 +283,7 @@ def _marks(store: SampleStore, stretch: _LogSegment) -> tuple[Mark, ...]:
 
 
 def _useless(run: Trial, stretch: _LogSegment, doubts: list[Note]) -> str:
-    """Return why nothing can be learnt from a run, empty when something may."""
+    """Return why nothing can be identified from a run; empty if something may be."""
     if stretch.end - stretch.start < SHORTEST:
         return f"shorter than {SHORTEST:g} s"
     forces = [run[n] for n in FORCES if n in run]
@@ -312,7 +312,7 @@ def _nothing(log: Recording, dropped: list[SkippedPart]) -> str:
     if not dropped:
         return (
             f"{name} contains {long:.0f} s of {stores[0].vehicle}, but it was never armed, so nothing can be "
-            "identified. Record a relay, a zig-zag or steps"
+            "identified. Arm the vehicle, and record a relay, a zig-zag or steps"
         )
     notes = {cause: cure for left in dropped for slug, cause, cure in left.run.meta["notes"] if slug in NO_INPUT}
     whys = {left.why for left in dropped if not left.why.startswith("shorter")}

@@ -1,6 +1,6 @@
 """The contents of a log as plain data: messages and rates, modes, parameters, damage, excitation of its runs.
 
-Its runs are written to disk as the CSV files and meta files that every command reads.
+This module also writes its runs to disk, as the CSV and metadata files that every command reads.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ __all__ = ["fresh_folder", "survey", "write_runs"]
 
 
 def survey(log: Recording, cut: Cut) -> dict[str, Any]:
-    """Return what ``logs list`` shows.
+    """Return the data that ``logs list`` shows.
 
-    ``boots`` has a row per boot with its ``duration`` [s], ``modes`` and ``armed`` as (time since its start [s],
-    what); ``messages`` is kind -> count and rate [1/s]; ``runs`` and ``left_out`` are what :func:`cut_runs` found.
+    ``boots`` has a row per boot with its ``duration`` [s], and with ``modes`` and ``armed`` as (time since its start
+    [s], new state). ``messages`` is kind -> count and rate [1/s]. ``runs`` and ``left_out`` are the results of
+    :func:`cut_runs`.
     """
     counted = sorted(log.census.seen.items(), key=lambda item: -item[1][0])
     return {
@@ -125,7 +126,7 @@ def fresh_folder(folder: Path) -> Path:
 def write_runs(folder: Path, label: str, runs: Sequence[Trial], log: Recording, told: Mapping[str, Any]) -> list[Path]:
     """Write *runs* (``LABEL-03-MANUAL.csv``, with marks and meta data as ``.json``) and return their paths.
 
-    Also writes the survey (*told*) as ``LABEL.log.json`` and, if the log contains any, the vehicle's parameters as
+    It also writes the survey (*told*) as ``LABEL.log.json`` and the vehicle's parameters, if the log contains any, as
     ``LABEL.param``.
 
     Raises

@@ -1,4 +1,5 @@
-"""Telemetry logs of ground stations (``.tlog``: Mission Planner, QGroundControl, MAVProxy, this tool) to stores."""
+"""Read telemetry logs of ground stations (``.tlog``: Mission Planner, QGroundControl, MAVProxy, this program) into
+stores."""
 
 from __future__ import annotations
 
@@ -13,18 +14,18 @@ __all__ = ["record_tlog"]
 
 
 def record_tlog(path: Path, system: int | None = None) -> Recording:
-    """Read the telemetry log at *path*, never more than a piece of it in memory.
+    """Read the telemetry log at *path*, with at most one piece of it in memory.
 
     Parameters
     ----------
-    system : the vehicle's system id, where the log heard several; the one heard most when None.
+    system : the vehicle's system id, if the log contains several; None: the one with most messages.
 
     Raises
     ------
     BadFile
-        Unreadable, or not a telemetry log.
+        The file is unreadable or not a telemetry log.
     UsageError
-        No vehicle of that *system* in it.
+        The log contains no vehicle of that *system*.
     """
     log = mavlink.read_tlog(path)
     told = decode_messages(path, _heard(log), system)
@@ -34,7 +35,7 @@ def record_tlog(path: Path, system: int | None = None) -> Recording:
             (
                 "damaged-log",
                 f"{log.damaged} segments of the log ({log.damaged_bytes} bytes) were damaged and skipped",
-                "record closer to the radio, or use the onboard log (.bin)",
+                "record within good radio range, or use the onboard log (.bin)",
             )
         )
     meta = {

@@ -1,4 +1,4 @@
-"""PX4's log (``.ulg``) to samples, read by pyulog (extra ``formats``).
+"""Convert PX4's log (``.ulg``) to samples, read by pyulog (extra ``formats``).
 
 PX4 uses the same heading, body axes and depth (north over east; ahead, starboard, down). Inputs are the normalised
 force and torque set-points of its controllers; the functions of outputs are not evaluated.
@@ -29,11 +29,11 @@ Columns: TypeAlias = Mapping[str, Any]
 MAGIC = b"ULog\x01\x12\x35"
 INSTEAD = "convert it with ulog2csv (pip install pyulog) and map the columns with --columns"
 ARMED = 2
-"""vehicle_status.arming_state when armed."""
+"""Value of vehicle_status.arming_state when armed."""
 
 
 def _picked(**columns: str) -> Callable[[Columns], dict[str, Array]]:
-    """Return sources (``__`` for a dot) of those columns that the topic has."""
+    """Return the sources (``__`` for a dot) for the columns that the topic has."""
 
     def read(c: Columns) -> dict[str, Array]:
         return {s.replace("__", "."): np.asarray(c[n], np.float64) for s, n in columns.items() if n in c}
@@ -63,16 +63,16 @@ SIGNALS: Mapping[str, Callable[[Columns], dict[str, Array]]] = {
     ),
     "rover_throttle_setpoint": _picked(setpoint__X="throttle_body_x"),
 }
-"""Topic -> sources in the store; ``actuator_controls_0`` until PX4 1.13."""
+"""Topic -> its sources in the store; ``actuator_controls_0`` was used until PX4 1.13."""
 
 
 def record_ulog(path: Path, system: int | None = None) -> Recording:
-    """Read the ULog at *path*; it is of one vehicle, so *system* is not looked at.
+    """Read the ULog at *path*. *system* is ignored, because the log is of one vehicle.
 
     Raises
     ------
     BadFile
-        Unreadable, no ULog, or pyulog is not installed.
+        The file is unreadable or not a ULog, or pyulog is not installed.
     """
     try:
         from pyulog import ULog
@@ -107,7 +107,7 @@ def record_ulog(path: Path, system: int | None = None) -> Recording:
 
 
 def _take(store: SampleStore, census: Census, topic: str, columns: Columns) -> None:
-    """Write one topic; one with unexpected columns is skipped."""
+    """Write one topic into the store. A topic with unexpected columns is skipped."""
     t = np.asarray(columns["timestamp"], dtype=np.float64) * 1e-6
     if not len(t):
         return

@@ -1,13 +1,13 @@
 """Manoeuvres that reveal a craft's dynamics, and the engine that flies them safely.
 
-A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is inert: a generator of commands that receives observations.
-Only :class:`Sequencer` flies, inside an :class:`Envelope`, and cleans up on every ending.
+A manoeuvre (:mod:`~gcs_autotune.manoeuvres.manoeuvre`) is only a generator of commands that receives observations.
+:class:`Sequencer` flies it inside an :class:`Envelope`, and cleans up on every ending.
 
-What to use when: ``sign-check`` first of all, to see that an actuator acts, and the right way; ``relay`` to identify
-one degree of freedom in a few oscillations; ``zig-zag``, ``turning-circle``, ``pull-out``, the spirals and
-``stopping`` for the figures of ships; ``steps`` to ``free-decay`` for any force; ``throttle-steps`` to identify a
-boat's surge; ``step`` to prove a closed loop; ``turn-about`` to bring a boat back between two of them;
-``dive`` to take an ROV off the surface. :data:`MANOEUVRES` is the table of them all.
+``sign-check`` comes first and verifies that an actuator acts in the right direction. ``relay`` identifies one degree of
+freedom in a few oscillations. ``zig-zag``, ``turning-circle``, ``pull-out``, the spirals and ``stopping`` give the
+standard figures of ships. ``steps`` to ``free-decay`` apply to any force. ``throttle-steps`` identifies a boat's surge.
+``step`` proves a closed loop. ``turn-about`` turns a boat around between two manoeuvres. ``dive`` takes an ROV away
+from the surface. The table :data:`MANOEUVRES` contains all of them.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from gcs_autotune.manoeuvres.fly_mission import FlyMission, ProofCourse
 from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.keep_distance import KeepDistance
+from gcs_autotune.manoeuvres.keep_position import KeepPosition
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
@@ -63,6 +64,7 @@ __all__ = [
     "FollowLine",
     "Guard",
     "KeepDistance",
+    "KeepPosition",
     "KeepSetPoint",
     "Manoeuvre",
     "ManoeuvreKind",

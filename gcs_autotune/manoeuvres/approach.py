@@ -1,7 +1,7 @@
-"""The approach of a manoeuvre: gain speed where needed, and measure the noise of the monitored signal.
+"""The approach before a manoeuvre: gain speed if needed, and measure the noise of the monitored signal.
 
-:class:`UnderWay` is what the standard ship manoeuvres (zig-zag, circle, spiral, stopping) have in common: the approach
-straight ahead, then helm orders, each held until the craft turns steadily.
+:class:`UnderWay` is the common part of the standard ship manoeuvres (zig-zag, circle, spiral, stopping). It consists of
+an approach straight ahead and helm orders, each held until the craft turns steadily.
 """
 
 from __future__ import annotations
@@ -21,25 +21,30 @@ from gcs_autotune.manoeuvres.manoeuvre import Manoeuvre
 __all__ = ["Approach", "Part", "Steadiness", "Steering", "UnderWay"]
 
 Part = Generator[Command, Observation, Observation]
-"""A part of a manoeuvre: commands out, observations in; it returns the observation that the next part begins with."""
+"""A generator for a part of a manoeuvre.
+
+It yields commands, receives observations, and returns the first observation of the next part.
+"""
 
 LEAST_TIME = 3.0
-"""Shortest approach [s]: enough samples at 10 Hz to determine the noise within about 15 %. Chosen."""
+"""Shortest approach [s]: enough samples at 10 Hz to determine the noise within about 15 %. Project choice."""
 LONGEST_TIME = 30.0
-"""Longest approach [s]; a boat that still accelerates then begins as it is. Chosen."""
+"""Longest approach [s]. A boat that still accelerates then starts the manoeuvre anyway. Project choice."""
 STEADY_WINDOW = 3.0
 STEADY_SHARE = 0.03
-"""Speed counts as steady when it changes less than this share (or 2 cm/s) over the window [s]."""
+"""Change of speed over the window [s] below which the speed counts as steady, as a fraction of the speed, or 2 cm/s if
+more."""
 STEADY_RATE = 0.02
-"""A turn counts as steady when its rate changes less than this share of the largest seen over the window."""
+"""Change of turn rate over the window below which a turn counts as steady, as a fraction of the largest rate seen."""
 COURSE_WINDOW = 1.0
-"""Chosen [s]: the heading of the approach is the mean over its end, one sample of a compass is too few."""
+"""Time [s] at the end of the approach over which the heading is averaged, because one compass sample is too noisy.
+Project choice."""
 LONGEST_HOLD = 60.0
-"""Longest hold of a helm whose turn does not become steady (waves, an unstable craft) [s]. Chosen."""
+"""Longest hold [s] of a helm whose turn does not become steady (waves, an unstable craft). Project choice."""
 
 
 class Steadiness:
-    """Whether a signal stands still: the means of both halves of the last ``window`` [s] are compared."""
+    """Detects whether a signal is steady, by comparing the means of both halves of the last ``window`` [s]."""
 
     def __init__(self, window: float = STEADY_WINDOW) -> None:
         self.window = window
@@ -47,7 +52,7 @@ class Steadiness:
         self._start = math.nan
 
     def update(self, t: float, x: float) -> None:
-        """Take one sample: time [s] and value."""
+        """Process one sample: time [s] and value."""
         if not self._seen:
             self._start = t
         self._seen.append((t, x))
@@ -56,7 +61,7 @@ class Steadiness:
 
     @property
     def halves(self) -> tuple[float, float] | None:
-        """The mean of the earlier and of the later half; None before the window is full or with a value unknown."""
+        """Means of the earlier and of the later half; None before the window is full or if a value is unknown."""
         values = [x for _, x in self._seen]
         if not values or self._seen[-1][0] - self._start < self.window or not all(math.isfinite(x) for x in values):
             return None
@@ -65,20 +70,20 @@ class Steadiness:
 
     @property
     def mean(self) -> float:
-        """The mean of what is known in the window, NaN when nothing is."""
+        """Mean of the known values in the window; NaN if there are none."""
         known = [x for _, x in self._seen if math.isfinite(x)]
         return float(np.mean(known)) if known else math.nan
 
     def is_within(self, band: float) -> bool:
-        """Whether the halves differ by less than *band*."""
+        """Return whether the halves differ by less than *band*."""
         halves = self.halves
         return halves is not None and abs(halves[1] - halves[0]) < band
 
 
 class Approach:
-    """Watches until speed is steady (if way is needed) and the noise is known.
+    """Waits until the speed is steady (if the actuator needs speed) and the noise is measured.
 
-    ``noise_std`` comes from second differences, which a steady turn or drift does not disturb.
+    ``noise_std`` is computed from second differences, which a steady turn or drift does not affect.
     """
 
     def __init__(self, signal: str, *, needs_way: bool) -> None:
@@ -92,16 +97,16 @@ class Approach:
         self._speeds = Steadiness()
 
     def skip(self, noise_std: float) -> None:
-        """Be done at once: the way is on, and the noise [rad or m] known."""
+        """End the approach at once, because the craft is at speed and the noise [rad or m] is known."""
         self.noise_std, self.done = noise_std, True
 
     def start(self, observation: Observation) -> None:
-        """Take the time of the first observation, and its speed."""
+        """Store the time and the speed of the first observation."""
         self.speed = observation.speed
         self._start = observation.t
 
     def update(self, t: float, x: float, speed: float) -> None:
-        """Take one sample: time [s], watched signal [rad or m], speed [m/s] (NaN when unknown)."""
+        """Process one sample: time [s], monitored signal [rad or m], speed [m/s] (NaN when unknown)."""
         self._x.append(x)
         self._speeds.update(t, speed)
         elapsed = t - self._start
@@ -123,15 +128,15 @@ class Approach:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """How a craft is steered through a standard manoeuvre.
+    """How a craft is steered during a standard manoeuvre.
 
     Attributes
     ----------
-    share : rudder, or yaw moment, as a fraction of full output.
-    side : 1 begins to starboard, -1 to port.
+    share : rudder or yaw moment, as a fraction of full output.
+    side : 1 to begin to starboard, -1 to port.
     throttle : constant thrust ahead.
-    full_rudder : rudder angle [rad] at full steering output; None when there is no rudder, or nobody knows.
-    keep_still : hold an ROV's depth meanwhile.
+    full_rudder : rudder angle [rad] at full steering output; None if there is no rudder or it is unknown.
+    keep_still : whether to hold an ROV's depth during the manoeuvre.
     """
 
     share: float
@@ -155,7 +160,7 @@ class Steering:
 class UnderWay(Manoeuvre):
     """A manoeuvre that begins with an approach straight ahead. Marks ``execute`` where the helm is put over.
 
-    ``signal`` is watched during the approach, for its noise.
+    The noise of ``signal`` is measured during the approach.
     """
 
     def __init__(self, steering: Steering, name: str = "", *, signal: str = "psi", force: str = "N") -> None:
@@ -169,7 +174,7 @@ class UnderWay(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Steering and what the approach found."""
+        """Settings of the steering, and the results of the approach."""
         s = self._steering
         return {
             "dof": "yaw",
@@ -183,9 +188,10 @@ class UnderWay(Manoeuvre):
         }
 
     def _approached(self, now: Observation) -> Part:
-        """Go straight ahead until the speed is steady, and for as long again, since it still increases slowly.
+        """Go straight ahead until the speed is steady, and then for as long again, since it still increases slowly.
 
-        A light hand keeps the heading of a craft that needs way. ``_course`` is afterwards the heading gone [rad].
+        A low-gain heading hold steers a craft that steers only under way. Afterwards ``_course`` is the mean heading
+        [rad].
         """
         self.phase, throttle, start, steady_at = "approach", self._steering.throttle, now.t, math.inf
         heading = Steadiness(COURSE_WINDOW)
@@ -202,14 +208,14 @@ class UnderWay(Manoeuvre):
             now = yield self._command(self._heading_hold.steer(now) if throttle else 0.0, now)
 
     def _execute(self, phase: str, share: float, now: Observation) -> None:
-        """Note that the helm goes to *share* (of full, to starboard) now."""
+        """Mark that the helm is put to *share* [fraction of full, positive to starboard] now."""
         self.phase = phase
         self._mark(now.t, "execute", {"N": share})
 
     def _held(self, share: float, now: Observation, least: float = 0.0) -> Part:
-        """Hold the helm at *share* until the turn is steady, and for as long again, at least *least* seconds.
+        """Hold the helm at *share* until the turn is steady, and then for as long again, at least *least* seconds.
 
-        ``_rates`` is afterwards its times since the order [s] and rates [rad/s].
+        Afterwards ``_rates`` contains the times since the order [s] and the rates [rad/s].
         """
         steadiness, start, steady_at = Steadiness(), now.t, math.inf
         self._rates = []

@@ -1,6 +1,7 @@
-"""Where a craft may go: polygons and circles it must stay in, or out of, as guard in flight and in the preview.
+"""The permitted area: polygons and circles that a craft must stay inside or outside of.
 
-Latitudes and longitudes are what people and vehicles give; :meth:`Area.around` makes them metres about the craft.
+It is used as a guard in flight and in the preview. Users and vehicles supply latitudes and longitudes;
+:meth:`Area.around` converts them to metres relative to the craft.
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ __all__ = ["Area", "Zone", "how_far", "read_area"]
 
 Point = tuple[float, float]
 MOST_CORNERS = 2000
-"""Chosen: an outline is looked at with every sample."""
+"""Most corners of an outline, because it is checked with every sample. Project choice."""
 _THINNEST = 1e-4
-"""Ratio of width to length below which corners count as collinear: 10 cm in a kilometre. Chosen."""
+"""Ratio of width to length below which corners count as collinear: 10 cm in a kilometre. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """One polygon (three corners or more) or circle (one corner, ``radius`` [m]) to stay in, or out of (``inside``).
+    """One polygon (at least three corners) or circle (one corner, ``radius`` [m]); ``inside``: stay inside, else
+    outside.
 
     ``corners`` are latitude and longitude [deg], or north and east [m].
     """
@@ -39,7 +41,7 @@ class Zone:
     inside: bool = True
 
     def beyond(self, x: float, y: float) -> float:
-        """Return how far (x, y) [m] is on the wrong side; negative on the right one."""
+        """Return how far (x, y) [m] is on the forbidden side; negative on the permitted one."""
         if len(self.corners) == 1:
             out = math.hypot(x - self.corners[0][0], y - self.corners[0][1]) - self.radius
         else:
@@ -49,13 +51,13 @@ class Zone:
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """All of ``zones`` at once; ``source`` in words, for messages."""
+    """All of ``zones`` together; ``source`` is their origin as text for messages."""
 
     zones: tuple[Zone, ...]
     source: str
 
     def beyond(self, x: float, y: float) -> float:
-        """Return how far (x, y) [m] is outside; 0 within."""
+        """Return how far (x, y) [m] is outside the area; 0 inside."""
         return max(0.0, *(zone.beyond(x, y) for zone in self.zones))
 
     def around(self, lat: float, lon: float, x: float, y: float) -> Area:
@@ -68,7 +70,7 @@ class Area:
         return replace(self, zones=tuple(replace(z, corners=tuple(map(local, z.corners))) for z in self.zones))
 
     def seen_from(self, x: float, y: float, psi: float) -> Area:
-        """Return an area in metres as a craft at (x, y) sees it that calls its place the origin and its bow north."""
+        """Return an area in metres relative to a craft at (x, y), with its position as origin and its bow as north."""
         c, s = math.cos(psi), math.sin(psi)
 
         def seen(point: Point) -> Point:
@@ -78,12 +80,12 @@ class Area:
         return replace(self, zones=tuple(replace(z, corners=tuple(map(seen, z.corners))) for z in self.zones))
 
     def and_(self, other: Area | None) -> Area:
-        """Return what both allow."""
+        """Return the area permitted by both."""
         return self if other is None else Area((*self.zones, *other.zones), f"{self.source} and {other.source}")
 
 
 def _holds(corners: Sequence[Point], x: float, y: float) -> bool:
-    """Whether a polygon holds a point: a ray to the north crosses its sides an odd number of times."""
+    """Return whether a polygon contains a point: a ray to the north crosses its sides an odd number of times."""
     odd = False
     for (x1, y1), (x2, y2) in zip(corners, (*corners[1:], corners[0]), strict=True):
         if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
@@ -92,7 +94,7 @@ def _holds(corners: Sequence[Point], x: float, y: float) -> bool:
 
 
 def _distance(corners: Sequence[Point], x: float, y: float) -> float:
-    """Return the distance to the nearest side."""
+    """Return the distance of a point to the nearest side of a polygon."""
     nearest = math.inf
     for (x1, y1), (x2, y2) in zip(corners, (*corners[1:], corners[0]), strict=True):
         along, across = x2 - x1, y2 - y1
@@ -103,7 +105,7 @@ def _distance(corners: Sequence[Point], x: float, y: float) -> float:
 
 
 def how_far(distance: float) -> str:
-    """Return a *distance* [m] in words for people: none, however short, reads as nothing."""
+    """Return a *distance* [m] as text. Even a very short distance is not shown as zero."""
     if distance < 1.0:
         return f"{max(100.0 * distance, 1.0):.0f} cm"
     if distance < 10.0:
@@ -112,14 +114,14 @@ def how_far(distance: float) -> str:
 
 
 def read_area(text: str) -> Area:
-    """Return the area of *text*: corners ``lat,lon lat,lon lat,lon ...`` in degrees, or a GeoJSON file.
+    """Parse the area in *text*: corners ``lat,lon lat,lon lat,lon ...`` in degrees, or the path of a GeoJSON file.
 
     The craft must stay inside the outer ring of the file's first polygon, and outside its holes.
 
     Raises
     ------
     UsageError
-        Fewer than three corners, or not latitude and longitude.
+        There are fewer than three corners, or they are not latitude and longitude.
     BadFile
         The file cannot be read, or has no polygon.
     """
@@ -133,8 +135,7 @@ def read_area(text: str) -> Area:
         except ValueError:
             raise UsageError(
                 f"--area: {shown(pair)} is not a corner. Write 'lat,lon lat,lon lat,lon' in degrees, or give a "
-                f".geojson "
-                "file"
+                ".geojson file"
             ) from None
         corners.append((lat, lon))
     return Area((_zone(corners, "--area"),), "--area")
@@ -154,10 +155,11 @@ def _zone(corners: Sequence[Point], where: str, *, inside: bool = True) -> Zone:
 
 
 def _check_outline(points: Sequence[Point], where: str) -> None:
-    """Refuse an outline that goes round the back of the world, holds no water, or crosses itself."""
+    """Reject an outline that spans more than half of the globe, has no area, or crosses itself."""
     if max(lon for _, lon in points) - min(lon for _, lon in points) > 180.0:
         raise UsageError(
-            f"{where}: the area crosses 180 degrees of longitude. Use an area on one side of it, or two flights"
+            f"{where}: the area crosses 180 degrees of longitude. Use an area on one side of this meridian, or two "
+            "flights"
         )
     middle = sum(lat for lat, _ in points) / len(points), points[0][1]
     metres = [flat(lat, lon, middle) for lat, lon in points]
@@ -200,7 +202,7 @@ def _turn(a: Point, b: Point, c: Point) -> float:
 
 
 def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
-    """Whether the segments ab and cd have a point in common."""
+    """Return whether the segments ab and cd have a point in common."""
     one, two, three, four = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
     if one * two < 0.0 and three * four < 0.0:
         return True
@@ -214,7 +216,10 @@ def _between(a: Point, b: Point, c: Point) -> bool:
 
 
 def _folds_back(one: tuple[Point, Point], two: tuple[Point, Point], *, first: bool) -> bool:
-    """Whether two neighbouring sides lie on each other: a spike. *first*: they meet where the outline begins."""
+    """Return whether two neighbouring sides lie on each other and form a spike.
+
+    *first*: they meet at the first corner.
+    """
     (a, b), (c, d) = (two, one) if first else (one, two)
     return _turn(a, b, d) == 0.0 and (b[0] - a[0]) * (d[0] - c[0]) + (b[1] - a[1]) * (d[1] - c[1]) < 0.0
 
@@ -223,7 +228,7 @@ def _of_file(path: Path) -> Area:
     told: _GeoJson = conformed(load_json(path, "GeoJSON"), _GeoJson, path)  # type: ignore[arg-type]
     rings = next(iter(_polygons(told)), None)
     if not rings:
-        raise BadFile(f"{path} has no polygon. Draw the area as a GeoJSON Polygon")
+        raise BadFile(f"{path} contains no polygon. Draw the area as a GeoJSON Polygon")
     try:
         zones = [_zone([(p[1], p[0]) for p in ring], str(path), inside=k == 0) for k, ring in enumerate(rings)]
     except UsageError as error:
@@ -276,7 +281,7 @@ class _FeatureCollection(Struct, tag_field="type", tag="FeatureCollection"):
 
 
 _GeoJson = _Geometry | _Feature | _FeatureCollection
-"""RFC 7946; what it calls foreign members is left alone."""
+"""A GeoJSON document by RFC 7946. Members that the standard calls foreign are ignored."""
 
 
 def _polygons(thing: _GeoJson) -> list[_Rings]:

@@ -1,4 +1,4 @@
-"""Between two runs: back to where the first began, is the water calm, does the craft lie still?"""
+"""Manoeuvres between two runs: return to the start, check for calm water, and come to rest."""
 
 from __future__ import annotations
 
@@ -17,18 +17,21 @@ from gcs_autotune.trial import Purpose
 __all__ = ["CalmCheck", "ComeBack", "ComeToRest"]
 
 GAIN, DAMPING, MOST = 0.6, 0.3, 0.5
-"""Chosen: steering per bearing error [1/rad] and per yaw rate [s/rad], and the most of it: damped while a boat's turn
-rate at full rudder [rad/s] times its turning lag [s] stays below 3 or so."""
+"""Steering per bearing error [1/rad], steering per yaw rate [s/rad], and the steering limit. Project choice.
+
+The loop is damped while a boat's turn rate at full rudder [rad/s] times its turning lag [s] stays below about 3.
+"""
 THERE = 5.0
-"""Chosen [m]: so near it is back."""
+"""Distance [m] from the start at which a boat counts as back. Project choice."""
 LEAST_WAY = 0.3
-"""Assumed speed of a boat for the time limit of its return [m/s]. Chosen."""
+"""Assumed speed of a boat [m/s] for the time limit of its return. Project choice."""
 SPARE = 60.0
-"""Additional seconds for turning around. Chosen."""
+"""Additional time [s] for turning around. Project choice."""
 
 
 class ComeBack(Manoeuvre):
-    """Steers a boat to where it began (``x``, ``y`` [m]) at ``throttle``, with a light hand and no loop of its own."""
+    """Steers a boat to its start (``x``, ``y`` [m]) at ``throttle`` with low gains, without the autopilot's own
+    loop."""
 
     kind, purpose = "come-back", "transit"
 
@@ -38,20 +41,20 @@ class ComeBack(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Where to and at what throttle."""
+        """Destination and throttle."""
         return {"x": self._x, "y": self._y, "throttle": self._throttle}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the rudder that turns the bow towards the place."""
+        """Yield the rudder that turns the bow towards the destination."""
         start, patience = now.t, SPARE
         while True:
             north, east = self._x - now.x, self._y - now.y
             away = math.hypot(north, east)
             patience = max(patience, SPARE + away / LEAST_WAY)
             if not math.isfinite(away):
-                self._end("stopped", "not moved: the vehicle reports no position")
+                self._end("stopped", "the return was not flown: the vehicle reports no position")
             elif away <= THERE:
-                self._end("completed", f"back, {away:.0f} m from the start")
+                self._end("completed", f"returned to {away:.0f} m from the start")
             elif now.t - start > patience:
                 self._end("stopped", f"still {away:.0f} m from the start after {patience:.0f} s")
             error = math.remainder(math.atan2(east, north) - now.psi, 2.0 * math.pi)
@@ -61,13 +64,13 @@ class ComeBack(Manoeuvre):
 
 
 CALM = math.radians(2.0)
-"""Chosen [rad]: rms of roll and of pitch up to which water counts as calm."""
+"""Rms of roll and pitch [rad] up to which water counts as calm. Project choice."""
 LOOK, WAIT = 5.0, 60.0
-"""Chosen [s]: how long it is looked at, and waited for."""
+"""Time [s] over which the motion is evaluated, and the longest wait for calm water [s]. Project choice."""
 
 
 class CalmCheck(Manoeuvre):
-    """Looks, thrust off, until roll and pitch have been calm for a while; gives up after a minute."""
+    """Waits without thrust until roll and pitch have been calm for a while; gives up after a minute."""
 
     kind = "calm-check"
     purpose: ClassVar[Purpose] = "check"
@@ -77,11 +80,11 @@ class CalmCheck(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """What counts as calm."""
+        """Criterion for calm water."""
         return {"calm": CALM}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield nothing to any actuator."""
+        """Yield commands that keep every actuator neutral."""
         start = now.t
         seen: deque[tuple[float, float, float]] = deque()
         while True:
@@ -101,18 +104,18 @@ class CalmCheck(Manoeuvre):
 
 
 STILL = math.radians(2.0), 0.05
-"""Chosen [rad/s, m/s]: a craft that turns and climbs no faster (rms) lies still, ..."""
+"""Rms turn rate [rad/s] and climb rate [m/s] up to which a craft counts as still. Project choice."""
 STILL_FOR, REST = 1.0, 20.0
-"""... for so long, and is waited for so long [s]."""
+"""Time [s] for which the craft must be still, and the longest wait for this [s]."""
 
 
 class ComeToRest(Manoeuvre):
-    """Holds heading and depth of an ROV by a light hand until it lies still, or for :data:`REST`.
+    """Holds heading and depth of an ROV with low gains until it is still, or for :data:`REST`.
 
-    Its own loop, which takes over next, fills its integral while it catches a craft that still turns from an
-    experiment, and keeps that for as long as it works off a constant force: half a minute where there is little drag.
+    The autopilot's loop takes over next. If the craft still turned from an experiment, the loop's integral would build
+    up while stopping it. With little drag it would take half a minute to decay.
 
-    ``signal`` and ``force`` are those of the step that is next: what people watch.
+    ``signal`` and ``force`` are those of the next step, for display.
     """
 
     kind, purpose = "come-to-rest", "transit"
@@ -123,11 +126,11 @@ class ComeToRest(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """What counts as still."""
+        """Criterion for a craft at rest."""
         return {"still": list(STILL)}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield what holds the craft."""
+        """Yield the commands that hold the craft."""
         start = now.t
         seen: deque[tuple[float, float, float]] = deque()
         while True:

@@ -1,4 +1,4 @@
-"""Taking an ROV down from the surface, where neither a depth relay nor a depth step can be flown."""
+"""Take an ROV down from the surface, where neither a depth relay nor a depth step can be flown."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 __all__ = ["Dive", "DiveSettings"]
 
 RAMP = 0.25
-"""Rate of the depth reference [m/s]. Chosen: gentle enough for an untuned loop."""
+"""Rate of the depth reference [m/s], slow enough for an untuned loop. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiveSettings:
-    """Go to ``depth`` [m] and be within ``band`` [m] of it for ``steady_time`` [s], in ``patience`` [s] at most.
+    """Settings of a dive to ``depth`` [m].
 
-    An untuned loop may oscillate about the depth, or hold another one. Then it is sufficient to stay deeper than
-    ``enough`` [m], and at most that much below ``depth``, for ``long`` [s].
+    The dive is complete once the depth is within ``band`` [m] for ``steady_time`` [s]. ``patience`` [s]: longest
+    duration. An untuned loop may oscillate about the depth or hold another one. Then it is sufficient to stay deeper
+    than ``enough`` [m], and at most that much below ``depth``, for ``long`` [s].
     """
 
     depth: float
@@ -33,7 +34,7 @@ class DiveSettings:
 
 
 class Dive(Manoeuvre):
-    """Leads the autopilot's depth loop down a ramp and waits until it is there."""
+    """Lowers the set-point of the autopilot's depth loop along a ramp and waits until the craft is there."""
 
     kind, purpose, in_manual = "dive", "transit", False
 
@@ -43,11 +44,11 @@ class Dive(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """The depth."""
+        """Settings of the dive: the depth."""
         return {"depth": self._settings.depth}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield a depth that goes down from the present one; look whether the craft has come down."""
+        """Yield a depth that increases from the present one, and check whether the craft has arrived."""
         s, start, top = self._settings, now.t, now.z
         there_since = deep_since = start
         while True:
@@ -60,7 +61,7 @@ class Dive(Manoeuvre):
             if now.t - there_since >= s.steady_time:
                 self._end("completed", f"{now.z:.1f} m deep")
             elif elapsed > s.patience and now.t - deep_since >= s.long:
-                self._end("completed", f"{now.z:.1f} m deep: deep enough, but not settled")
+                self._end("completed", f"{now.z:.1f} m deep: deep enough, but the depth has not settled")
             elif elapsed > s.patience:
                 self._end("aborted", self._why(now))
             now = yield DepthTarget(self.target)
@@ -73,4 +74,4 @@ class Dive(Manoeuvre):
         else:
             where += f", with {output:+.2f} of full thrust down" if math.isfinite(output) else ""
             cause = "Check buoyancy, oscillation of the depth loop, and the direction of the vertical thrusters."
-        return f"{where}. {cause} Or take the craft to that depth by hand and start there"
+        return f"{where}. {cause} Or take the craft to this depth by hand and start there"

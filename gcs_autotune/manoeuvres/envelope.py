@@ -1,4 +1,4 @@
-"""The safety envelope: limits that end a manoeuvre, checked at every tick, whatever the manoeuvre thinks."""
+"""The safety envelope: limits that end a manoeuvre. They are checked at every tick, independently of the manoeuvre."""
 
 from __future__ import annotations
 
@@ -14,28 +14,30 @@ from gcs_autotune.observer import Room
 __all__ = ["FAR_OUT", "GUARDS", "NEARLY", "Envelope", "Guard", "Watch", "far_out"]
 
 NEARLY = 0.9
-"""Fraction of the distance limit at which manoeuvres end early. Chosen."""
+"""Fraction of the distance limit at which manoeuvres end early. Project choice."""
 FAR_OUT = 0.4
-"""Fraction of the distance limit beyond which a boat turns around before a further manoeuvre. Chosen."""
+"""Fraction of the distance limit beyond which a boat turns around before a further manoeuvre. Project choice."""
 TO_COME_ABOUT = 12.0
-"""Chosen [s]: what a boat at its cruise goes on while it turns about; Charlie, out of an unsteady step, 8 to 11."""
+"""Time [s] of straight travel at cruise speed that corresponds to the distance of a turn.
+
+The boat Charlie needs 8 to 11 after an unsteady step. Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """How far a craft may go. SI units and radians; ``inf`` switches a limit off.
+    """Safety limits of a flight, in SI units and radians; ``inf`` switches a limit off.
 
-    ``heading_excursion`` and ``depth_excursion`` count from where the manoeuvre started, ``distance`` from where
-    the whole visit did; ``depth_min`` and
-    ``depth_max`` bound the depth itself; ``battery_voltage`` [V] and ``battery_remaining`` [0..1] are lower
-    limits; ``time`` bounds one manoeuvre. ``speed`` and ``distance`` None: 4 m/s and 300 m, or what going at
-    ``cruise`` [m/s] takes where that is more. ``area`` is where it may be, in the metres of ``x`` and ``y``.
-    Defaults are chosen for boats and ROVs of up to a few metres in a few boat lengths of free water.
+    ``heading_excursion`` and ``depth_excursion`` count from the start of the manoeuvre, ``distance`` from the start of
+    the run; ``depth_min`` and ``depth_max`` bound the depth itself; ``battery_voltage`` [V] and ``battery_remaining``
+    [0..1] are lower limits; ``time`` limits one manoeuvre. ``speed`` and ``distance`` None: 4 m/s and 300 m, or more if
+    ``cruise`` [m/s] requires it. ``area`` is the permitted area, in the metres of ``x`` and ``y``. Defaults are chosen
+    for boats and ROVs of up to a few metres in a few boat lengths of free water.
 
     Raises
     ------
     UsageError
-        A limit is negative or not a number: it would guard nothing.
+        A limit is negative or not a number, so it would have no effect.
     """
 
     heading_excursion: float = math.radians(120.0)
@@ -54,27 +56,30 @@ class Envelope:
     turn_rate: float = math.inf
 
     def __post_init__(self) -> None:
-        """See that every limit is one."""
+        """Check that every limit is a valid number."""
         for limit in fields(self):
             value = getattr(self, limit.name)
             if isinstance(value, (int, float)) and not value >= 0.0:
-                raise UsageError(f"safety limit {limit.name}: {value:g} is not a limit. Use a number of 0 or more")
+                raise UsageError(f"safety limit {limit.name}: {value:g} is not valid. Use a number of 0 or more")
 
     @property
     def speed_limit(self) -> float:
-        """Return the speed over ground [m/s] not to be exceeded; a boat sent to its cruise overshoots it a little."""
+        """Return the limit of the speed over ground [m/s].
+
+        It leaves a margin because a boat slightly overshoots its cruise speed.
+        """
         return max(4.0, 1.5 * self.cruise) if self.speed is None else self.speed
 
     @property
     def distance_limit(self) -> float:
-        """Return the distance from the start [m] not to be exceeded: 100 s of going straight ahead, at least 300 m."""
+        """Return the limit of the distance from the start [m]: 100 s of straight travel, at least 300 m."""
         return max(300.0, 100.0 * self.cruise) if self.distance is None else self.distance
 
 
 def far_out(envelope: Envelope, away: float, ahead: float, *, last: bool = False) -> bool:
-    """Return whether a boat *away* [m] from where it began must turn around before a stage of *ahead* [s].
+    """Return whether a boat *away* [m] from its start must turn around before a stage of *ahead* [s].
 
-    It must where it is far out, or may be too far out at the end of that stage; *last*: nothing comes after it.
+    It must if it is far out, or may be too far out at the end of that stage. *last*: no stage follows.
     """
     limit = envelope.distance_limit
     share = NEARLY if last else FAR_OUT
@@ -84,9 +89,10 @@ def far_out(envelope: Envelope, away: float, ahead: float, *, last: bool = False
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """One limit: ``share(envelope, anchor, now)`` is how much of it is used, above 1 when broken.
+    """One limit: ``share(envelope, anchor, now)`` is the fraction of it that is used, above 1 if it is exceeded.
 
-    ``measure`` returns (value, limit) in SI units, or None when the signal is not there; ``option`` sets the limit.
+    ``measure`` returns (value, limit) in SI units, or None if the signal does not exist. ``option`` is the option that
+    sets the limit.
     """
 
     name: str
@@ -111,7 +117,7 @@ class Guard:
         return value / limit if limit > 0.0 else 0.0
 
     def is_known(self, envelope: Envelope, anchor: Observation, now: Observation) -> bool:
-        """Whether the signal that is guarded is there."""
+        """Return whether the guarded signal exists."""
         pair = self.measure(envelope, anchor, now)
         return pair is not None and math.isfinite(pair[0])
 
@@ -155,14 +161,14 @@ GUARDS: tuple[Guard, ...] = (
     ),
     Guard("time", "s", "max-time", lambda e, a, o: (o.t - a.t, e.time)),
 )
-"""Every limit there is; adding one is one line here and one field in :class:`Envelope`."""
+"""All limits. To add one, add a line here and a field in :class:`Envelope`."""
 
 
 class Watch:
-    """The envelope around one manoeuvre, anchored where it started; positions count from *home* when given.
+    """The envelope of one manoeuvre, relative to its start. Positions count from *home* if it is supplied.
 
-    A signal the craft does not have (a battery monitor, a position indoors) is not guarded; one that it had and that
-    is no number any more trips its guard, and one that comes later is guarded from then on.
+    A signal that the craft does not have (a battery monitor, a position indoors) is not guarded. A signal that becomes
+    invalid trips its guard. A signal that appears later is guarded from then on.
     """
 
     def __init__(self, envelope: Envelope, anchor: Observation, home: Observation | None = None) -> None:
@@ -173,7 +179,7 @@ class Watch:
 
     @property
     def room(self) -> Room:
-        """The limits in space, for the observer."""
+        """The limits of the space, for the observer."""
         e, a = self.envelope, self.anchor
         zones = () if e.area is None else tuple((z.corners, z.radius, z.inside) for z in e.area.zones)
         bounds = {
@@ -183,11 +189,11 @@ class Watch:
         return Room(a.x, a.y, e.distance_limit, zones, bounds)
 
     def away(self, now: Observation) -> float:
-        """Return the distance [m] from the start of the visit; NaN if unknown."""
+        """Return the distance [m] from the start of the run; NaN if unknown."""
         return _distance(self.anchor, now)
 
     def room_ends(self, now: Observation) -> str:
-        """Return the space limit the craft is too close to, in words; empty if none."""
+        """Return a sentence on the space limit that the craft is too close to; empty if none."""
         envelope, limit, away = self.envelope, self.envelope.distance_limit, self.away(now)
         to_come_about = TO_COME_ABOUT * envelope.cruise
         least = min(to_come_about, 0.5 * limit)  # a small room is not over at its start
@@ -201,7 +207,7 @@ class Watch:
         return f"{to_come_about:.0f} m before the edge of {envelope.area.source}"
 
     def check(self, now: Observation) -> tuple[str, float]:
-        """Return the guard nearest to tripping and its used share (0..1).
+        """Return the guard nearest to tripping and the fraction of it that is used (0..1).
 
         Raises
         ------
@@ -223,7 +229,7 @@ class Watch:
         return nearest, most
 
     def _anchor_late(self, now: Observation) -> None:
-        """Anchor at the first position or depth, if there was none at the start."""
+        """Use the first position or depth as reference if there was none at the start."""
         if not math.isfinite(self.anchor.x + self.anchor.y) and math.isfinite(now.x + now.y):
             self.anchor = replace(self.anchor, x=now.x, y=now.y)
         if not math.isfinite(self.anchor.z) and math.isfinite(now.z):
@@ -235,15 +241,15 @@ class Watch:
         shown = _shown(guard, value), _shown(guard, limit)
         if not math.isfinite(value):
             raise GuardTripped(
-                f"safety limit '{guard.name}' can no longer be monitored: the vehicle stopped reporting it (limit "
-                f"{shown[1]}). The actuators were brought to neutral. Check that sensor",
+                f"safety limit '{guard.name}' can no longer be monitored: the vehicle stopped reporting this value "
+                f"(limit {shown[1]}). The actuators were set to neutral. Check the sensor",
                 guard=guard.name,
                 value=value,
                 limit=limit,
             )
         if guard.name == OUTSIDE and self.envelope.area is not None:
             raise GuardTripped(
-                f"the craft is {how_far(value)} outside {self.envelope.area.source}. The actuators were brought to "
+                f"the craft is {how_far(value)} outside {self.envelope.area.source}. The actuators were set to "
                 "neutral. Take the craft to more open water, or use a larger area",
                 guard=guard.name,
                 value=value,
@@ -255,7 +261,7 @@ class Watch:
             else "Fly a smaller, slower or shorter manoeuvre, or, if there is space, set"
         )
         raise GuardTripped(
-            f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were brought to neutral",
+            f"safety limit '{guard.name}' tripped: {shown[0]}, limit {shown[1]}. The actuators were set to neutral",
             guard=guard.name,
             value=value,
             limit=limit,

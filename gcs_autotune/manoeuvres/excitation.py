@@ -1,7 +1,7 @@
-"""Excitation signals: normalised output as a function of time, which runs from 0 to 1 over a programme.
+"""Excitation signals: normalised output as a function of normalised time, from 0 to 1 over a programme.
 
-Levels, a sine, a ramp, staircases, chirps, multisines, pseudo-random binary sequences (Ljung1999, section 13.3), the
-push before a free decay. An option that cannot be met raises :class:`UsageError`.
+They are levels, a sine, a ramp, staircases, chirps, multisines, pseudo-random binary sequences (Ljung1999, section
+13.3) and the push before a free decay. An option that cannot be satisfied raises :class:`UsageError`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from gcs_autotune.errors import UsageError
 __all__ = ["Signal", "chirp", "decay", "full", "growing", "levels", "multisine", "prbs", "sine", "staircase"]
 
 Signal = Callable[[float], float]
-"""Normalised time, 0 to 1 -> fraction of the requested amplitude."""
+"""Function from normalised time, 0 to 1, to the fraction of the requested amplitude."""
 
 
 def levels(*values: float) -> Signal:
@@ -25,22 +25,22 @@ def levels(*values: float) -> Signal:
 
 
 def sine(periods: float) -> Signal:
-    """Return a sine of so many periods."""
+    """Return a sine with this many periods."""
     return lambda x: math.sin(2.0 * math.pi * periods * x)
 
 
 def full(x: float) -> float:
-    """Return full, whatever *x*."""
+    """Return full output for any *x*."""
     return 1.0
 
 
 def growing(x: float) -> float:
-    """Return a ramp up to full, which is held for the last tenth."""
+    """Return a ramp up to full output, which is held for the last tenth."""
     return min(x / 0.9, 1.0)
 
 
 def staircase(steps: int, both: bool) -> Signal:
-    """Return levels that rise to full in equal steps and come down again; *both*: to either side."""
+    """Return levels that rise to full output in equal steps and come down again. *both*: to either side."""
     up = [k / steps for k in range(steps + 1)]
     there = [*up, *reversed(up[:-1])]
     return levels(*there, *([-x for x in there[1:]] if both else []))
@@ -52,7 +52,8 @@ def chirp(options: Mapping[str, float]) -> Signal:
     fade_in, fade_out = options["fade-in"], options["fade-out"]
     if fade_in + fade_out > seconds:
         raise UsageError(
-            f"--fade-in {fade_in:g} s and --fade-out {fade_out:g} s exceed the {seconds:g} s of --duration"
+            f"--fade-in {fade_in:g} s and --fade-out {fade_out:g} s together exceed --duration {seconds:g} s. Reduce "
+            "them"
         )
     rate = math.log(last / first) / seconds
 
@@ -66,13 +67,14 @@ def chirp(options: Mapping[str, float]) -> Signal:
 
 
 LINES = 20
-"""Chosen: the most frequencies of a multisine; more share the same power."""
+"""Largest number of frequencies of a multisine, because more frequencies share the same power. Project choice."""
 
 
 def multisine(options: Mapping[str, float]) -> Signal:
-    """Return sines of one size at whole multiples of one per duration, with Schroeder's phases, scaled to a peak of 1.
+    """Return a multisine of equal amplitudes, with frequencies at whole multiples of one per duration and a peak of
+    1.
 
-    Its peaks are low for its power (Schroeder1970).
+    Schroeder's phases keep its peak low for its power (Schroeder1970).
     """
     seconds = options["duration"]
     low, high = sorted((options["f-start"], options["f-stop"]))
@@ -94,11 +96,11 @@ def multisine(options: Mapping[str, float]) -> Signal:
 
 
 TAPS: Mapping[int, int] = {3: 2, 4: 3, 5: 3, 6: 5, 7: 6, 9: 5, 10: 7, 11: 9}
-"""Length of a shift register -> the other stage that it feeds back from for the longest sequence (Ljung1999, 13.3)."""
+"""Length of a shift register -> the second feedback stage that gives the longest sequence (Ljung1999, 13.3)."""
 
 
 def prbs(options: Mapping[str, float]) -> Signal:
-    """Return the two-level sequence of longest period of a shift register, held for ``shortest`` [s] at least."""
+    """Return a two-level pseudo-random sequence of maximum length, each level held for at least ``shortest`` [s]."""
     bits = max(math.ceil(options["duration"] / options["shortest"]), 1)
     length = next((n for n in TAPS if 2**n - 1 >= bits), max(TAPS))
     register, bits_out = [1] * length, []
@@ -109,10 +111,11 @@ def prbs(options: Mapping[str, float]) -> Signal:
 
 
 def decay(options: Mapping[str, float]) -> Signal:
-    """Return a push followed by zero output."""
+    """Return full output at the start, followed by zero output, for a decay."""
     share = options["push"] / options["duration"]
     if share >= 1.0:
         raise UsageError(
-            f"--push {options['push']:g} s is not shorter than the {options['duration']:g} s of --duration"
+            f"--push {options['push']:g} s is not shorter than --duration {options['duration']:g} s. Use a shorter "
+            "--push"
         )
     return lambda x: 1.0 if x < share else 0.0

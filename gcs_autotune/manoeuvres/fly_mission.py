@@ -17,9 +17,9 @@ __all__ = ["CORNERS", "FlyMission", "ProofCourse"]
 CORNERS = (math.radians(90.0), math.radians(150.0), math.radians(180.0))
 """Turns of the course between its legs [rad]: the required corners and the U-turn."""
 RUN_IN = 0.7
-"""Length of the run-in to the first leg, as a fraction of a leg. Chosen: the boat is on the line at its end."""
+"""Length of the run-in to the first leg, as a fraction of a leg. Project choice: the boat is on the line at its end."""
 CLEAR = 5.0
-"""Distance from the boat to the beginning of the run-in [m]. Chosen: ahead of it, so that it does not turn around."""
+"""Distance from the boat to the run-in [m]. Project choice: ahead of it, so that it does not turn around."""
 
 
 @dataclass(frozen=True, slots=True)

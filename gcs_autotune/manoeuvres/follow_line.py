@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
-from gcs_autotune.control import DirectLine, FeedbackController, Line, LineGuidance, LineOfHeading, LineState
 from gcs_autotune.craft import Actuate, Command, HeadingTarget, Observation
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+
+if TYPE_CHECKING:
+    from gcs_autotune.control import DirectLine, FeedbackController, Line, LineGuidance, LineOfHeading, LineState
 
 __all__ = ["FollowLine", "state_on"]
 
@@ -38,20 +40,22 @@ class FollowLine(Manoeuvre):
         super().__init__(name)
         self._law, self._offset, self._length = law, offset, length
         self._speed, self._throttle = speed, throttle
-        self._line = Line(math.nan, math.nan, math.nan)
+        self._line: Line | None = None
         self._guidance: LineGuidance | None = None
         self._steering: FeedbackController | None = None
 
     @property
     def in_manual(self) -> bool:  # type: ignore[override]
         """Whether it commands the rudder."""
+        from gcs_autotune.control import DirectLine  # a second to import, which the table need not take
+
         return isinstance(self._law, DirectLine)
 
     @property
     def asked(self) -> Mapping[str, Any]:
         """The law, offset, length and speed, and the line once it is known."""
         line = self._line
-        place = {} if math.isnan(line.x) else {"line_x": line.x, "line_y": line.y, "line_gamma": line.gamma}
+        place = {} if line is None else {"line_x": line.x, "line_y": line.y, "line_gamma": line.gamma}
         return {
             "law": type(self._law).__name__,
             "offset": self._offset,
@@ -62,10 +66,10 @@ class FollowLine(Manoeuvre):
 
     def commands(self, now: Observation) -> Commands:
         """Yield the command for every observation until the end of the line."""
-        self._begin(now)
+        line = self._line = self._begin(now)
         start, patience = now.t, PATIENCE * (abs(self._offset) + self._length) / max(self._speed, LEAST_SPEED)
         while True:
-            state = state_on(self._line, now)
+            state = state_on(line, now)
             if not math.isfinite(state.d):
                 self._end("aborted", "the vehicle reports no position. Check its GPS")
             elif state.along >= self._length:
@@ -74,23 +78,26 @@ class FollowLine(Manoeuvre):
                 self._end("stopped", f"{state.along:.0f} m of {self._length:.0f} m after {patience:.0f} s")
             now = yield self._command(state, now)
 
-    def _begin(self, now: Observation) -> None:
+    def _begin(self, now: Observation) -> Line:
+        """Return the line, with the law ready to follow it."""
+        from gcs_autotune.control import DirectLine, Line, LineGuidance
+
         gamma = now.psi
-        self._line = Line(now.x - self._offset * math.sin(gamma), now.y + self._offset * math.cos(gamma), gamma)
-        self._mark(now.t, "line", {"x": self._line.x, "y": self._line.y, "gamma": gamma})
+        line = Line(now.x - self._offset * math.sin(gamma), now.y + self._offset * math.cos(gamma), gamma)
+        self._mark(now.t, "line", {"x": line.x, "y": line.y, "gamma": gamma})
         if isinstance(self._law, DirectLine):
             self._steering = self._law.rate.started()
         else:
-            self._guidance = LineGuidance(self._law, self._line)
+            self._guidance = LineGuidance(self._law, line)
+        return line
 
     def _command(self, state: LineState, now: Observation) -> Command:
-        if isinstance(self._law, DirectLine):
-            assert self._steering is not None
-            rate = self._law.turn_rate(state)
-            return Actuate(X=self._throttle, N=self._steering.update(rate, now.r, now.r, now.t))
-        assert self._guidance is not None
-        self.target = self._guidance.update(state, now.t)
-        return HeadingTarget(self.target, self._speed)
+        if self._guidance is not None:
+            self.target = self._guidance.update(state, now.t)
+            return HeadingTarget(self.target, self._speed)
+        direct = cast("DirectLine", self._law)
+        assert self._steering is not None
+        return Actuate(X=self._throttle, N=self._steering.update(direct.turn_rate(state), now.r, now.r, now.t))
 
 
 PATIENCE = 3.0

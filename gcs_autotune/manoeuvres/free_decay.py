@@ -1,6 +1,6 @@
 """Free decay after a push by hand: the operator tilts and releases the craft, and its oscillation decays.
 
-For roll and pitch, which no output drives here (ITTC 7.5-02-07-04.5).
+It is used for roll and pitch, which no actuator drives (ITTC 7.5-02-07-04.5).
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 __all__ = ["KIND", "FreeDecay"]
 
 REST = 3.0
-"""Chosen [s]: the angle at rest is the mean over so long."""
+"""Time [s] over which the angle at rest is averaged. Project choice."""
 PUSHED = math.radians(5.0)
-"""Chosen [rad]: further from rest than waves and handling make it."""
+"""Tilt [rad] that counts as a push. It is larger than that due to waves and handling. Project choice."""
 PATIENCE = 120.0
-"""Longest wait for the push [s]. Chosen."""
+"""Longest time to wait for the push [s]. Project choice."""
 DECAYED, QUIET = 0.1, 3.0
-"""Fraction of the largest angle that counts as zero, and how long it must last [s]. Chosen."""
+"""Fraction of the largest angle that counts as zero, and how long it must last [s]. Project choice."""
 
 
 class FreeDecay(Manoeuvre):
-    """Waits at rest, with every output neutral, for a push on ``force`` (``K`` or ``M``), then records its decay.
+    """Waits with every output neutral for a push on ``force`` (``K`` or ``M``), then records the decay.
 
-    It lasts ``duration`` [s] after the push at most. Marks ``push`` where the angle leaves its rest.
+    It ends at most ``duration`` [s] after the push. It marks ``push`` when the angle leaves its rest value.
     """
 
     kind, purpose, by_hand = "hand-release", "check", True
@@ -40,7 +40,7 @@ class FreeDecay(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Force, its degree of freedom and the angle at rest."""
+        """Settings and result: force, its degree of freedom and the angle at rest."""
         return {"dof": {"K": "roll", "M": "pitch"}[self.force], "force": self.force, "signal": self.signal,
                 "rest": self._rest, "duration": self._duration}  # fmt: skip
 
@@ -55,7 +55,11 @@ class FreeDecay(Manoeuvre):
         self.phase, start = "push the craft down and release it", now.t
         while not abs(now.value(self.signal) - self._rest) > PUSHED:
             if not now.t - start <= PATIENCE:
-                self._end("aborted", f"no push within {PATIENCE:.0f} s: {self.signal} stayed at rest")
+                self._end(
+                    "aborted",
+                    f"no push within {PATIENCE:.0f} s: {self.signal} stayed at rest. Push the craft down and release "
+                    "it",
+                )
                 yield Actuate()
                 return
             now = yield Actuate()
@@ -71,9 +75,11 @@ class FreeDecay(Manoeuvre):
 
 
 def _of(force: str) -> ManoeuvreKind:
-    """Return the row for roll (``K``) or pitch (``M``)."""
+    """Return the table row for roll (``K``) or pitch (``M``)."""
     if force not in ("K", "M"):
-        raise UsageError(f"hand-release works for roll (--force K) or pitch (--force M). For {force} fly free-decay")
+        raise UsageError(
+            f"hand-release works for roll (--force K) or pitch (--force M). For --force {force} fly free-decay"
+        )
     return ManoeuvreKind(
         name="hand-release",
         help="decay of roll (--force K) or pitch (--force M) after a push by hand, with neutral outputs",

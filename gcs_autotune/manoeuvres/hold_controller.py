@@ -1,5 +1,7 @@
-"""Controllers for the other axes in manual mode: an ROV's depth during a heading relay (or the reverse), a boat's
-heading during throttle steps.
+"""Controllers that hold the other axes in manual mode.
+
+They hold an ROV's depth during a heading relay, its heading during a depth relay, and a boat's heading during throttle
+steps.
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ __all__ = ["HELD_BEFORE", "HELD_DURING", "HeadingHold", "HoldController", "HoldG
 
 @dataclass(frozen=True, slots=True)
 class HoldGains:
-    """Gentle PID on one signal: which, its rate, the force it drives, gains in fractions of full output.
+    """Gains of a slow PID: the signal, its rate, the force it drives, and gains in fractions of full output.
 
-    Chosen as a pilot's light hand, not a control loop: slow and well damped on craft that full output accelerates
-    at 0.3 to 5 m/s^2 or rad/s^2. ``most`` is the largest output it uses.
+    The gains are low. The loop is slow and well damped on craft that full output accelerates at 0.3 to 5 m/s^2 or
+    rad/s^2. ``most`` is its largest output. Project choice.
     """
 
     signal: str
@@ -40,14 +42,16 @@ HELD_DURING: Mapping[str, tuple[HoldGains, ...]] = {
     "y": (_HEADING, _DEPTH),
     "d": (_HEADING, _DEPTH),
 }
-"""Signal of the relay -> signals held during it."""
+"""Signal of the relay -> signals that are held during it."""
 HELD_BEFORE: Mapping[str, HoldGains] = {"z": _DEPTH}
-"""Signal of the relay -> how it is held before. With neutral outputs a buoyant craft would rise to the
-surface, where it can move in one direction only."""
+"""Signal of the relay -> how it is held before the relay.
+
+With neutral outputs a buoyant craft would rise to the surface, where it can move in one direction only.
+"""
 
 
 class HoldController:
-    """Holds the value found at the first observation; idle while the signal is unknown."""
+    """Holds a signal at its value in the first observation. It is idle while the signal is unknown."""
 
     def __init__(self, gains: HoldGains) -> None:
         self._gains = gains
@@ -57,16 +61,16 @@ class HoldController:
 
     @property
     def force(self) -> str:
-        """The force it drives."""
+        """The force that it drives."""
         return self._gains.force
 
     @property
     def signal(self) -> str:
-        """The signal it holds."""
+        """The signal that it holds."""
         return self._gains.signal
 
     def demand(self, observation: Observation) -> float:
-        """Return the output to apply now, fraction of full."""
+        """Return the output to apply now [fraction of full]."""
         g = self._gains
         x, rate = observation.value(g.signal), observation.value(g.rate)
         if not math.isfinite(x):
@@ -82,27 +86,30 @@ class HoldController:
 
 
 def hold(command: Actuate, controllers: Iterable[HoldController], observation: Observation) -> Actuate:
-    """Return *command* with the forces of *controllers* set to what they demand."""
+    """Return *command* with the forces of *controllers* set to their outputs."""
     return replace(command, **{c.force: c.demand(observation) for c in controllers})
 
 
 # --- a boat's rudder ----------------------------------------------------------------------------------------
 
 RUDDER_GAIN = 0.2
-"""Chosen: steering per heading error [1/rad] at 1 m/s; above that it is divided by the speed, as rudders bite with it.
-Proportional alone: with a turning lag T and a turn rate K at full rudder it is damped while ``RUDDER_GAIN K T`` < 1/2
-or so, which leaves room for boats of K = 0.6 rad/s and T = 4 s."""
+"""Steering per heading error [1/rad] at 1 m/s. Project choice.
+
+Above 1 m/s it is divided by the speed, because a rudder's effect grows with it. The controller is only proportional.
+With a turning lag T and a turn rate K at full rudder it is damped while ``RUDDER_GAIN K T`` is below about 1/2. This is
+sufficient for boats of K = 0.6 rad/s and T = 4 s.
+"""
 MOST_RUDDER = 0.4
 CALMING = 0.5
-"""Factor on the gain after every oscillation that is not clearly smaller than the previous one. Chosen."""
+"""Factor on the gain after every oscillation that is not clearly smaller than the previous one. Project choice."""
 LEAST_SHARE = 0.1
-"""Lower limit of the gain relative to :data:`RUDDER_GAIN`. Chosen."""
+"""Lower limit of the gain relative to :data:`RUDDER_GAIN`. Project choice."""
 NOTED = math.radians(5.0)
-"""Oscillations below this are acceptable. Chosen."""
+"""Heading oscillation [rad] up to which the gain is kept. Project choice."""
 
 
 class HeadingHold:
-    """Hold a boat on the heading of the first observation, with lower gain whenever it oscillates.
+    """Holds a boat on the heading of the first observation, and reduces its gain whenever the boat oscillates.
 
     The boat's own heading loop is not available in MANUAL, and its gains may be wrong.
     """
@@ -114,11 +121,11 @@ class HeadingHold:
         self._peak = self._last_peak = 0.0
 
     def start(self, observation: Observation) -> None:
-        """Take the present heading as the course."""
+        """Use the present heading as the course."""
         self._reference = observation.psi
 
     def steer(self, observation: Observation) -> float:
-        """Return the steering to apply now, fraction of full, to starboard."""
+        """Return the steering to apply now [fraction of full, positive to starboard]."""
         error = self._reference - observation.psi
         if not math.isfinite(error):
             return 0.0

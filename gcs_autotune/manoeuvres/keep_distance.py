@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from gcs_autotune.control import DistanceLaw, WallReading
 from gcs_autotune.craft import Actuate, Observation
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
+
+if TYPE_CHECKING:
+    from gcs_autotune.control import DistanceLaw, WallReading
 
 __all__ = ["KeepDistance"]
 
@@ -92,6 +94,8 @@ class KeepDistance(Manoeuvre):
 
     def _reading(self, now: Observation) -> WallReading:
         """Return what is new: a distance that repeats the last one is no second measurement."""
+        from gcs_autotune.control import WallReading  # a second to import, which the table need not take
+
         pair = (now.d, now.d_starboard)
         if not (math.isfinite(pair[0]) and math.isfinite(pair[1])) or pair == self._seen:
             return WallReading(now.psi)

@@ -1,4 +1,4 @@
-"""A row of the table of manoeuvres: what each is called, excites, needs, and how one is made."""
+"""One row of the table of manoeuvres: its name, what it excites and needs, and how it is created."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ __all__ = ["ManoeuvreKind", "Preset"]
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A candidate manoeuvre of `identify --plan-next`: ``make(seconds)`` returns one of that duration.
+    """A candidate manoeuvre for `identify --plan-next`; ``make(seconds)`` returns one of that duration.
 
-    ``forces``: letters it drives, separated by spaces; ``closed``: whether its commands depend on the motion.
+    ``forces``: letters of the forces that it drives, separated by spaces. ``closed``: whether its commands depend on
+    the motion.
     """
 
     title: str
@@ -26,13 +27,13 @@ class Preset:
 
     @property
     def name(self) -> str:
-        """The title without spaces and signs."""
+        """The title without spaces and punctuation."""
         plain = self.title.replace("%", "").replace("/", "-").replace(",", "").replace("  ", " ")
         return plain.replace(" ", "-").rstrip("-")
 
     @property
     def drives(self) -> frozenset[str]:
-        """The forces, one by one."""
+        """The forces as separate letters."""
         return frozenset(self.forces.split())
 
 
@@ -44,19 +45,21 @@ class ManoeuvreKind:
     ----------
     name, help : its name in records, and its description.
     excites : degrees of freedom it excites. drives : forces it commands.
-    make : a manoeuvre from options (SI and radians) by name: those of ``options``, and ``throttle``, ``duration``,
+    make : function that creates it from options (SI and radians) by name: those of ``options``, and ``throttle``,
+        ``duration``,
         ``side`` (1 starboard, -1 port) and ``keep-still`` (1: hold an ROV's other axes); None if only ``command``
         flies it.
     options : names in :data:`gcs_autotune.limits.LIMITS`.
-    room : the space it needs, in words; the preview has metres.
+    room : text on the space it needs; the preview computes metres.
     identifies : whether its record is for identification. turns : whether the heading may change by a full turn.
-    needs_way : for craft that steer only under way. stays : for craft that hold position and thrust in both directions.
+    needs_way : whether it is for craft that steer only under way. stays : whether it is for craft that hold position
+        and have thrust in both directions.
     needs : a required signal that not every vehicle reports.
-    tied : for a tied craft: no check by motion, and no way back.
+    tied : whether the craft is tied up; then there is no check by motion and no return.
     presets : candidates of `identify --plan-next`.
     axis : the autopilot's own loop that flies it, if any; its options are in that loop's units.
     command : the command that flies it, if not ``gcs-autotune fly``.
-    for_force : the same row for another force, of those that an open-loop programme can drive; see :meth:`of`.
+    for_force : function that returns this row for another force of an open-loop programme; see :meth:`of`.
     shrinks : option -> power of the scale (below 1) that reduces it to fit the space.
     """
 
@@ -80,12 +83,12 @@ class ManoeuvreKind:
     shrinks: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, force: str) -> ManoeuvreKind:
-        """Return the row for *force* (``X`` to ``N``; empty: as it is).
+        """Return the row for *force* (``X`` to ``N``; empty: unchanged).
 
         Raises
         ------
         UsageError
-            It drives no other force than its own.
+            The manoeuvre cannot drive another force.
         """
         if not force or self.drives == {force}:
             return self
@@ -96,7 +99,7 @@ class ManoeuvreKind:
         return self.for_force(force)
 
     def suits(self, firmware: Firmware) -> bool:
-        """Whether a craft with this *firmware* has what it drives."""
+        """Return whether a craft with this *firmware* has the actuators that it drives."""
         way = firmware.needs_way
         driven = self.drives <= set(firmware.channels) and (not self.axis or self.axis in firmware.axes)
         return driven and (way or not self.needs_way) and not (way and self.stays)

@@ -1,4 +1,5 @@
-"""What a manoeuvre is: a generator of commands that receives observations. It touches nothing itself.
+"""The base class of manoeuvres: a generator of commands that receives observations. It does not command a craft
+itself.
 
 The same object is flown by the :class:`~gcs_autotune.manoeuvres.sequencer.Sequencer`, previewed on a simulation
 (:mod:`~gcs_autotune.manoeuvres.preview`) and ranked by `identify --plan-next`.
@@ -23,23 +24,26 @@ from gcs_autotune.trial import Mark, Purpose, Trial
 __all__ = ["Commands", "Ending", "Manoeuvre", "Outcome", "limited_orders"]
 
 Ending = Literal["completed", "stopped", "aborted"]
-"""``completed``: did what it is for. ``stopped``: enough, the data are good as far as they go.
-``aborted``: something went wrong; the data are kept and marked."""
+"""How a manoeuvre ended.
+
+``completed``: it reached its purpose. ``stopped``: it ended early, and its data are usable. ``aborted``: something went
+wrong; the data are kept and marked.
+"""
 
 Commands = Generator[Command, Observation, None]
-"""Generator returned by :meth:`Manoeuvre.commands`: takes an observation, yields the next command."""
+"""Generator returned by :meth:`Manoeuvre.commands`. It receives an observation and yields the next command."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a manoeuvre ended by its own lights, and why in one sentence."""
+    """How a manoeuvre ended by its own decision, and the reason in one sentence."""
 
     ending: Ending
     reason: str
 
 
 class Manoeuvre(ABC):
-    """One manoeuvre, flown once.
+    """One manoeuvre, to be flown once.
 
     Attributes
     ----------
@@ -50,7 +54,8 @@ class Manoeuvre(ABC):
     by_hand : whether the operator pushes the craft.
     name : the trial's name.
     outcome : how it ended, None while it runs. It is set together with the last command.
-    signal, force : the controlled signal and the driven force, for display. phase, target : current ones, likewise.
+    signal, force : the controlled signal and the driven force, for display. phase, target : the current phase and
+        target, for display.
     at_most : longest duration [s] with a poorly damped loop; NaN: from its preview.
     """
 
@@ -76,32 +81,33 @@ class Manoeuvre(ABC):
 
     @abstractmethod
     def commands(self, now: Observation) -> Commands:
-        """Yield a command for *now*, then one for every observation sent in, until ``outcome`` is set."""
+        """Yield a command for *now*, then one for every observation received, until ``outcome`` is set."""
 
     @property
     @abstractmethod
     def asked(self) -> Mapping[str, Any]:
-        """Settings and results (SI units), for the trial's ``meta``."""
+        """Settings and results (SI units) for the trial's ``meta``."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """The trial's ``meta``: manoeuvre, purpose, and :attr:`asked`."""
+        """Content of the trial's ``meta``: manoeuvre, purpose, and :attr:`asked`."""
         return {"manoeuvre": self.kind, "purpose": self.purpose, **self.asked}
 
     def take_marks(self) -> Sequence[Mark]:
-        """Return (once) the events since the last call."""
+        """Return the events since the last call, each once."""
         marks, self._marks = self._marks, []
         return marks
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """Return how it ends *where* the room does, in words; None: it goes on up to the limit.
+        """Return the outcome if the manoeuvre should end at the space limit *where*; None: it continues up to the
+        limit.
 
-        What has a good record by then ends with that.
+        It ends there if its record is sufficient by then.
         """
         return None
 
     def progress(self, observation: Observation) -> Progress:
-        """Return where it stands, for people."""
+        """Return the present state, for display."""
         return Progress(
             stage="",
             manoeuvre=self.phase,
@@ -121,18 +127,23 @@ class Manoeuvre(ABC):
 
 
 _NOTED, _LIMITED = 0.1, 0.9
-"""Smallest relevant command (normalised), and the fraction of it that must reach the output. Chosen."""
+"""Smallest command that is evaluated (normalised), and the fraction of it that must reach the output. Project
+choice."""
 _MOST, _STEADY = (0.1, 0.9), 0.5
-"""Quantiles of an output, and their largest distance relative to the command. A larger one indicates another command
-source (a clock or a controller) instead of a limit. Chosen."""
+"""Quantiles of an output, and their largest distance relative to the command. Project choice.
+
+A larger distance indicates another source of commands (a clock or a controller) instead of a limit.
+"""
 _LASTED = 1.0
-"""A shorter order ends before a slow link shows its effect [s]. Chosen."""
+"""Duration [s] below which a command is not evaluated, because it ends before a slow link shows its effect. Project
+choice."""
 
 
 def limited_orders(trial: Trial) -> Mapping[str, tuple[float, float]]:
-    """Return the forces with clearly less output than commanded: force -> (commanded, output), largest commands.
+    """Return the forces whose output is clearly less than commanded: force -> (commanded, output) of the largest
+    commands.
 
-    Both normalised. Thrusters that also drive ahead have less range left to steer.
+    Both are normalised. Thrusters that also drive ahead have less range left for steering.
     """
     forces = {d.force for d in DOFS.values()}
     found: dict[str, tuple[float, float]] = {}

@@ -1,5 +1,8 @@
-"""Manoeuvres by the clock: forces as functions of time, whatever the craft does. Steps, staircases, doublets, chirps,
-multisines, pseudo-random levels, free decay, each of any force; and S-manoeuvres (Miskovic2010, section 4.3)."""
+"""Open-loop manoeuvres: forces as functions of time, independent of the motion.
+
+Steps, staircases, doublets, chirps, multisines, pseudo-random levels and free decay, each of any force; and
+S-manoeuvres (Miskovic2010, section 4.3).
+"""
 
 from __future__ import annotations
 
@@ -33,19 +36,19 @@ from gcs_autotune.sname import DOFS
 __all__ = ["DOF_OF", "KINDS", "WITHOUT_THROTTLE", "OpenLoopProgramme", "Programme", "coasting", "turning"]
 
 Programme = Callable[[float], Mapping[str, float]]
-"""Time since the beginning [s] -> force name -> fraction of full."""
+"""Function of the time since the beginning [s] that returns force name -> fraction of full output."""
 
 APPROACH, NO_APPROACH = 0.12, 0.02
-"""Fractions of the duration straight ahead, or at rest, before the first steering."""
+"""Fractions of the duration before the first steering, with an approach straight ahead and at rest."""
 
 DOF_OF: Mapping[str, str] = {dof.force: name for name, dof in DOFS.items()}
 """Force -> the degree of freedom that it drives."""
 
 
 class OpenLoopProgramme(Manoeuvre):
-    """Flies a programme for ``duration`` [s]. Marks ``level`` where *force* jumps.
+    """Flies a programme for ``duration`` [s]. It marks ``level`` when *force* jumps.
 
-    ``keep_still``: hold an ROV's other axes. ``on_course``: keep the heading by gentle steering.
+    ``keep_still``: hold an ROV's other axes. ``on_course``: hold the heading with low gains.
     """
 
     def __init__(
@@ -69,13 +72,13 @@ class OpenLoopProgramme(Manoeuvre):
 
     @property
     def held(self) -> frozenset[str]:
-        """The signals held during the manoeuvre, the only ones it responds to."""
+        """The signals held during the manoeuvre, which are its only feedback."""
         course = {"psi"} if self._heading_hold is not None else set()
         return frozenset({hold.signal for hold in self._holds} | course)
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Force, its degree of freedom and the duration."""
+        """Settings: force, its degree of freedom and the duration."""
         return {"dof": DOF_OF[self.force], "force": self.force, "duration": self._duration}
 
     def commands(self, now: Observation) -> Commands:
@@ -101,7 +104,9 @@ class OpenLoopProgramme(Manoeuvre):
 
 
 JUMP = 0.1
-"""Change of a force between two commands that counts as a jump, relative to full output; a smaller one follows a curve.
+"""Change of a force between two commands [fraction of full output] above which it is marked as a jump.
+
+A smaller one is part of a curve.
 """
 
 
@@ -109,7 +114,7 @@ JUMP = 0.1
 
 
 def _timed(signal: Callable[[float], float], force: str, thrust: float, size: float, seconds: float) -> Programme:
-    """Return *signal* on *force* at constant *thrust*, after the approach."""
+    """Return a programme of *signal* on *force* at constant *thrust*, after the approach."""
     begin = (APPROACH if thrust else NO_APPROACH) * seconds
 
     def at(t: float) -> Mapping[str, float]:
@@ -120,7 +125,8 @@ def _timed(signal: Callable[[float], float], force: str, thrust: float, size: fl
 
 
 def _random(forces: str, thrust: tuple[float, float], shortest: float, size: float, seconds: float) -> Programme:
-    """Return levels of random length and sign, each force its own; thrust between two shares."""
+    """Return a programme with levels of random length and sign, independent for each force; thrust is between two
+    limits."""
     rng = np.random.default_rng(20)
     names = forces.split()
     now, until = dict.fromkeys(names, 0.0), dict.fromkeys(names, 0.0)
@@ -137,7 +143,7 @@ def _random(forces: str, thrust: tuple[float, float], shortest: float, size: flo
 
 
 def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoopProgramme]:
-    """Return a maker of acceleration at each thrust level in turn, with coasting after it."""
+    """Return a function that makes a programme: accelerate at each thrust level in turn and coast after it."""
 
     def make(seconds: float) -> OpenLoopProgramme:
         each = seconds / len(shares)
@@ -152,12 +158,13 @@ def coasting(kind: str, shares: tuple[float, ...]) -> Callable[[float], OpenLoop
 
 
 def turning(kind: str, thrust: float) -> Callable[[float], OpenLoopProgramme]:
-    """Return commands for a turn of that many seconds at full steering and constant *thrust*."""
+    """Return commands for a turn of this many seconds at full steering and constant *thrust*."""
     return lambda seconds: OpenLoopProgramme(kind, _timed(full, "N", thrust, 1.0, seconds), seconds)
 
 
 def _s_legs(thrust: float, astern: float, size: float, seconds: float) -> Programme:
-    """Return the yaw moment one way and the other at constant *thrust*, then again astern (Miskovic2007, II-D)."""
+    """Return a programme that steers one way and the other at constant *thrust*, then again astern (Miskovic2007,
+    II-D)."""
     legs = [(thrust, size), (thrust, -size)] + [(-astern, size), (-astern, -size)] * (astern > 0.0)
     begin = APPROACH * seconds
 
@@ -171,7 +178,7 @@ def _s_legs(thrust: float, astern: float, size: float, seconds: float) -> Progra
 
 
 def _s_throttle(size: float, seconds: float) -> Programme:
-    """Return steering in an S while the thrust changes from leg to leg."""
+    """Return a programme that steers an S while the thrust changes from leg to leg."""
 
     def at(t: float) -> Mapping[str, float]:
         x = t / seconds
@@ -184,7 +191,7 @@ def _s_throttle(size: float, seconds: float) -> Programme:
 
 
 def _preset(title: str, forces: str, kind: str, programme: Callable[[float, float], Programme]) -> Preset:
-    """Return a preset of *programme*, a function of size and seconds, at full size."""
+    """Return a preset of *programme*, a function of amplitude and seconds, at full amplitude."""
     return Preset(
         title, forces, lambda seconds: OpenLoopProgramme(kind, programme(1.0, seconds), seconds, force=forces[-1])
     )
@@ -199,9 +206,9 @@ def _of_any_force(
     tied: bool = False,
     shrinks: Mapping[str, float] = MappingProxyType({}),
 ) -> ManoeuvreKind:
-    """Return a row; *signal* (options, whether the force may go either way) is what the force chosen follows.
+    """Return a row for a manoeuvre on any force; *signal* (options, whether the force may reverse) is the waveform.
 
-    *shrinks*: as of the row, beside duration and, where less of it takes less room, size.
+    *shrinks*: as in the row, in addition to the duration. It includes the amplitude if a smaller one needs less space.
     """
 
     def row(force: str) -> ManoeuvreKind:
@@ -243,7 +250,7 @@ def _steered(
     room: str,
     options: Sequence[str] = (),
 ) -> ManoeuvreKind:
-    """Return a row that steers under way; *flown* makes the programme of the options."""
+    """Return a row for a manoeuvre that steers under way; *flown* makes the programme from the options."""
 
     def make(given: Mapping[str, float]) -> OpenLoopProgramme:
         return OpenLoopProgramme(name, flown(given), given["duration"], keep_still=bool(given["keep-still"]))
@@ -263,7 +270,7 @@ def _steered(
 
 
 def _ahead(signal: Signal, either_way: bool) -> Signal:
-    """Return *signal*, or, of a force that goes one way only, the same about half of full."""
+    """Return *signal*, or, for a force with one direction only, the same signal about half of full output."""
     return signal if either_way else lambda x: 0.5 + 0.5 * signal(x)
 
 
@@ -278,13 +285,15 @@ def _grown(given: Mapping[str, float]) -> Programme:
 
 
 GENTLER = 0.4
-"""Chosen: the size shrinks as this power of the duration: at an eighth of it thrusters are still beyond their dead
-band."""
+"""Exponent of the duration by which the amplitude shrinks.
+
+At an eighth of it thrusters are still outside their dead band. Project choice.
+"""
 WITHOUT_THROTTLE = 0.5
-"""Default thrust ahead of a craft without cruise throttle and without --throttle. Chosen."""
+"""Default thrust ahead of a craft without cruise throttle and without --throttle. Project choice."""
 ROOM: Mapping[str, str] = {
     "N": "a few turning circles under way; at the spot without --throttle",
-    "X": "speed times duration, straight ahead",
+    "X": "distance of speed times duration, straight ahead",
     "Y": "a few metres to either side",
     "Z": "the depth the manoeuvre needs",
     "K": "at the spot",
@@ -314,14 +323,14 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "bollard-staircase",
-        "one force in equal steps up and down, in both directions, on a craft tied to a bollard; add the pulls later",
+        "one force in equal steps up and down, in both directions, on a craft tied to a bollard; enter the pulls later",
         lambda given, either_way: staircase(int(given["levels"]), either_way),
         options=("levels",),
         tied=True,
     ),
     _of_any_force(
         "doublets",
-        "one force in one direction, in the other, none; repeated",
+        "one force in one direction, in the other, then none, repeated",
         lambda given, either_way: _DOUBLETS if either_way else levels(1.0, 0.0, 0.5, 1.0, 0.0, 0.5),
         ("steering doublet", "N", partial(_timed, _DOUBLET, "N", 0.0)),
         ("roll doublets", "K", partial(_timed, _DOUBLETS, "K", 0.0)),
@@ -356,18 +365,18 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     _of_any_force(
         "free-decay",
-        "one force for a while, then none: decay of the motion",
+        "one force for a set time, then none, to record the decay of the motion",
         lambda given, either_way: decay(given),
         options=("push",),
         shrinks={"push": 1.0},
     ),
     _steered(
         "s-manoeuvre",
-        "constant thrust, steering to one side and the other; then the same astern (ROVs, and with --astern)",
+        "constant thrust, steering to one side, then to the other; with thrust astern also (ROVs, and with --astern)",
         _s_flown,
         ("S-manoeuvre at 60 % throttle", "X N", partial(_timed, sine(3.0), "N", 0.6)),
         ("S-manoeuvre with changing throttle", "X N", _s_throttle),
-        room="speed times duration, straight ahead",
+        room="distance of speed times duration, straight ahead",
         options=("astern",),
     ),
     _steered(
@@ -379,4 +388,4 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         room="a few turning circles",
     ),
 )
-"""The rows of the table that are flown by the clock."""
+"""Rows of the table for open-loop manoeuvres."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs_autotune.axes import SIGNAL_FORCES
-from gcs_autotune.control import OwnLoop
 from gcs_autotune.craft import Observation, set_point
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING, HoldController, hold
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 from gcs_autotune.observer import Progress
 from gcs_autotune.trial import Mark
+
+if TYPE_CHECKING:
+    from gcs_autotune.control import OwnLoop
 
 __all__ = ["KeepSetPoint", "UnderOwnLoop"]
 

@@ -1,12 +1,12 @@
 """Simulated preview of a manoeuvre: track, space, time, and a limit that would end it.
 
-Every preview is one closed loop of manoeuvre and :class:`Plant` (:func:`fly_on`): of the nominal plant here, of an
-identified model in ``experiments``.
+Every preview is a closed loop of a manoeuvre and a :class:`Plant` (:func:`fly_on`). The plant is the nominal one here,
+and an identified model in ``experiments``.
 
-The nominal plant stands for a craft of which few figures are known, so its degrees of freedom are uncoupled: it turns
-by its yaw model, and neither slows down in turns nor drifts sideways unless driven. This is conservative for space.
-Its equations are in plain Python: previews are computed while the link is served, where nothing may wait for a
-compiler.
+The nominal plant represents a craft of which few figures are known, so its degrees of freedom are uncoupled. It turns
+by its yaw model. It neither slows down in turns nor drifts sideways unless driven. This gives a conservative estimate
+of the space. Its equations are in plain Python, because previews are computed while the link is served and must not
+wait for a compiler.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
 __all__ = ["DEEP", "SPEED_TIME", "NominalPlant", "Plant", "PlantState", "Preview", "fly_on", "preview"]
 
 TICK, INSIDE = 0.1, 5
-"""Seconds between two commands, as a link at 10 Hz gives; steps of the integration within."""
+"""Time between two commands [s], as on a link with 10 Hz, and the number of integration steps within it."""
 LONGEST = 3600.0
 LOOP_RATE = 0.5
-"""Turn rate per heading error of the simulated heading loop [1/s]. Chosen."""
+"""Turn rate per heading error of the simulated heading loop [1/s]. Project choice."""
 DEEP = 10.0
-"""Assumed depth of a submerged craft without depth information [m]. Chosen."""
+"""Assumed depth [m] of a submerged craft without depth information. Project choice."""
 SURFACE = 0.2
-"""Chosen [m]: a craft that comes up so far is at the surface, where its thrusters draw air."""
+"""Depth [m] at which a craft counts as at the surface, where its thrusters draw air. Project choice."""
 WALL = 5.0
-"""Chosen [m]: distance to a wall ahead, where one is needed."""
+"""Assumed distance [m] to a wall ahead, for manoeuvres that need one. Project choice."""
 SPEED_TIME = 3.0
-"""Chosen [s]: time constant with which a craft of a few metres gains its speed."""
+"""Assumed time constant [s] of the speed of a craft of a few metres. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,8 @@ class NominalPlant:
     yaw : yaw model. others : models along a force (``X``, ``Y``, ``Z``); without one it does not respond to ``Y``
         and ``Z``, and any thrust ahead gives ``speed`` [m/s].
     speed_gain : thrust per speed error [1/(m/s)] of the autopilot's own speed loop, in addition to the steady thrust.
-    source : origin of these numbers in words. assumed : they are assumptions, sufficient to estimate space.
+    source : text on the origin of these numbers. assumed : whether they are assumptions, sufficient only to estimate
+        the space.
     """
 
     yaw: SingleDof
@@ -67,7 +68,7 @@ class NominalPlant:
 
 @dataclass(frozen=True, slots=True)
 class PlantState:
-    """The state of a simulated craft: time [s], heading [rad], metres from home, depth (NaN: it floats), velocities."""
+    """State of a simulated craft: time [s], heading [rad], metres from home, depth (NaN: it floats), velocities."""
 
     t: float = 0.0
     psi: float = 0.0
@@ -101,18 +102,18 @@ class Preview:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration in seconds."""
         return self.trial.duration
 
     @property
     def trouble(self) -> str:
-        """Reason not to fly it; empty if there is none."""
+        """Reason not to fly the manoeuvre; empty if there is none."""
         if self.refusal or self.outcome is None:
             return self.refusal
         return self.outcome.reason if self.outcome.ending == "aborted" else ""
 
     def told(self) -> str:
-        """Return time, space and turning in one sentence."""
+        """Return one sentence with time, space and turning."""
         way = f", {self.room:.0f} m of free water" if self.room >= 1.0 else ""
         turned, fastest = math.degrees(self.turned), math.degrees(float(np.max(np.abs(self.trial["r"].values))))
         at = f" at up to {fastest:.0f} deg/s" if fastest >= 1.0 else ""
@@ -121,18 +122,18 @@ class Preview:
 
 
 class Plant(Protocol):
-    """What a manoeuvre is flown on in a simulation."""
+    """A simulated craft on which a manoeuvre is flown."""
 
     def observe(self) -> Observation:
-        """Return the motion now."""
+        """Return the present motion."""
         ...
 
     def take(self, command: Command) -> None:
-        """Take the command of this tick."""
+        """Receive the command of this tick."""
         ...
 
     def advance(self, seconds: float) -> bool:
-        """Move on under the command taken last; False where the motion runs away."""
+        """Advance one tick with the last command. Return False if the motion diverges."""
         ...
 
 
@@ -141,7 +142,7 @@ def fly_on(
 ) -> bool:
     """Fly *manoeuvre* on *plant* for at most *ticks* of fixed length; return False if the plant diverges.
 
-    ends : whether the flight ends at an observation that the manoeuvre has not seen yet.
+    ends : whether the flight ends at an observation that the manoeuvre has not received yet.
     """
     commands = manoeuvre.commands(plant.observe())
     command = next(commands)
@@ -159,9 +160,9 @@ def fly_on(
 
 
 class _NominalMotion:
-    """How *plant* moves from the state *begins* on; ``rows``: time, motion and outputs at every tick.
+    """Simulates the motion of *plant* from the state *begins*. ``rows``: time, motion and outputs at every tick.
 
-    by_hand : a person pushes it.
+    by_hand : whether a person pushes the craft.
     """
 
     def __init__(self, plant: NominalPlant, begins: PlantState, *, by_hand: bool) -> None:
@@ -176,11 +177,11 @@ class _NominalMotion:
 
     @property
     def state(self) -> PlantState:
-        """Where it is now."""
+        """The present state."""
         return PlantState(self._t, self._psi, self._r, self._x, self._y, self._z, *self._along.values())
 
     def observe(self) -> Observation:
-        """Return the motion now."""
+        """Return the present motion."""
         u, v, w = self._along.values()
         tilt = _pushed(self._t - self._start) if self._by_hand else 0.0
         o = self._output
@@ -190,14 +191,14 @@ class _NominalMotion:
         )  # fmt: skip
 
     def take(self, command: Command) -> None:
-        """Take the command of this tick, or what the autopilot's own loop makes of it."""
+        """Receive the command of this tick, and apply the autopilot's own loop to it if there is one."""
         self._command = command
         self._output = o = _steered(command, self._plant, self._psi, self._r, self._along["X"])
         place = self._t, self._psi, self._r, self._x, self._y, self._z
         self.rows.append((*place, self._along["X"], o.N, o.X, o.Y, o.Z))
 
     def advance(self, seconds: float) -> bool:
-        """Move on."""
+        """Advance one tick."""
         o, along, h = self._output, self._along, seconds / INSIDE
         for _ in range(INSIDE):
             self._late.append(o.N)
@@ -215,7 +216,7 @@ class _NominalMotion:
 
 
 class _Monitor:
-    """Ends a preview at a safety limit (``refusal``), or where the manoeuvre ends for lack of space (``outcome``)."""
+    """Ends a preview at a safety limit (``refusal``), or if the manoeuvre ends for lack of space (``outcome``)."""
 
     def __init__(self, manoeuvre: Manoeuvre, envelope: Envelope, now: Observation) -> None:
         self._manoeuvre, self._depth = manoeuvre, now.z
@@ -249,8 +250,8 @@ def preview(
 ) -> Preview:
     """Fly *manoeuvre* in a simulation inside *envelope*.
 
-    It begins at home with the bow to the north, at *way* [m/s], at *depth* [m] unless it *floats*; or as another
-    manoeuvre left it, in the state *begins*.
+    It starts at home with the bow to the north, at the speed *way* [m/s], and at *depth* [m] unless it *floats*.
+    Alternatively it starts in the state *begins*, in which another manoeuvre ended.
     """
     begins = begins or PlantState(z=math.nan if floats else depth, u=way)
     motion = _NominalMotion(craft, begins, by_hand=manoeuvre.by_hand)
@@ -273,13 +274,13 @@ def preview(
 
 
 def _pushed(t: float) -> float:
-    """Return the tilt [rad] of a craft that is pushed by hand after 10 s and oscillates for some seconds."""
+    """Return the tilt [rad] of a craft that is pushed by hand after 10 s and then oscillates for some seconds."""
     since = t - 10.0
     return 0.3 * math.exp(-since / 3.0) * math.cos(2.0 * since) if since >= 0.0 else 0.0
 
 
 def _steered(command: Command, craft: NominalPlant, psi: float, r: float, u: float) -> Actuate:
-    """Return the forces of a command; heading is held as by a well tuned autopilot, at the commanded speed."""
+    """Return the forces of a command. Heading is held as by a well tuned autopilot, at the commanded speed."""
     if isinstance(command, Actuate):
         return command
     if not isinstance(command, HeadingTarget):
@@ -295,7 +296,7 @@ def _steered(command: Command, craft: NominalPlant, psi: float, r: float, u: flo
 
 
 def _held(command: Command, craft: NominalPlant, force: str, nu: float, z: float) -> float | None:
-    """Return the acceleration [m/s^2] that the autopilot's own loop of depth or speed gives; None where none does."""
+    """Return the acceleration [m/s^2] due to the autopilot's own depth or speed loop; None if no loop acts."""
     if force == "Z" and isinstance(command, DepthTarget):
         return 2.0 * LOOP_RATE * (LOOP_RATE * (command.z - z) - nu)
     if force == "X" and isinstance(command, HeadingTarget) and force not in craft.others:
@@ -304,7 +305,10 @@ def _held(command: Command, craft: NominalPlant, force: str, nu: float, z: float
 
 
 def _along(craft: NominalPlant, force: str, nu: float, tau: float) -> float:
-    """Return the acceleration [m/s^2] along a force; without a model the craft moves ahead at its speed, or not."""
+    """Return the acceleration [m/s^2] along a force.
+
+    Without a model the craft moves ahead at its speed, or not at all.
+    """
     if force in craft.others:
         return _acceleration(craft.others[force], nu, tau)
     return ((craft.speed if tau > 0.0 else 0.0) - nu) / SPEED_TIME if force == "X" else 0.0

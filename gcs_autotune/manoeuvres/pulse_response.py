@@ -1,11 +1,13 @@
-"""What a craft answered to a short pulse one way and back: did it move, and which way?
+"""Evaluate the response to a short pulse in each direction: whether the craft moved, and which way.
 
-Pure arithmetic on what was observed; :mod:`~gcs_autotune.manoeuvres.sign_check` flies the pulses. A craft that was
-turning already, drifts, or coasts on after a pulse must not be misread, nor one sample of a noisy compass be believed:
-``nudot = -a nu + b u + c`` with a *b* for each direction of the output is fitted to the whole record, integrated twice
-so that nothing is differentiated: linear in all it does not know. What drifts (buoyancy, wind, current) is in *c*, and
-is taken off how far the craft went; and because a craft can drift against the surface, a quay or a net in the midst of
-it, which no constant *c* is, the pulse and the pulse back are also compared with each other: one *b* for both.
+The module only computes; :mod:`~gcs_autotune.manoeuvres.sign_check` flies the pulses. The evaluation must tolerate a
+craft that already turns, drifts or coasts, and a noisy compass. So ``nudot = -a nu + b u + c`` with a *b* for each
+direction of the output is fitted to the whole record. It is integrated twice, so that nothing is differentiated and the
+fit is linear in all unknowns.
+
+A constant drift (buoyancy, wind, current) is described by *c*, and is subtracted from the distance moved. But a craft
+may touch the surface, a quay or a net during the pulse, which a constant *c* does not describe. So both pulses are also
+compared with each other, with one *b* for both.
 """
 
 from __future__ import annotations
@@ -21,22 +23,30 @@ __all__ = ["Pulse", "PulseResponse", "Tick", "pulse_response"]
 
 Array = NDArray[np.float64]
 Tick = tuple[float, float, float]
-"""Time [s], position [rad or m], measured output [fraction of full]."""
+"""One sample: time [s], position [rad or m], measured output [fraction of full]."""
 
 FOLLOWS = 0.5
-"""Fraction of the commanded output that must be measured; holding loops and rounding reduce it slightly. Chosen."""
+"""Fraction of the commanded output that must be measured.
+
+Holding loops and rounding reduce it slightly. Project choice.
+"""
 SURE = 4.0
-"""A fitted motion must be so many times its standard error to count, ..."""
+"""Smallest significant motion, in multiples of its standard error."""
 MOST_COLOUR = 0.9
-"""Largest correlation of neighbouring residuals that a short record can determine."""
+"""Largest correlation of neighbouring residuals that can be estimated from a short record."""
 CLEAR = 3.0
-"""... or the craft must plainly have gone that way, by so many thresholds: a quick one leaves few ticks to fit."""
+"""Actual motion that is significant without regard to the fit, in multiples of the threshold.
+
+A fast craft leaves few ticks to fit.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """A pulse: ``moved`` [rad or m] is what it alone did in its ``seconds``, fitted, with standard error; ``went`` how
-    far the craft really got beyond where it was drifting; mean ``output``.
+    """One pulse.
+
+    ``moved`` [rad or m]: fitted motion due to the pulse alone during its ``seconds``, with its standard error.
+    ``went``: actual motion in addition to the drift. ``output``: mean output.
     """
 
     command: float
@@ -48,16 +58,16 @@ class Pulse:
 
     @property
     def obeyed(self) -> float:
-        """Measured output relative to the command; 1 if equal, negative if reversed."""
+        """Ratio of measured output to command; 1 if equal, negative if reversed."""
         return self.output / self.command
 
 
 @dataclass(frozen=True, slots=True)
 class PulseResponse:
-    """Both pulses judged, each by itself and against each other.
+    """Evaluation of both pulses, separately and compared with each other.
 
-    ``threshold`` [rad or m] is the least motion that counts. ``compared`` and its standard error ``compared_error``
-    [rad or m] are what the first pulse moved if one gain holds for both; ``drift`` [rad/s or m/s] is the motion before.
+    ``threshold`` [rad or m]: smallest significant motion. ``compared`` [rad or m]: motion due to the first pulse if one
+    gain applies to both, with standard error ``compared_error``. ``drift`` [rad/s or m/s]: motion before the pulses.
     """
 
     forward: Pulse
@@ -69,17 +79,17 @@ class PulseResponse:
 
     @property
     def signs(self) -> tuple[int, int]:
-        """For each pulse: 1 moved as commanded, -1 the other way, 0 not to be seen."""
+        """For each pulse: 1 if it moved the craft as commanded, -1 if in the other direction, 0 if not significant."""
         return self._sign(self.forward), self._sign(self.back)
 
     @property
     def is_right(self) -> bool:
-        """Whether both pulses moved it as commanded."""
+        """Whether both pulses moved the craft as commanded."""
         return self.signs == (1, 1)
 
     @property
     def is_reversed(self) -> bool:
-        """Whether what was seen of it is the wrong way round, and the two pulses differ accordingly."""
+        """Whether the significant motion is in the wrong direction, and the two pulses differ accordingly."""
         if self.signs not in ((-1, -1), (-1, 0), (0, -1)):
             return False
         return self.signs == (-1, -1) or (
@@ -88,12 +98,12 @@ class PulseResponse:
 
     @property
     def is_silent(self) -> bool:
-        """Whether neither pulse moved it."""
+        """Whether neither pulse moved the craft."""
         return self.signs == (0, 0)
 
     @property
     def unheeded(self) -> Pulse | None:
-        """The pulse that did not reach the outputs, if one did not."""
+        """The pulse that did not reach the outputs, if there is one."""
         return next((s for s in (self.forward, self.back) if not s.obeyed >= FOLLOWS), None)
 
     def _sign(self, stretch: Pulse) -> int:
@@ -107,7 +117,8 @@ class PulseResponse:
 def pulse_response(
     command: float, rest: Sequence[Tick], forward: Sequence[Tick], back: Sequence[Tick], threshold: float
 ) -> PulseResponse:
-    """Judge a pulse of *command* [fraction of full] and one of ``-command``; ticks before, and during each of them."""
+    """Evaluate a pulse of *command* [fraction of full] and one of ``-command``, from the ticks before and during
+    each."""
     t, x, u = (np.array(column) for column in zip(*rest, *forward[1:], *back[1:], strict=True))
     idle = float(np.mean([output for _, _, output in rest]))
     drift = _slope(rest)
@@ -139,15 +150,16 @@ def _pulse(
 
 
 def _response(drag: float, seconds: float) -> float:
-    """Return how far ``nudot = -drag nu + 1`` gets in *seconds* from rest."""
+    """Return the motion according to ``nudot = -drag nu + 1`` after *seconds* from rest."""
     if drag * seconds < 1e-3:
         return 0.5 * seconds**2
     return (seconds + math.expm1(-drag * seconds) / drag) / drag
 
 
 def _fitted(t: Array, x: Array, u: Array, *, each: bool = True) -> tuple[float, Array, Array]:
-    """Return drag *a* [1/s], gains *b* and their standard errors: of the first pulse's direction and the other, or of
-    both (not *each*).
+    """Return the fitted drag *a* [1/s], the gains *b* and their standard errors.
+
+    There is a gain for the first pulse's direction and one for the other, or one for both (not *each*).
     """
     first = _first_sign(u)
     ways = (np.where(u * first > 0.0, u, 0.0), np.where(u * first < 0.0, u, 0.0)) if each else (u,)
@@ -168,7 +180,7 @@ def _fitted(t: Array, x: Array, u: Array, *, each: bool = True) -> tuple[float, 
 
 
 def _inflation(residual: Array) -> float:
-    """Return the variance inflation by correlation of neighbouring residuals (first-order autoregression)."""
+    """Return the factor on the variance due to correlated neighbouring residuals (first-order autoregression)."""
     power = float(residual @ residual)
     if power <= 0.0:
         return 1.0
@@ -177,7 +189,7 @@ def _inflation(residual: Array) -> float:
 
 
 def _first_sign(u: Array) -> float:
-    """Return the sign of the first pulse among the outputs; 1 when there is none."""
+    """Return the sign of the first pulse in the outputs; 1 if there is none."""
     large = np.flatnonzero(np.abs(u) > 0.5 * np.max(np.abs(u), initial=0.0))
     return float(np.sign(u[large[0]])) if len(large) and u[large[0]] != 0.0 else 1.0
 

@@ -1,8 +1,8 @@
 """The self-oscillation experiment: relay with hysteresis on heading, depth or (integrated) speed.
 
-Miskovic2010, 6.6: the relay's input is the position of one degree of freedom (heading, depth, or the integral of
-surge or sway speed, 6.6.2), its output the actuator. It starts small and grows until the oscillation is proper
-(condition (7.12)); it ends when five consecutive periods agree within 10 % (6.7).
+According to Miskovic2010, 6.6, the relay's input is the position of one degree of freedom: heading, depth, or the
+integral of surge or sway speed (6.6.2). Its output is the actuator. The output starts small and grows until the
+oscillation fulfils condition (7.12). The relay ends when five consecutive periods agree within 10 % (6.7).
 """
 
 from __future__ import annotations
@@ -27,32 +27,34 @@ if TYPE_CHECKING:
 __all__ = ["LEAST_REVERSALS", "Relay", "StopCriterion", "WallRelay"]
 
 INTEGRATED: Mapping[str, str] = {"x": "u", "y": "v"}
-"""Signal -> the speed it is the integral of."""
+"""Signal -> the speed whose integral it is."""
 
 LEAST_PERIODS = 2
-"""Chosen: proper periods after which it is clear how quick an oscillation is."""
+"""Number of proper periods after which the period of an oscillation counts as known. Project choice."""
 
 LEAST_REVERSALS = 3
-"""Fewest switchings that show the response in both directions. Chosen."""
+"""Fewest switchings that show the response in both directions. Project choice."""
 
 MOST_SLOWINGS = 4
-"""Chosen: widenings for the link's sake; five times the hysteresis at least."""
+"""Most increases of the hysteresis because of a slow link; together at least a factor of five. Project choice."""
 
 WIDEST_STEP = 3.0
-"""Chosen: a relay is not widened by more than this at once, whatever the link would like."""
+"""Largest factor by which the hysteresis is increased at once, even if the link requires more. Project choice."""
 
 LEAST_MOMENTUM = 5.0
-"""Shortest time after a switching until drift against the relay is reported [s]. Chosen."""
+"""Shortest time [s] after a switching until drift against the relay is reported. Project choice."""
 
 ROUNDING = 1e-9
-"""Rounding error of a difference of two readings in centimetres, compared with the hysteresis."""
+"""Tolerance for rounding of a difference of two readings in centimetres, compared with the hysteresis."""
 
 LEAST_TICKS = 5.0
-"""Chosen: ticks per half period below which an improper oscillation is blamed on them and not on a weak relay."""
+"""Ticks per half period below which an improper oscillation is attributed to the tick rate and not to a weak relay.
+Project choice."""
 
 
 class StopCriterion(Protocol):
-    """A criterion that ends a relay before its periods agree, once the record suffices. Evaluated at every tick.
+    """A criterion that ends a relay before its periods agree, once the record is sufficient. It is evaluated at every
+    tick.
 
     Attributes
     ----------
@@ -62,16 +64,16 @@ class StopCriterion(Protocol):
     counted_to: float
 
     def begin(self) -> None:
-        """The oscillation begins, or begins again with another size."""
+        """Reset: the oscillation starts, or starts again with another size."""
         ...
 
     def update(self, relay: Relay, reversals: int) -> str:
-        """Return why *relay* may end after so many *reversals*, or an empty text. Returns at once."""
+        """Return why *relay* may end after *reversals* switchings, or an empty text. It must return at once."""
         ...
 
 
 class Relay(Manoeuvre):
-    """Approach (speed gained, noise measured), then the relay until its periods agree or *criterion* is met."""
+    """Approach (gain speed, measure noise), then the relay until its periods agree or *criterion* is met."""
 
     kind = "relay"
 
@@ -104,9 +106,9 @@ class Relay(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings as flown, for the trial's meta; ``from_t`` is where the relay proper began.
+        """Settings as flown, for the trial's meta; ``from_t`` is the time at which the relay itself began.
 
-        ``enough`` : the criterion of the caller ended it, so that few periods are no fault of it.
+        ``enough`` : whether the caller's criterion ended it, so that a small number of periods is no fault.
         """
         s = self._settings
         return {
@@ -147,8 +149,7 @@ class Relay(Manoeuvre):
         return self._command(self._output if self._high else -self._output, observation)
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End with the present record if it contains information; a relay that does not settle would go on to the
-        limit."""
+        """End with the present record if it is informative. A relay that does not settle continues up to the limit."""
         if self._reversals < LEAST_REVERSALS:
             return None
         return Outcome("stopped", messages.room_ends(self._reversals, where))
@@ -169,7 +170,7 @@ class Relay(Manoeuvre):
         )
 
     def _time_ticks(self, t: float) -> None:
-        """Keep the mean time between control ticks, of about the last twenty."""
+        """Update the mean time between control ticks over about the last twenty."""
         if math.isfinite(self._last_tick):
             last = t - self._last_tick
             self._tick_time = last if math.isnan(self._tick_time) else self._tick_time + 0.05 * (last - self._tick_time)
@@ -241,9 +242,9 @@ class Relay(Manoeuvre):
             self._give_up(messages.never_settled(s, state.cycle.scatter if state.cycle is not None else math.nan))
 
     def _met_criterion(self) -> str:
-        """Return the stop criterion that is met, in words; empty for none.
+        """Return the text of the stop criterion that is met; empty if none is.
 
-        There are two: the one of the caller, where there is one, and that the periods agree.
+        There are two: the caller's criterion, if any, and agreement of the periods.
         """
         s, criterion, state = self._settings, self._criterion, self._monitor.state
         enough = criterion.update(self, state.switchings) if criterion is not None and state.proper else ""
@@ -252,7 +253,7 @@ class Relay(Manoeuvre):
         return enough or (f"{s.periods} periods within {100 * s.tolerance:.0f} %" if state.settled else "")
 
     def _grow(self, t: float, otherwise: str) -> None:
-        """Make the relay larger; when it may not grow, give up with the reason *otherwise*."""
+        """Increase the relay output. If the limit is reached, give up with the reason *otherwise*."""
         s = self._settings
         if s.output is not None or self._output >= s.most_output:
             self._give_up(otherwise)
@@ -268,7 +269,10 @@ class Relay(Manoeuvre):
         self._end("aborted", reason)
 
     def _outruns_the_ticks(self) -> bool:
-        """Return whether the craft crosses the hysteresis within a few control ticks; a larger relay makes it worse."""
+        """Return whether the craft crosses the hysteresis within a few control ticks.
+
+        A larger relay would make this worse.
+        """
         cycle = self._monitor.state.cycle
         return cycle is not None and 0.5 * (cycle.T_H + cycle.T_L) < LEAST_TICKS * self._tick_time
 
@@ -276,12 +280,13 @@ class Relay(Manoeuvre):
         return self._settings.hysteresis is None and self._widenings < self._settings.most_widenings
 
     def _settle(self, t: float) -> None:
-        """Widen an oscillation that does not settle, or that is over within a few ticks."""
+        """Increase the hysteresis if an oscillation does not settle or half its period lasts only a few ticks."""
         self._widenings += 1
         self._widen(t, self._settings.growth)
 
     def _slow_down(self, t: float, period: float) -> None:
-        """The link cannot carry an oscillation of this *period* [s]: make it wider and so slower, or give up."""
+        """Increase the hysteresis, and so the period, because the link is too slow for this *period* [s]; or give
+        up."""
         if self._settings.hysteresis is None and self._slowings < MOST_SLOWINGS:
             self._slowings += 1
             self._widen(t, min(max(self._settings.least_period / period, self._settings.growth), WIDEST_STEP))
@@ -289,7 +294,7 @@ class Relay(Manoeuvre):
             self._give_up(messages.link_too_slow(self._settings, period))
 
     def _widen(self, t: float, factor: float) -> None:
-        """Make the oscillation larger and slower: late switchings on a jittery link then matter less."""
+        """Make the oscillation larger and slower, so that late switchings on a jittery link matter less."""
         self._hysteresis *= factor
         self._improper_periods = 0
         self._reset_monitor()
@@ -308,7 +313,7 @@ class Relay(Manoeuvre):
         return LimitCycleMonitor(self._output, self._hysteresis, periods=s.periods, scatter=s.tolerance)
 
     def _diverged(self, t: float, x: float) -> bool:
-        """Whether the craft moves away from where the relay pushes it, for longer than momentum explains."""
+        """Return whether the craft moves against the relay for longer than its momentum explains."""
         if not self._switched_once:
             astray = x < -(2.0 + self._astray) * self._hysteresis
             self._astray += astray
@@ -325,6 +330,6 @@ class Relay(Manoeuvre):
 
 
 class WallRelay(Relay):
-    """A relay on the distance to a wall ahead."""
+    """A relay on the distance to a wall ahead of the craft."""
 
     kind = "wall-relay"

@@ -1,4 +1,4 @@
-"""Why a relay experiment came to no good end, and what to try."""
+"""Messages on why a relay experiment failed, and what to try."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ __all__ = [
 
 
 def never_settled(settings: RelaySettings, scatter: float) -> str:
-    """The periods went on differing by *scatter* (a share)."""
+    """Return the message for periods that still differ by *scatter* [fraction]."""
     return (
-        f"the limit cycle did not settle in {settings.most_periods} periods: the last ones scatter by "
-        f"{100 * scatter:.0f} %, limit {100 * settings.tolerance:.0f} %. Waves, gusts or a tether disturb it. Wait for "
-        f"calmer water, or use a larger {settings.names.output} or {settings.names.hysteresis}"
+        f"the limit cycle did not settle in {settings.most_periods} periods: the last periods differ by "
+        f"{100 * scatter:.0f} % (limit {100 * settings.tolerance:.0f} %). Waves, gusts or a tether disturb it. Wait "
+        f"for calmer water, or use a larger {settings.names.output} or {settings.names.hysteresis}"
     )
 
 
 def room_ends(reversals: int, where: str) -> str:
-    """It has not settled yet *where* the room ends."""
+    """Return the message for a relay that has not settled at the space limit *where*."""
     return f"out of space, not settled after {reversals} reversals: {where}. The record so far is used"
 
 
 def link_too_slow(settings: RelaySettings, period: float) -> str:
-    """It oscillates in *period* [s], quicker than the link can carry."""
+    """Return the message for an oscillation of *period* [s] that is too fast for the link."""
     return (
         f"the link is too slow for this craft: it oscillates with a period of {period:.2f} s. Periods below "
-        f"{settings.least_period:.2f} s reflect the link's delay and sampling. Use a faster link, a higher "
-        f"--control-rate, or a larger {settings.names.hysteresis}"
+        f"{settings.least_period:.2f} s depend on the link's delay and sampling, not on the craft. Use a faster "
+        f"link, a higher --control-rate, or a larger {settings.names.hysteresis}"
     )
 
 
 def wrong_way(settings: RelaySettings, output: float) -> str:
-    """The first push moved it away from where it was pushed to."""
+    """Return the message for a first push that moved the craft in the wrong direction."""
     return (
         f"{output:.2f} of full {settings.force} output moved {settings.signal} the wrong way. "
         "The actuator is reversed (check SERVOn_REVERSED or MOT_n_DIRECTION), or a constant disturbance is "
@@ -51,7 +51,7 @@ def wrong_way(settings: RelaySettings, output: float) -> str:
 
 
 def overwhelmed(settings: RelaySettings, output: float) -> str:
-    """Return the message of an oscillation that drifted off against the relay."""
+    """Return the message for an oscillation that drifted away against the relay."""
     return (
         f"a constant disturbance is stronger than {output:.2f} of full {settings.force} output: "
         f"{settings.signal} keeps drifting. Trim the craft, wait for less wind or current, or use a "
@@ -60,7 +60,7 @@ def overwhelmed(settings: RelaySettings, output: float) -> str:
 
 
 def no_oscillation(settings: RelaySettings, output: float) -> str:
-    """It did not reach the hysteresis in time."""
+    """Return the message for a craft that did not reach the hysteresis in time."""
     return (
         f"no oscillation at relay output {output:.2f}: the craft did not cross the hysteresis within "
         f"{settings.patience:.0f} s. Check that the actuator moves the craft, or use a larger {settings.names.output} "
@@ -69,7 +69,7 @@ def no_oscillation(settings: RelaySettings, output: float) -> str:
 
 
 def too_fast(settings: RelaySettings, output: float, least_ticks: float, tick: float) -> str:
-    """Half a period is over within *least_ticks* control ticks of *tick* [s]."""
+    """Return the message for a half period that is shorter than *least_ticks* control ticks of *tick* [s]."""
     return (
         f"the craft crosses the hysteresis within {least_ticks:g} control ticks of {tick:.2f} s at "
         f"relay output {output:.2f}, too fast for the relay. Use a higher --control-rate, a larger "
@@ -78,7 +78,7 @@ def too_fast(settings: RelaySettings, output: float, least_ticks: float, tick: f
 
 
 def improper(settings: RelaySettings, output: float) -> str:
-    """Return the message of an oscillation that does not fulfil condition (7.12)."""
+    """Return the message for an oscillation that does not fulfil condition (7.12)."""
     return (
         f"the oscillation did not fulfil condition (7.12), x_a* + |x_0| < X_m, up to relay output "
         f"{output:.2f}. Use a larger {settings.names.output} or a smaller {settings.names.hysteresis}"
@@ -86,9 +86,13 @@ def improper(settings: RelaySettings, output: float) -> str:
 
 
 def no_wall(distance: float, least: float) -> str:
-    """Why a relay on the distance to a wall ends: too near, or nothing seen."""
+    """Return the message for a relay on the distance to a wall that ends because the wall is too near or not
+    detected."""
     if math.isfinite(distance):
         return (
             f"the wall ahead is {distance:.2f} m away, nearer than {least:g} m (--least-distance). Start further away"
         )
-    return "the rangefinder stopped reporting the distance ahead. Face the wall squarely, within its range"
+    return (
+        "the rangefinder stopped reporting the distance ahead. Face the wall at a right angle, within the sensor's "
+        "range"
+    )

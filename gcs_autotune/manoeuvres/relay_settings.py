@@ -12,19 +12,19 @@ __all__ = ["OF_A_TUNE", "OptionNames", "RelaySettings"]
 
 
 class OptionNames(NamedTuple):
-    """What a person sets a relay's size by: named in advice."""
+    """Names of the options that set a relay's size, for use in advice."""
 
     output: str = "--relay-output"
     hysteresis: str = "--relay-hysteresis"
 
 
 OF_A_TUNE = OptionNames()
-"""Those of ``tune`` and ``experiment``."""
+"""Names of the options of ``tune`` and ``experiment``."""
 
 
 @dataclass(frozen=True, slots=True)
 class RelaySettings:
-    """Settings. Outputs are normalised; angles rad, lengths m, times s.
+    """Settings of a relay. Outputs are normalised; angles rad, lengths m, times s.
 
     Attributes
     ----------
@@ -35,14 +35,15 @@ class RelaySettings:
     throttle : constant thrust ahead during the experiment (a boat's rudder needs speed).
     reference_speed : mean speed of a surge relay [m/s].
     keep_still : hold an ROV's other axes (heading, depth).
-    periods, tolerance : so many periods in a row, within this share of each other, agree.
+    periods, tolerance : number of consecutive periods that must agree, and their relative tolerance.
     unsettled_periods, most_widenings : after this many unsettled periods an automatic hysteresis is widened by
         ``growth``, at most this many times.
     patience : longest time without a switching [s].
-    least_distance : nearest to a wall ahead [m], of a relay on ``d``.
+    least_distance : smallest distance to a wall ahead [m], for a relay on ``d``.
     noise_std : noise of the signal, if known; then there is no approach.
-    least_period : shortest period [s] that the link can resolve; a shorter one is widened, then rejected.
-    names : what the command at hand calls output and hysteresis.
+    least_period : shortest period [s] that the link can resolve; for a shorter one the hysteresis is increased, then
+        the relay is rejected.
+    names : names of output and hysteresis in the present command.
 
     Raises
     ------
@@ -73,7 +74,7 @@ class RelaySettings:
     names: OptionNames = OF_A_TUNE
 
     def __post_init__(self) -> None:
-        """See that a relay can be made of it: it switches, and pushes no harder than there is."""
+        """Check that the settings form a relay: it switches, and its output is not above full output."""
         for name in ("output", "first_output", "most_output"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value <= 1.0:
@@ -84,6 +85,6 @@ class RelaySettings:
         for name in ("hysteresis", "least_hysteresis"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
-                raise UsageError(f"relay: {name} is {value:g}. The switching value must be finite and above 0")
+                raise UsageError(f"relay: {name} is {value:g}. The hysteresis must be finite and above 0")
         if not (abs(self.throttle) <= 1.0 and math.isfinite(self.reference_speed)):
             raise UsageError(f"relay: throttle {self.throttle:g} or speed {self.reference_speed:g} m/s is out of range")

@@ -1,8 +1,8 @@
-"""The engine, which alone flies manoeuvres and always cleans up after them.
+"""The only module that flies manoeuvres. It always cleans up after them.
 
 Clean-up is here and not in the manoeuvres, so that it happens on every ending: success, stop, abort, a bug, Ctrl-C, a
-lost link. Order: actuators neutral (checked at the measured outputs), then, at the end of the visit, the original mode
-and armed state.
+lost link. First the actuators are set to neutral, which is verified by the measured outputs. At the end of the run the
+original mode and armed state are restored.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["DISARMED_ITSELF", "Sequencer", "restore_on_exit"]
 
 
 _RATES: Mapping[str, str] = {"psi": "r", "z": "w", "x": "u"}
-"""Controlled signal -> the observation's own time derivative of it."""
+"""Controlled signal -> the signal of the observation that is its time derivative."""
 
 
 def _placed(progress: Progress, now: Observation) -> Progress:
@@ -35,8 +35,8 @@ def _placed(progress: Progress, now: Observation) -> Progress:
 class Sequencer:
     """Flies manoeuvres on a craft, inside an envelope.
 
-    ``keep`` is called with the trial after every ending, good or bad, before any error is raised: the
-    record must be on disk whatever happens next.
+    ``keep`` is called with the trial after every ending, before any error is raised, so that the record is always on
+    disk.
     """
 
     def __init__(self, craft: Craft, envelope: Envelope, observer: Observer, keep: Callable[[Trial], None]) -> None:
@@ -53,12 +53,12 @@ class Sequencer:
         Raises
         ------
         PreconditionFailed
-            When an earlier manoeuvre of this sequencer was aborted.
+            An earlier manoeuvre of this sequencer was aborted.
         GuardTripped, LinkLost, TelemetryFault, OperatorStopped, ...
-            Whatever ended it early; by then the actuators are neutral and the record is kept.
+            The cause of an early end. By then the actuators are neutral and the record is kept.
         """
         if self._broken:
-            raise PreconditionFailed(f"no further manoeuvre after an abort ({self._broken}). Start a new run")
+            raise PreconditionFailed(f"no further manoeuvre is flown after an abort ({self._broken}). Start a new run")
         outcome = Outcome("aborted", "a program error")
         self._craft.start_recording(manoeuvre.name)
         try:
@@ -83,7 +83,7 @@ class Sequencer:
         return -1.0 if to_body(north, east, now.psi)[1] < 0.0 else 1.0
 
     def go_on(self) -> None:
-        """What ended the last manoeuvre is over, and the craft is neutral: more may be flown."""
+        """Permit further manoeuvres, because the cause of the last abort is over and the craft is neutral."""
         self._broken = ""
 
     def _run(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope) -> Outcome:
@@ -136,33 +136,33 @@ class Sequencer:
 
     def _report_not_neutral(self, failure: AutotuneError) -> None:
         self._observer.say(
-            f"Neutral outputs could not be confirmed ({failure}). The vehicle's own override time-out makes them "
-            f"neutral."
+            f"Neutral outputs could not be confirmed ({failure}). The vehicle's override time-out sets them to neutral."
         )
 
 
 ROUNDS = 3
-"""Attempts to restore a craft that does not stay restored. Chosen."""
+"""Number of attempts to restore a craft whose state changes again. Project choice."""
 
 DISARMED_ITSELF = (
-    "the vehicle was armed before the run, but a restart, a failsafe or another station disarmed it. It is not armed "
-    "again automatically"
+    "the vehicle was armed before the run, but a restart, a failsafe or another station disarmed it. This tool does "
+    "not arm it again"
 )
-"""Note for a craft that was armed before the run: this tool does not disarm it, and only the operator arms it again."""
+"""Note for a craft that was armed before the run: this program does not disarm it, and only the operator arms it
+again."""
 
 
 @contextmanager
 def restore_on_exit(
     craft: Craft, observer: Observer, settled: Callable[[], None] = lambda: None
 ) -> Iterator[Observation]:
-    """Restore actuators, armed state and mode on every exit, except for orders of another operator.
+    """Restore actuators, armed state and mode on every exit, except for changes by another operator.
 
-    Yields the first observation. *settled* is called only once nothing is left to restore.
+    Yield the first observation. *settled* is called only once everything is restored.
 
     Raises
     ------
     NotAsFound
-        Something could not be restored; an earlier error stays the cause.
+        Something could not be restored; an earlier error is chained as its cause.
     """
     craft.take_over()
     found = craft.observe()
@@ -200,16 +200,17 @@ def _not_as_found(differences: dict[str, str], trouble: BaseException | None) ->
     what = "; ".join(f"{name}: {why}" for name, why in differences.items())
     first = f"{trouble}. Afterwards the vehicle" if trouble is not None else "the vehicle"
     return NotAsFound(
-        f"{first} could not be restored: {what}. Its own override time-out makes the actuators neutral. Check the "
-        "vehicle by eye, and run `gcs-autotune restore` once it answers again",
+        f"{first} could not be restored: {what}. The vehicle's override time-out sets the actuators to neutral. "
+        "Check the vehicle by eye, and run `gcs-autotune restore` once it answers again",
         differences=differences,
     )
 
 
 def _put_back(craft: Craft, found: Observation) -> tuple[dict[str, str], Intervention | None]:
-    """Restore the craft and check again, since a restart may undo it. Return differences and the first intervention.
+    """Restore the craft and check again, since a restart may undo it. Return the differences and the first
+    intervention.
 
-    An order of another station is not undone. If it may have been a late copy of ours, it counts as a difference.
+    A command of another station is not undone. If it may have been a late copy of ours, it counts as a difference.
     """
     change: Intervention | None = None
     for _ in range(ROUNDS):
@@ -229,7 +230,7 @@ def _put_back(craft: Craft, found: Observation) -> tuple[dict[str, str], Interve
 
 
 def _left_in_doubt(craft: Craft, found: Observation, change: Intervention) -> dict[str, str]:
-    """Return the differences from *found* by a *change* that may have been another operator's order."""
+    """Return the differences from *found* due to a *change* that may have been another operator's command."""
     left = {} if craft.mode == found.mode else {"mode": f"is {craft.mode}: {change.what}"}
     if craft.armed and not found.armed:
         left["armed state"] = f"is armed: {change.what}"
@@ -237,7 +238,7 @@ def _left_in_doubt(craft: Craft, found: Observation, change: Intervention) -> di
 
 
 def _look(craft: Craft) -> Intervention | None:
-    """Return an intervention since the last look; what does not stand is taken as it is, for the steps to undo it."""
+    """Return an intervention since the last check. A temporary change is accepted, and the next steps undo it."""
     change = craft.intervention()
     if change is not None and not change.stands:
         craft.accept_intervention()
@@ -270,9 +271,10 @@ def _put_back_once(
 
 
 def _forbids(order: Intervention, what: str, craft: Craft) -> bool:
-    """Whether *order* forbids the step *what*.
+    """Return whether *order*, a command of another operator, forbids the restore step *what*.
 
-    A craft that another station has put into a mode that drives it, or may have, stays armed: that station needs it so.
+    A craft that another station has put, or may have put, into a driving mode stays armed, because that station needs
+    it armed.
     """
     if what == "mode":
         return order.mode_stands

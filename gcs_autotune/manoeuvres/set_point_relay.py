@@ -1,7 +1,7 @@
 """Relays on the autopilot's set-point: the commanded heading, depth or speed jumps (Miskovic2010, 6.6.4).
 
-The relay stands outside the closed loop, psi_ref = psi_0 +- C, and switches where the heading passes x_a to
-either side. Two of different size tell the loop as it is flown, (6.49), without driving an actuator directly.
+The relay is outside the closed loop, psi_ref = psi_0 +- C. It switches when the heading passes x_a on either side. Two
+relays of different size identify the closed loop, (6.49), without driving an actuator directly.
 """
 
 from __future__ import annotations
@@ -25,27 +25,35 @@ if TYPE_CHECKING:
 __all__ = ["KIND", "SetPointRelay"]
 
 PERIODS, MOST_PERIODS = 5, 15
-"""Consecutive periods that must agree (Miskovic2010, 6.7), and number of periods after which a relay ends anyway."""
+"""Number of consecutive periods that must agree (Miskovic2010, 6.7), and number of periods after which a relay ends
+anyway."""
 LONGEST, LEAST_SWITCHINGS = 110.0, 6
-"""Time [s] and switchings after which an unsettled relay ends anyway: a boat keeps moving. Chosen."""
+"""Time [s] and number of switchings after which an unsettled relay ends anyway, because a boat keeps moving. Project
+choice."""
 SWOLLEN, HELD_PERIODS, LONGEST_HOLD = 3.0, 2.5, 75.0
-"""Chosen: a motion of so many times what is commanded is not damped well. The command is then held for so many periods,
-and so many seconds at most: an oscillation that lasts is the loop's own."""
+"""Limit of the ratio of motion to command, and the following hold of the command in periods and its longest time
+[s].
+
+A larger motion shows that the loop is poorly damped. The command is then held. An oscillation that persists during the
+hold is caused by the loop itself. Project choice.
+"""
 NOISES = 5.0
-"""A motion below this many standard deviations of the noise is not an oscillation. Chosen."""
+"""Motion in standard deviations of the noise below which it is not an oscillation. Project choice."""
 LASTS = 0.6
-"""Chosen: an oscillation of which so much is left after one period and a half of a constant command lasts: of a damping
-ratio of 0.05 that is 0.62."""
+"""Fraction of an oscillation that may remain after one and a half periods of a constant command.
+
+If more remains, the oscillation counts as persistent. A damping ratio of 0.05 leaves 0.62. Project choice.
+"""
 PATIENCE = 60.0
-"""Chosen [s]: a loop that does not bring the heading past x_a by then does not follow."""
+"""Time [s] after which a loop that has not brought the heading past x_a counts as not following. Project choice."""
 
 
 class SetPointRelay(Manoeuvre):
-    """Holds its course, then flies each of ``relays`` (C, x_a) [SI, rad] until its oscillation has settled.
+    """Holds the course, then flies each of ``relays`` (C, x_a) [SI, rad] until its oscillation has settled.
 
-    ``axis`` says what is commanded: heading, depth or speed. ``speed`` [m/s] ahead meanwhile, up to which a relay on
-    speed swings. Where the motion is much larger than what is commanded, the command is then held, to see whether it
-    dies away. Marks ``relay`` where one begins, ``switch`` with what is commanded, ``hold`` where that stays.
+    ``axis``: the commanded quantity: heading, depth or speed. ``speed`` [m/s]: speed ahead, which is the maximum of a
+    relay on speed. If the motion is much larger than the command, the command is then held to show whether the motion
+    decays. Marks: ``relay`` at its start, ``switch`` with the command, ``hold`` when the command is held.
     """
 
     kind, purpose, in_manual = "set-point-relay", "check", False
@@ -75,13 +83,13 @@ class SetPointRelay(Manoeuvre):
         self._middle = speed - most  # faster than its cruise an autopilot need not let itself be commanded
         if axis.controls_velocity and 0.0 < speed <= 2.0 * most:
             raise UsageError(
-                f"a relay of {self._told(most)} about {self._middle:g} m/s leaves no speed ahead. "
+                f"a relay of {self._told(most)} about {self._middle:g} m/s reaches zero speed. "
                 "Use a smaller --set-point, or more --speed"
             )
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """The relays, the speed, the noise of what is watched."""
+        """Settings: the relays, the speed, and the noise of the controlled signal."""
         return {
             "dof": self._axis.dof,
             "signal": self.signal,
@@ -115,7 +123,7 @@ class SetPointRelay(Manoeuvre):
         yield self._wanted(0.0)
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End a relay with what is recorded, if it has switched often enough to show how the loop is damped."""
+        """End with the present record if a relay has switched often enough to show the damping of the loop."""
         if self._switchings < LEAST_SWITCHINGS:
             return None
         which = "the last relay" if self._flown == len(self._relays) else f"relay {self._flown}"
@@ -130,12 +138,12 @@ class SetPointRelay(Manoeuvre):
         return f"{math.degrees(size):g} deg" if self._axis.angular else f"{size:g} {SIGNALS[self.signal].unit}"
 
     def _wanted(self, change: float) -> Command:
-        """Return the command about which it oscillates, and *change* to it."""
+        """Return the command that the relay oscillates about, plus *change*."""
         self.target = self._base + change
         return set_point(self.signal, self.target, course=self._course, speed=self._speed)
 
     def _held(self, now: Observation) -> Part:
-        """Hold that command for some periods; end if the oscillation continues."""
+        """Hold that command for some periods. End early if the oscillation continues."""
         start, period, seen = now.t, self._period, []
         self.phase = "holding"
         self._mark(now.t, "hold", {f"{self.signal}_ref": self._base})
@@ -147,7 +155,9 @@ class SetPointRelay(Manoeuvre):
         amplitude = 0.5 * (max(last) - min(last))
         if amplitude > LASTS * 0.5 * (max(first) - min(first)) and amplitude > NOISES * self._approach.noise_std:
             self._mark(now.t, "oscillation", {"amplitude": amplitude, "period": period})
-            self._end("completed", f"the loop oscillates on its own, amplitude {self._told(float(f'{amplitude:.3g}'))}")
+            self._end(
+                "completed", f"the loop oscillates without a relay, amplitude {self._told(float(f'{amplitude:.3g}'))}"
+            )
         self._swollen = False
         return now
 
@@ -191,7 +201,10 @@ def _monitor(C: float, x_a: float) -> LimitCycleMonitor:
     return LimitCycleMonitor(C, x_a, periods=PERIODS)
 
 
-_ROOM: Mapping[str, str] = {"depth": "that much depth to either side", "speed": "straight ahead at cruise speed"}
+_ROOM: Mapping[str, str] = {
+    "depth": "the depth of the set-point steps to either side",
+    "speed": "straight ahead at cruise speed",
+}
 
 
 def _make(axis: AxisKind, options: Mapping[str, float]) -> SetPointRelay:
@@ -204,15 +217,15 @@ def _of_force(force: str) -> ManoeuvreKind:
     """Return the row for the loop that drives *force*: heading (N), depth (Z), a boat's speed (X)."""
     axis = next((a for a in AXES.values() if a.names.force == force), None)
     if axis is None:
-        raise UsageError(f"there is no loop for {force}. Use N (heading), Z (depth) or X (speed)")
+        raise UsageError(f"the autopilot has no loop for {force}. Use N (heading), Z (depth) or X (speed)")
     return _row(axis)
 
 
 def _row(axis: AxisKind) -> ManoeuvreKind:
     return ManoeuvreKind(
         name="set-point-relay",
-        help=f"set-point relay: the commanded {axis.name} steps to either side, under the autopilot's own loop; two "
-        f"sizes",
+        help=f"set-point relay: the commanded {axis.name} steps to either side, in two sizes, under the autopilot's "
+        "own loop",
         excites=frozenset({axis.dof}),
         drives=frozenset(),
         make=partial(_make, axis),

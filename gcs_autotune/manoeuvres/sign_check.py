@@ -1,7 +1,7 @@
-"""Check before a relay: a small pulse in each direction must move the craft in the right direction.
+"""Check before a relay that a small pulse in each direction moves the craft in the right direction.
 
-A relay or loop on a reversed rudder would turn the craft round and round; on a dead one it would wait forever. The
-pulse grows until there is a response.
+A relay or loop on a reversed rudder would turn the craft in circles. On a dead rudder it would wait for ever. The pulse
+grows until there is a response.
 """
 
 from __future__ import annotations
@@ -23,33 +23,36 @@ from gcs_autotune.sname import DOFS
 __all__ = ["SignCheck", "SignCheckSettings"]
 
 SHORTEST = 0.6
-"""Chosen [s]: a pulse lasts at least this; some ticks more than a radio and an actuator are late."""
+"""Shortest duration of a pulse [s], a few ticks longer than the delays of a radio and an actuator. Project choice."""
 DRIFT_WINDOW = 3.0
-"""Seconds before the pulse from which the drift is taken."""
+"""Time [s] before the pulse over which the drift is measured."""
 NOISES = 5.0
-"""Smallest significant motion, in standard deviations of the noise. Chosen."""
+"""Smallest significant motion, in standard deviations of the noise. Project choice."""
 BACK_LONGER = 2.5
-"""Longest pulse back, relative to the first one: a craft without drag needs 1 + sqrt(2)."""
+"""Longest duration of the return pulse relative to the first one; a craft without drag needs 1 + sqrt(2)."""
 LAST_LONGER = 2.0
-"""Duration of the largest pulse, in multiples of ``longest``. Chosen: with 0.6 of full rudder a boat with a yaw time
-constant of 8 s turns by 2.5 deg in 4 s, too little for a poor compass, and by 9 deg in 8 s."""
+"""Duration of the largest pulse, in multiples of ``longest``. Project choice.
+
+With 0.6 of full rudder, a boat with a yaw time constant of 8 s turns by 2.5 deg in 4 s, which is too little for a poor
+compass. In 8 s it turns by 9 deg.
+"""
 TWICE = 2
-"""Pulses there and back that must move the craft the wrong way before its actuator is called turned round."""
+"""Number of pulse pairs that must move the craft in the wrong direction before its actuator counts as reversed."""
 STANDING = 0.9
-"""An output this large without any command is at its stop."""
+"""Output without any command above which the actuator counts as at its stop."""
 ASTERN = 0.7
-"""Share of motion astern that is neither leeway nor current: a propeller turns the wrong way."""
+"""Fraction of motion astern above which neither leeway nor current explains it: the propeller turns the wrong way."""
 CIRCLING = math.radians(5.0)
-"""Chosen [rad/s]: a boat that turns so fast with nothing steered, its speed going up and down, goes not straight."""
+"""Turn rate [rad/s] without steering, at varying speed, above which a boat counts as circling. Project choice."""
 EASED, LEAST_SHARE = 1.0, 1.0 / 64.0
-"""Time between two halvings of the throttle [s], and the smallest remaining fraction. Chosen."""
+"""Time between two halvings of the throttle [s], and the smallest remaining fraction. Project choice."""
 WAY_NOISES = 4.0
-"""Speed below this many standard deviations of its noise is too low for steering."""
+"""Speed in standard deviations of its noise below which it is too low for steering."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignCheckSettings:
-    """Settings. Outputs are normalised; ``reach``, ``least`` rad or m; times s; ``least_speed`` m/s.
+    """Settings of a sign check. Outputs are normalised; ``reach``, ``least`` rad or m; times s; ``least_speed`` m/s.
 
     Attributes
     ----------
@@ -81,7 +84,7 @@ class SignCheckSettings:
 
 
 class SignCheck(Manoeuvre):
-    """Approach (speed, noise and drift measured), then pulses until there is a response in both directions."""
+    """Approach (measure speed, noise and drift), then pulses until there is a response in both directions."""
 
     kind, purpose = "sign-check", "check"
 
@@ -104,7 +107,7 @@ class SignCheck(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings as flown, and what was seen, for the trial's meta."""
+        """Settings as flown and results, for the trial's meta."""
         s, seen = self._settings, self.answer
         found = {} if seen is None else {"moved": [seen.forward.moved, seen.back.moved], "signs": list(seen.signs)}
         return {
@@ -154,12 +157,12 @@ class SignCheck(Manoeuvre):
 
     @property
     def eased(self) -> bool:
-        """Whether the boat went faster than it may, and got less throttle."""
+        """Whether the boat exceeded the permitted speed and its throttle was reduced."""
         return self._share < 1.0
 
     @property
     def throttle(self) -> float:
-        """The throttle [normalised] for the required speed, if the boat was too fast; else the one flown."""
+        """The throttle [normalised] for the required speed if the boat was too fast; else the one flown."""
         s, flown = self._settings, self._share * self._settings.throttle
         if not self.eased or not self._approach.speed > 0.0 or not math.isfinite(s.wanted_speed):
             return flown
@@ -177,7 +180,7 @@ class SignCheck(Manoeuvre):
     # --- the course of it ---------------------------------------------------------------------------------
 
     def _wait(self, observation: Observation, tick: Tick) -> None:
-        """Let speed, noise and drift settle; then begin, unless there is nothing to steer by."""
+        """Wait until speed, noise and drift settle. Then begin, unless the craft has too little speed to steer."""
         t, x, _ = tick
         if not self._approach.done:
             self._approach.update(t, x, observation.speed)
@@ -192,7 +195,7 @@ class SignCheck(Manoeuvre):
     def _way(self, x: float) -> float:
         """Return the side of the first pulse: to port if waves have turned the bow far to starboard.
 
-        Nothing holds it there, and pulses add to it. Steady drift to one side does not count.
+        No controller holds the bow there, and pulses add to the deviation. Steady drift to one side does not count.
         """
         s, seen = self._settings, [x for _, x, _ in self._rest]
         if self.answer is None:  # afterwards it swings by what was done to it, too
@@ -229,7 +232,7 @@ class SignCheck(Manoeuvre):
         self._mark(t, "pulse", {self._settings.force: command})
 
     def _judge(self) -> None:
-        """End with a verdict, or come to rest and try the next size."""
+        """End with a verdict, or come to rest and try the next pulse size."""
         s = self._settings
         command = -self._command  # of the first pulse: the second is flown last
         self.answer = seen = pulse_response(command, self._rest, self._forward, self._back, self._least)
@@ -242,7 +245,7 @@ class SignCheck(Manoeuvre):
             self._not_right(seen)
 
     def _not_right(self, seen: PulseResponse) -> None:
-        """Reject, or come to rest and pulse once more.
+        """Reject the actuator, or come to rest and pulse once more.
 
         The surface, a quay or a net can push the craft back during a pulse, which looks like a response in the wrong
         direction. It must occur twice, without a right response at the end.

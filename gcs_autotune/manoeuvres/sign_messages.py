@@ -1,4 +1,4 @@
-"""What a sign check found, in words that name the cure."""
+"""Messages with the result of a sign check and its remedy."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ __all__ = [
 ]
 
 _NOTHING = 0.1
-"""Fraction of the command below which an output counts as unmoved. Chosen."""
+"""Fraction of the command below which an output counts as unmoved. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outlet:
-    """A servo output (1-based) that drives a force: pulse [us] at rest, and how much more full output makes it."""
+    """A servo output (1-based) that drives a force: pulse [us] at rest, and the change [us] for full output."""
 
     channel: int
     trim: float
@@ -52,12 +52,13 @@ def _pulses(seen: PulseResponse, outlets: Sequence[Outlet]) -> str:
 
 
 def moved(stretch: Pulse, signal: str, force: str) -> str:
-    """Return the motion caused by one pulse."""
+    """Return a sentence on the motion caused by one pulse."""
     angular = SIGNALS[signal].angular
     size = f"{abs(math.degrees(stretch.moved)):.1f} deg" if angular else f"{abs(stretch.moved):.2f} m"
     way = ("to starboard", "to port") if angular else ("down", "up")
     return (
-        f"{stretch.command:+.2f} of full {force} moved the craft {size} {way[0 if stretch.moved > 0.0 else 1]} in "
+        f"{stretch.command:+.2f} of full {force} output moved the craft {size} {way[0 if stretch.moved > 0.0 else 1]} "
+        "in "
         f"{stretch.seconds:.1f} s"
     )
 
@@ -90,7 +91,7 @@ def unclear(seen: PulseResponse, signal: str, force: str, outlets: Sequence[Outl
 
 
 def _drifting(seen: PulseResponse, signal: str) -> str:
-    """Return the drift without command, if it is as large as the required response."""
+    """Return a sentence on the drift without command, if it is as large as the required response."""
     if not abs(seen.drift) * seen.forward.seconds >= seen.threshold:
         return ""
     if SIGNALS[signal].angular:
@@ -101,11 +102,11 @@ def _drifting(seen: PulseResponse, signal: str) -> str:
 def not_followed(stretch: Pulse, force: str, outlets: Sequence[Outlet]) -> str:
     """Return the message of outputs that do not follow the command."""
     who = named(outlets)
-    asked = f"commanded {stretch.command:+.2f} of full {force}, but the outputs show {stretch.output:+.2f}"
+    asked = f"commanded {stretch.command:+.2f} of full {force} output, but the outputs show {stretch.output:+.2f}"
     if stretch.obeyed <= -_NOTHING:
         return f"{asked}, the opposite direction. Check RCn_REVERSED and the function of {who}"
     if stretch.obeyed < _NOTHING:
-        return f"{asked}: {who} did not change. Check that no other transmitter is in command, and SERVOn_FUNCTION"
+        return f"{asked}: {who} did not change. Check SERVOn_FUNCTION, and that no other transmitter is in command"
     cap = ", and MOT_THR_MAX" if force == "X" else ""
     return f"{asked}: {who} is limited on that side. Check SERVOn_MIN, TRIM and MAX and RCn_MIN, TRIM and MAX{cap}"
 
@@ -124,8 +125,8 @@ def too_slow(speed: float, noise: float, least: float, throttle: float) -> str:
         return "the vehicle reports no speed, which it needs to scale its steering. Wait for a GPS fix"
     return (
         f"the craft makes only {speed:.2f} m/s (noise {noise:.2f} m/s) at {throttle:.0%} throttle. Steering needs at "
-        f"least {least:.2f} m/s: a rudder has little effect below, and the autopilot scales its output by speed. Use "
-        "more --throttle"
+        f"least {least:.2f} m/s: below this a rudder has little effect, and the autopilot scales its output by "
+        "speed. Use more --throttle"
     )
 
 
@@ -135,14 +136,16 @@ def turns_by_itself(rate: float, speed: float, noise: float, throttle: float) ->
         f"without steering the craft turns at {abs(math.degrees(rate)):.0f} deg/s to "
         f"{'starboard' if rate > 0.0 else 'port'} at {throttle:.0%} throttle, and its speed is not "
         f"steady ({speed:.2f} +- {noise:.2f} m/s). Trim the rudder and check that all thrusters push equally. If the "
-        "craft is not stable on course, try less --throttle"
+        "craft does not hold a straight course, use less --throttle"
     )
 
 
 def gained(seen: Pulse) -> str:
-    """Return the effect of a thrust pulse; ``moved`` is the speed gained [m/s]."""
+    """Return a sentence on the effect of a thrust pulse; ``moved`` is the speed gained [m/s]."""
     way = "ahead" if seen.moved > 0.0 else "astern"
-    return f"{seen.command:+.2f} of full X gave the craft {abs(seen.moved):.2f} m/s {way} in {seen.seconds:.1f} s"
+    return (
+        f"{seen.command:+.2f} of full X output gave the craft {abs(seen.moved):.2f} m/s {way} in {seen.seconds:.1f} s"
+    )
 
 
 def does_not_drive(seen: Pulse, outlets: Sequence[Outlet]) -> str:
@@ -159,8 +162,9 @@ def turns_on_thrust(turn: float, seconds: float, command: float, crooked: str) -
     """Return the message of a craft that turns under thrust alone; *turn* [rad]."""
     side = "starboard" if turn > 0.0 else "port"
     return (
-        f"{command:+.2f} of full X without steering turned the craft {abs(math.degrees(turn)):.0f} deg to {side} in "
-        f"{seconds:.1f} s instead of driving it ahead: {crooked}"
+        f"{command:+.2f} of full X output without steering turned the craft {abs(math.degrees(turn)):.0f} deg to "
+        f"{side} in "
+        f"{seconds:.1f} s instead of driving it straight ahead: {crooked}"
     )
 
 

@@ -1,7 +1,7 @@
-"""Spirals: the steady yaw rate over the helm, one helm after the other (Dieudonne), or one rate after the other (Bech).
+"""Spirals: measure the steady yaw rate as a function of the helm, in steps of helm (Dieudonne) or of rate (Bech).
 
-A craft that is not stable on its course jumps in the direct spiral and shows a curve that runs back in the reverse one
-(ITTC 7.5-04-02-01).
+For a craft that is unstable on course, the rate jumps in the direct spiral. In the reverse spiral its curve has a
+negative slope (ITTC 7.5-04-02-01).
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ __all__ = ["KINDS", "BechSpiral", "DirectSpiral"]
 KNEE = 1.0 - math.exp(-1.0)
 """Fraction of the steady rate that a turn reaches after one time constant."""
 RATE_TIMES, LEAST_RATE_TIME = 6.0, 8.0
-"""Hold of a rate, in time constants of the turn, and its least duration [s]. Chosen."""
+"""Duration of a held rate, in time constants of the turn, and its minimum [s]. Project choice."""
 LEAST_LAG = 0.5
-"""Shortest time constant assumed [s]. Chosen: with a shorter one the link's delay causes oscillation."""
+"""Shortest time constant assumed [s]; with a shorter one the link's delay would cause oscillation. Project choice."""
 LEAST_TURN = math.radians(0.5)
-"""A lower turn rate counts as no turn at that helm [rad/s]. Chosen."""
+"""Turn rate [rad/s] below which a helm counts as causing no turn. Project choice."""
 
 
 class DirectSpiral(UnderWay):
-    """From the helm given to one side in steps to as much on the other, and back; each held until the turn is steady.
+    """Steps the helm from one side to the other and back; each helm is held until the turn is steady.
 
-    ``levels`` helms to either side, and amidships.
+    ``levels``: number of helms on either side, in addition to amidships.
     """
 
     kind = "spiral"
@@ -41,7 +41,7 @@ class DirectSpiral(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Steering and the number of levels."""
+        """Settings: the steering and the number of levels."""
         return {**super().asked, "levels": self._levels}
 
     def commands(self, now: Observation) -> Commands:
@@ -57,10 +57,10 @@ class DirectSpiral(UnderWay):
 
 
 class BechSpiral(UnderWay):
-    """Yaw rates from that of the first rudder angle to the same on the other side, each held by a slow controller.
+    """Steps the yaw rate from that of the first rudder angle to the opposite one. A slow controller holds each rate.
 
-    The first turn determines the rate and the time constant of the controller: a proportional gain that closes the loop
-    with about the craft's own time constant, and an integral of the same time constant.
+    The first turn determines the rate and the controller. Its proportional gain closes the loop with about the craft's
+    own time constant. Its integral has the same time constant.
     """
 
     kind = "reverse-spiral"
@@ -71,7 +71,7 @@ class BechSpiral(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Steering and the number of levels."""
+        """Settings: the steering and the number of levels."""
         return {**super().asked, "levels": self._levels}
 
     def commands(self, now: Observation) -> Commands:
@@ -116,7 +116,8 @@ def _within(helm: float) -> float:
 KINDS: tuple[ManoeuvreKind, ...] = (
     ManoeuvreKind(
         name="spiral",
-        help="direct spiral (Dieudonne): a series of rudder angles, to the other side and back, each until steady",
+        help="direct spiral (Dieudonne): rudder angles in steps from one side to the other and back, each held until "
+        "steady",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: DirectSpiral(int(options["levels"]), Steering.of(options)),
@@ -126,8 +127,8 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     ManoeuvreKind(
         name="reverse-spiral",
-        help="reverse spiral (Bech): a series of yaw rates, each held by a slow controller; records the rudder each "
-        "needs",
+        help="reverse spiral (Bech): a series of yaw rates, each held by a slow controller, to record the rudder "
+        "each rate needs",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: BechSpiral(int(options["levels"]), Steering.of(options)),
@@ -136,4 +137,4 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         turns=True,
     ),
 )
-"""The rows of the table."""
+"""Rows of the table for spirals."""

@@ -1,11 +1,11 @@
 """Step in heading, depth, speed or turn rate under the autopilot's own loop: the before/after proof.
 
-The craft holds where it is until it is steady, follows a step one way, then the step back: both directions,
-because thrusters, rudders and buoyancy are not symmetric. Each of these halves ends early once the signal has stood at
-its target for long enough; how long each lasted is kept, for only what both of two proofs recorded can be compared.
+The craft holds its value until it is steady, follows a step, and then the step back. Both directions are flown because
+thrusters, rudders and buoyancy are not symmetric. Each half ends early once the signal has been at its target for long
+enough. The duration of each half is stored, because two proofs can be compared only over the time that both recorded.
 
-What is waited for, before the step and at its target, is an integral to come to rest. It shows in the signal or in the
-output, so a wait may end early when neither would change by more than a trifle in the rest of it.
+The waits before the step and at its target let the controller's integral settle. Its changes appear in the signal or in
+the output. So a wait ends early if neither would change noticeably in the rest of it.
 """
 
 from __future__ import annotations
@@ -31,35 +31,41 @@ Array = NDArray[np.float64]
 __all__ = ["Step", "StepSettings", "common_windows", "windows_of"]
 
 SETTLED_BAND, SETTLED_NOISES = 0.03, 3.0
-"""A signal has reached its target within this fraction of the step, or within this many standard deviations of its
-noise. Chosen."""
+"""Distance from the target within which a signal counts as settled: fraction of the step, and standard deviations of
+its noise. Project choice."""
 ONE_QUANTUM = 1.01
-"""Tolerance in quanta of the sensor."""
+"""Tolerance in steps of the sensor's resolution."""
 LEAST_CROSSINGS, LEAST_OSCILLATING = 4, 8.0
-"""Mean crossings in the last two thirds of a hold of at least this duration [s] that count as oscillation, by waves or
-by the loop. A longer hold adds no information. Chosen."""
+"""Number of mean crossings that counts as oscillation, and the hold [s] over whose last two thirds they are counted.
+
+Waves or the loop cause such an oscillation. A longer hold adds no information. Project choice.
+"""
 MAX_OSCILLATION = 0.5
-"""Largest oscillation about the target, relative to the step, that counts as settled; a larger one is recorded for the
-full requested time. Chosen."""
+"""Largest oscillation about the target, relative to the step, that counts as settled.
+
+A larger one is recorded for the full requested time. Project choice.
+"""
 LEAST_HALF = 4.0
-"""Least duration of a half that can be compared [s]. Chosen: twice that is less than a boat has before its space ends.
+"""Shortest half step that can be compared [s].
+
+Twice this is less than a boat has before its space ends. Project choice.
 """
 LEAST_SAMPLES = 5
-"""Fewest second differences that determine the noise."""
+"""Fewest second differences from which the noise is computed."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """Settings. ``signal`` is one of :data:`gcs_autotune.axes.SIGNAL_FORCES`, ``size`` in its unit (SI), times s.
+    """Settings of a step. ``signal`` is one of :data:`gcs_autotune.axes.SIGNAL_FORCES`, ``size`` in its unit (SI),
+    times s.
 
-    ``base`` is the value to step from; None takes the present one, which a craft at rest can hold. ``speed`` [m/s] is
-    the speed ahead, without meaning for ``u``.
-    ``settle`` is the longest wait for steadiness, which means: within ``steady_band`` of the held value for
-    ``steady_time``; ``hold`` is the shortest, steady or not, since the integral's state affects the step.
-    ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the loop counts as diverged
-    and the manoeuvre stops.
-    ``duration`` is the longest that each half lasts; it ends once the signal has been at its target for ``enough``.
-    ``least_hold`` and ``least_enough``: shortest ``hold`` and ``enough``, if signal and output are at rest.
+    ``base`` is the initial value; None: the present one, which a craft at rest can hold. ``speed`` [m/s] is the speed
+    ahead, unused for ``u``. ``settle`` is the longest wait until the signal is steady, i.e. within ``steady_band`` of
+    the held value for ``steady_time``. ``hold`` is the shortest wait, steady or not, since the integral's state affects
+    the step. ``diverged`` is the error beyond the step itself, as a multiple of the step, at which the loop counts as
+    diverged and the manoeuvre stops. ``duration`` is the longest duration of each half. A half ends early once the
+    signal has been at its target for ``enough``. ``least_hold`` and ``least_enough``: shortest ``hold`` and ``enough``,
+    if signal and output are at rest.
     """
 
     signal: str
@@ -78,23 +84,24 @@ class StepSettings:
 
 
 class Rest:
-    """Return whether signal and output are at rest; False if either is NaN."""
+    """Detects whether signal and output are at rest; not if either is NaN."""
 
     def __init__(self) -> None:
         self._seen: deque[tuple[float, float, float]] = deque()
 
     def begin(self) -> None:
-        """Forget what was seen."""
+        """Discard the samples so far."""
         self._seen.clear()
 
     def update(self, t: float, x: float, output: float) -> None:
-        """Take one sample: time [s], signal [SI] and output [fraction of full]."""
+        """Process one sample: time [s], signal [SI] and output [fraction of full]."""
         self._seen.append((t, x, output))
         while self._seen[0][0] < t - LOOK:
             self._seen.popleft()
 
     def lasts(self, seconds: float, size: float) -> bool:
-        """Return whether nothing changes in the *seconds* to come that a step of *size* or full output would notice."""
+        """Return whether no change within the next *seconds* would be noticeable relative to a step of *size* or full
+        output."""
         seen = np.array(self._seen)
         if len(seen) < 2 * LEAST_SAMPLES or seen[-1, 0] - seen[0, 0] < 0.9 * LOOK:
             return False
@@ -111,12 +118,12 @@ def _noise_in(x: Array) -> float:
 
 
 def _later(held: Array) -> Array:
-    """Return the later two thirds of *held* (n,), when what was before has died away."""
+    """Return the later two thirds of *held* (n,), after earlier motion has decayed."""
     return held[len(held) // 3 :]
 
 
 def _swing_in(x: Array) -> float:
-    """Return the standard deviation of *x* (n,) about its mean, if it passes that often enough; else 0."""
+    """Return the standard deviation of *x* (n,) about its mean if it crosses the mean often enough; else 0."""
     off = x - x.mean()
     std = float(off.std())
     plain = np.sign(off[np.abs(off) > 0.5 * std])  # noise about the mean is no passing of it
@@ -124,7 +131,7 @@ def _swing_in(x: Array) -> float:
 
 
 class Step(Manoeuvre):
-    """Hold, step, step back. Marks ``target`` at each change of the reference."""
+    """Hold, step, step back. It marks ``target`` at each change of the reference."""
 
     kind, purpose, in_manual = "step", "proof", False
 
@@ -149,7 +156,7 @@ class Step(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """The step's settings, and how long each half ``lasted``, for the trial's meta."""
+        """Settings of the step, and how long each half ``lasted``, for the trial's meta."""
         s = self._settings
         return {
             "dof": next(d.name for d in DOFS.values() if d.force == SIGNAL_FORCES[s.signal]),
@@ -188,7 +195,7 @@ class Step(Manoeuvre):
             self._end("aborted", f"the vehicle does not report {s.signal}, the stepped signal. Check its sensor")
         elif held and abs(error) > (1.0 + s.diverged) * abs(s.size):
             self._step = 3
-            self._end("stopped", "the loop diverges from its target: it is unstable with these gains")
+            self._end("stopped", "the loop diverges from its target, so it is unstable with these gains")
         elif self._step == 0:
             self._held.append(error)
             self._wait_for_steadiness(observation, error, elapsed)
@@ -198,7 +205,7 @@ class Step(Manoeuvre):
         return self._command()
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """Cut the half that is flown short, where it has lasted long enough to be compared; end with the second one."""
+        """Cut the present half short if it is long enough to be compared. End the manoeuvre with the second half."""
         elapsed = self._now - self._step_start
         if self._step not in (1, 2) or not elapsed >= LEAST_HALF:
             return None
@@ -224,7 +231,7 @@ class Step(Manoeuvre):
         return self._is_over(t - self._there_since, s.enough, s.least_enough)
 
     def _is_over(self, waited: float, enough: float, least: float) -> bool:
-        """Return whether *waited* [s] is *enough*, or at *least* that and the rest would add no information."""
+        """Return whether *waited* [s] is *enough*, or at least *least* and a longer wait would add no information."""
         return waited >= enough or (waited >= least and self._rest.lasts(enough - waited, abs(self._settings.size)))
 
     def _wait_for_steadiness(self, observation: Observation, error: float, elapsed: float) -> None:
@@ -245,7 +252,8 @@ class Step(Manoeuvre):
         return 0.0 < SETTLED_NOISES * _swing_in(late) <= MAX_OSCILLATION * abs(s.size)
 
     def _band_about(self, held: Array) -> float:
-        """Return how near [SI] is there, by the noise of what was *held* (n,) before the step."""
+        """Return the distance [SI] from the target that counts as settled, from the noise of the *held* signal (n,)
+        before the step."""
         noise, size = SETTLED_NOISES * _noise_in(held), abs(self._settings.size)
         swing = SETTLED_NOISES * _swing_in(_later(held))
         swing = swing if swing <= MAX_OSCILLATION * size else 0.0
@@ -275,7 +283,7 @@ class Step(Manoeuvre):
 def windows_of(trial: Trial) -> tuple[float, ...]:
     """Return how long [s] the step and the step back of a step *trial* were recorded, as far as they were flown.
 
-    One that was stopped because the loop ran away counts as recorded to its end.
+    A step that was stopped because the loop diverged counts as recorded to its end.
     """
     flown = len([m for m in trial.marks if m.kind == "target"]) - 1
     lasted = [float(seconds) for seconds in trial.meta.get("lasted", ())]
@@ -284,5 +292,6 @@ def windows_of(trial: Trial) -> tuple[float, ...]:
 
 
 def common_windows(one: Trial, other: Trial) -> tuple[float, ...]:
-    """Return how long [s] both of two step trials recorded the step and the step back: what can be compared."""
+    """Return how long [s] both of two step trials recorded the step and the step back, which limits their
+    comparison."""
     return tuple(min(pair) for pair in zip(windows_of(one), windows_of(other), strict=False))

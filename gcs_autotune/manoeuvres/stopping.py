@@ -1,6 +1,7 @@
-"""Accelerate, coast and stop: from steady speed ahead the thrust is removed, or reversed, until the craft stops.
+"""Stop from a steady speed ahead: the thrust is removed or reversed until the craft stops.
 
-Stopping distance and time are read off it (IMO MSC.137(76), 4.2.5, with the astern thrust of 5.3.4; ITTC 7.5-04-02-01).
+Stopping distance and time are computed from the record (IMO MSC.137(76), 4.2.5, with the astern thrust of 5.3.4; ITTC
+7.5-04-02-01).
 """
 
 from __future__ import annotations
@@ -17,14 +18,15 @@ from gcs_autotune.manoeuvres.open_loop import WITHOUT_THROTTLE, coasting
 __all__ = ["KIND", "STOPPED", "Stopping"]
 
 STOPPED = 0.1
-"""Fraction of the approach speed below which a craft counts as stopped; quadratic drag alone never stops it. Chosen."""
+"""Fraction of the approach speed below which a craft counts as stopped, because quadratic drag alone never stops it.
+Project choice."""
 LEAST_SPEED = 0.1
-"""Chosen [m/s]: slower than that there is no way to stop from."""
+"""Speed [m/s] below which the manoeuvre is not flown. Project choice."""
 PATIENCE = 180.0
 
 
 class Stopping(UnderWay):
-    """Approach at a throttle, then zero or ``astern`` (normalised) until stopped.
+    """Approach at a throttle, then zero or ``astern`` (normalised) until the craft has stopped.
 
     The rudder stays amidships. Marks ``execute`` with the commanded thrust.
     """
@@ -37,7 +39,7 @@ class Stopping(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Throttle and thrust astern."""
+        """Settings: throttle and thrust astern."""
         return {**super().asked, "dof": "surge", "astern": self._astern}
 
     def commands(self, now: Observation) -> Commands:

@@ -1,5 +1,8 @@
-"""The table of manoeuvres: what ``gcs-autotune fly``, ``tune`` and ``experiment`` fly, previews show and
-``identify --plan-next`` weighs, by the names that records carry."""
+"""The table of manoeuvres, by the names that records contain.
+
+``gcs-autotune fly``, ``tune`` and ``experiment`` fly them, previews simulate them, and ``identify --plan-next`` ranks
+them.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +30,11 @@ def _relay(title: str, signal: str, force: str, hysteresis: float) -> Preset:
 
 
 _OF_EXPERIMENT = OptionNames("--relay-output (of `experiment`)", "--relay-hysteresis (of `experiment`)")
-"""`fly relay` finds both by itself; `experiment`, the same relay for one axis, takes them."""
+"""Names of the two options that ``experiment`` has for a relay. `fly relay` determines both values itself."""
 
 
 def _relay_of(force: str) -> ManoeuvreKind:
-    """Return the row for a relay of one *force*, which finds its own size."""
+    """Return the row for a relay on one *force*, which determines its own size."""
     d = next((e for e in EXCITATIONS.values() if e.names.force == force), None)
     if d is None:
         raise UsageError(f"a relay can drive N, X, Y or Z, not {force}")
@@ -93,7 +96,7 @@ _WALL_RELAY = ManoeuvreKind(
 )
 _STEP = ManoeuvreKind(
     name="step",
-    help="step and step back under the autopilot's own loop: the proof of gains",
+    help="step and step back under the autopilot's own loop, to test gains",
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
@@ -101,7 +104,7 @@ _STEP = ManoeuvreKind(
 )
 _SIGN_CHECK = ManoeuvreKind(
     name="sign-check",
-    help="a pulse and one back, to check that an actuator moves the craft in the right direction",
+    help="a pulse and a pulse back, to check that an actuator moves the craft in the right direction",
     excites=frozenset({"yaw", "heave", "surge"}),
     drives=frozenset({"N"}),
     identifies=False,
@@ -109,16 +112,16 @@ _SIGN_CHECK = ManoeuvreKind(
 )
 _THROTTLE_STEPS = ManoeuvreKind(
     name="throttle-steps",
-    help="throttle levels under way, each until the speed is steady",
+    help="throttle levels under way, each held until the speed is steady",
     excites=frozenset({"surge"}),
     drives=frozenset({"X", "N"}),
     needs_way=True,
-    room="a minute straight ahead",
+    room="one minute of travel straight ahead",
     command="experiment surge, and tune speed",
 )
 _TURN_ABOUT = ManoeuvreKind(
     name="turn-about",
-    help="a half circle, back to the start of the last manoeuvre",
+    help="a half circle back towards the start of the last manoeuvre",
     excites=frozenset(),
     drives=frozenset({"X", "N"}),
     needs_way=True,
@@ -137,7 +140,7 @@ _DIVE = ManoeuvreKind(
 )
 _COME_BACK = ManoeuvreKind(
     name="come-back",
-    help="back to the start of the first run, with gentle steering",
+    help="return to the start of the first run, with gentle steering",
     excites=frozenset(),
     drives=frozenset({"X", "N"}),
     needs_way=True,
@@ -147,7 +150,7 @@ _COME_BACK = ManoeuvreKind(
 )
 _CALM_CHECK = ManoeuvreKind(
     name="calm-check",
-    help="thrust off, until roll and pitch have been calm for some seconds",
+    help="wait with thrust off until roll and pitch have been calm for some seconds",
     excites=frozenset(),
     drives=frozenset(),
     identifies=False,
@@ -175,4 +178,4 @@ MANOEUVRES: Mapping[str, ManoeuvreKind] = {
         _CALM_CHECK,
     )
 }
-"""Name -> kind; adding one is one file (its class and its row) and one line here."""
+"""Name -> manoeuvre. To add one, add a file with its class and its row, and a line here."""

@@ -1,11 +1,12 @@
 """Throttle steps under way, which identify a boat's surge.
 
-A relay on speed would need equal thrust ahead and astern. A boat under way only drives ahead, with thrust about
-quadratic in throttle, so the information is in how fast it gains and loses speed. The manoeuvre holds a working
-throttle, then levels well apart, one of them zero, each until the speed is steady. Gentle steering keeps the course,
-except while coasting: of two thrusters the one astern is weaker, so differential steering pushes ahead at zero throttle
-(on a BlueBoat 1 % of steering gives 0.25 % of full throttle, which distorts the thrust curve), and a rudder without
-propeller race has little effect.
+A relay on speed would need equal thrust ahead and astern. A boat under way only has thrust ahead, about quadratic in
+throttle. So the information is in how fast it gains and loses speed. The manoeuvre holds a working throttle, then
+levels well apart, one of them zero, each until the speed is steady.
+
+A low-gain heading hold keeps the course, except while coasting. With two thrusters the one astern is weaker, so
+differential steering pushes ahead at zero throttle. On a BlueBoat 1 % of steering gives 0.25 % of full throttle, which
+distorts the thrust curve. A rudder outside the propeller's wash has little effect.
 """
 
 from __future__ import annotations
@@ -26,30 +27,37 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre, Outcome
 __all__ = ["LEVELS", "ThrottleSteps", "ThrottleStepsSettings"]
 
 LEVELS: tuple[tuple[float, ...], ...] = ((0.45, 1.35, 0.0, 1.0), (0.0, 1.35, 0.7, 1.0))
-"""Throttles of the two runs, relative to the working throttle, at which each starts and ends. Chosen: coasting
-separates drag from inertia; a high and a low level separate thrust curve from drag curve; the orders differ."""
+"""Throttle levels of the two runs, relative to the working throttle, at which each run starts and ends.
+
+Coasting separates drag from inertia. A high and a low level separate the thrust curve from the drag curve. The order
+differs between the runs. Project choice.
+"""
 
 STEADY_WINDOW = 3.0
 STEADY_SHARE = 0.04
-"""Speed counts as steady if it changes by less than this fraction of the working speed over the window [s]."""
+"""Change of speed over the window [s] below which it counts as steady, as a fraction of the working speed."""
 NOISE_STDS = 2.0
-"""Speed also counts as steady if its change is within this many standard errors."""
+"""Change of speed, in standard errors, within which it counts as steady too."""
 ANSWERED = 0.08
-"""Criterion that a level is complete: the mean speed of its last quarter differs from that of the previous quarter by
-less than this fraction of the whole change. Chosen: three time constants, 95 % of the change, for any boat."""
+"""Fraction of the whole change of speed below which a level counts as complete.
+
+It is compared with the difference between the mean speeds of the last two quarters of the level. For any boat this
+corresponds to three time constants, i.e. 95 % of the change. Project choice.
+"""
 COASTED = 0.35
-"""Coasting ends at this fraction of the working speed, so that the rudder regains effect."""
+"""Fraction of the working speed at which coasting ends, so that the rudder regains effect."""
 FEW = 5
-"""Number of readings whose mean is the initial speed of a level. Chosen."""
+"""Number of readings averaged for the initial speed of a level. Project choice."""
 TELLING = 2
-"""Complete levels that are enough for an identification if space ends. Chosen."""
+"""Number of complete levels that is sufficient for an identification if the space ends. Project choice."""
 BEFORE = 2.0
-"""So much [s] of the steady approach belongs to the record proper: the state the first step starts from."""
+"""Time [s] of the steady approach that belongs to the record, as the initial state of the first step."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThrottleStepsSettings:
-    """Settings: ``throttle`` the working throttle (normalised), ``levels`` relative to it, ``most`` the largest.
+    """Settings: ``throttle`` is the working throttle (normalised), ``levels`` are relative to it, ``most`` is the
+    largest.
 
     A level lasts at least ``least_time`` and at most ``most_time`` [s]. ``least_speed`` [m/s]: lowest usable speed.
     ``until_answered``: a level ends once its response is complete, steady or not.
@@ -65,7 +73,7 @@ class ThrottleStepsSettings:
 
 
 class ThrottleSteps(Manoeuvre):
-    """Approach at the working throttle, then the levels. Marks ``level`` at each change, ``steady`` before it."""
+    """Approach at the working throttle, then the levels. It marks ``level`` at each change and ``steady`` before it."""
 
     kind = "throttle-steps"
 
@@ -113,7 +121,7 @@ class ThrottleSteps(Manoeuvre):
             now = yield command
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End with the levels recorded, if they suffice."""
+        """End with the levels recorded if they are sufficient."""
         flown = self._next - 1
         if flown < TELLING:
             return None
@@ -166,7 +174,7 @@ class ThrottleSteps(Manoeuvre):
         self._step(t, steady=False)
 
     def _kept(self, t: float) -> tuple[float, float]:
-        """Return speed [m/s] and throttle, as measured, over the later half of the window."""
+        """Return speed [m/s] and throttle, as measured over the later half of the window."""
         half = [(u, x) for when, u, x in self._seen if when >= t - 0.5 * STEADY_WINDOW]
         u, x = (float(np.nanmean(column)) for column in zip(*half, strict=True))
         return u, x

@@ -1,7 +1,7 @@
-"""Check before throttle manoeuvres: a pulse ahead must drive the craft, and ahead.
+"""Check before throttle manoeuvres that a thrust pulse ahead moves the craft ahead.
 
 A reversed propeller would drive a boat backwards into its mooring; a dead thruster of two would turn it on the spot.
-The pulse is ahead only, since many boats cannot go astern, and starts from rest with neutral steering, so that only the
+The pulse is ahead only, since many boats cannot go astern. It starts from rest with neutral steering, so that only the
 propeller acts.
 """
 
@@ -25,19 +25,20 @@ from gcs_autotune.manoeuvres.sign_messages import Outlet
 __all__ = ["ThrustCheck", "ThrustCheckSettings"]
 
 WINDOW = 3.0
-"""Seconds at rest over which speed and its noise are taken."""
+"""Time [s] at rest over which speed and its noise are measured."""
 STILL = 0.04
-"""Largest change of speed between the halves of the window, at rest or in steady drift [m/s]. Chosen."""
+"""Largest change of speed [m/s] between the halves of the window, at rest or in steady drift. Project choice."""
 LONGEST_REST = 30.0
-"""Longest wait for rest [s]; then the check begins anyway. Chosen."""
+"""Longest wait for rest [s]; after it the check begins anyway. Project choice."""
 UNKNOWN = 12.0
-"""Seconds without any speed after which there is none to be had."""
+"""Time [s] without a speed reading after which the vehicle counts as reporting no speed."""
 SHORTEST = 1.5
-"""Chosen [s]: the throttle is slewed, 1 s from none to full by default."""
+"""Shortest duration of a pulse [s]. The throttle is slew-limited, by default 1 s from none to full. Project choice."""
 AT_ONCE, FAR_TOO_MUCH = 0.6, 3.0
-"""Chosen: after so many seconds a pulse ends that has given so many times the speed it is flown for."""
+"""Duration [s] after which a pulse may end early, and the multiple of the intended speed at which it does. Project
+choice."""
 LAST = 0.5
-"""Seconds at the end of the pulse over which the speed gained is taken."""
+"""Time [s] at the end of the pulse over which the speed gained is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +48,9 @@ class ThrustCheckSettings:
     Attributes
     ----------
     outputs : sizes of the pulse, tried until one has a response.
-    reach : speed gained that ends a pulse, else it ends after ``longest``.
+    reach : gained speed that ends a pulse; otherwise it ends after ``longest``.
     least : smallest speed gained that counts as a response.
-    turned : turn under thrust alone, beyond the drift, that indicates a fault on one side.
+    turned : turn under thrust alone, in excess of the drift, that indicates a fault on one side.
     cure, crooked : advice if it goes astern, or turns.
     outlets : the servo outputs that drive it, for messages.
     """
@@ -66,7 +67,7 @@ class ThrustCheckSettings:
 
 
 class ThrustCheck(Manoeuvre):
-    """Rest (speed, noise and idle output measured), then pulses ahead until the craft has answered one."""
+    """Rest (measure speed, noise and idle output), then pulses ahead until the craft has responded to one."""
 
     kind, purpose = "sign-check", "check"
 
@@ -85,7 +86,7 @@ class ThrustCheck(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Settings as flown, and what was seen, for the trial's meta."""
+        """Settings as flown and results, for the trial's meta."""
         s, seen = self._settings, self.answer
         return {
             "dof": "surge",
@@ -98,7 +99,7 @@ class ThrustCheck(Manoeuvre):
         }
 
     def commands(self, now: Observation) -> Commands:
-        """Yield rest, then the pulses."""
+        """Yield the rest, then the pulses."""
         self._began = now.t
         while True:
             command = self._tick(now)
@@ -159,13 +160,13 @@ class ThrustCheck(Manoeuvre):
         return max(self._settings.least, NOISES * self._noise)
 
     def _gained(self) -> float:
-        """Speed gained [m/s], by the end of the pulse."""
+        """Speed gained [m/s] at the end of the pulse."""
         end = self._pulse[-1][0]
         last = [u for t, u, _ in self._pulse if t >= end - LAST and math.isfinite(u)]
         return math.fsum(last) / len(last) - self._speed if last else 0.0
 
     def _judge(self, gained: float, seconds: float) -> None:
-        """End with a verdict, or come to rest and try the next size."""
+        """End with a verdict, or come to rest and try the next pulse size."""
         s, outputs = self._settings, [x - self._idle for _, _, x in self._pulse]
         late = outputs[len(outputs) // 2 :]
         seen = Pulse(self._command, gained, self._noise, gained, math.fsum(late) / len(late), seconds)

@@ -1,4 +1,4 @@
-"""Turning a boat round between two experiments, so that it comes back to where it started from."""
+"""Turn a boat around between two experiments, so that it returns towards its start."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["TurnAbout", "TurnAboutSettings"]
 
 @dataclass(frozen=True, slots=True)
 class TurnAboutSettings:
-    """Constant rudder until the bow has come round by ``angle`` [rad].
+    """Settings: constant rudder until the heading has changed by ``angle`` [rad].
 
     ``output`` steering and ``throttle`` are fractions of full; a positive output turns to starboard. ``patience``
     [s] is the longest time it may take.
@@ -28,7 +28,7 @@ class TurnAboutSettings:
 
 
 class TurnAbout(Manoeuvre):
-    """Needs no control loop, so it works whatever the present gains are. Ends when the bow has come round."""
+    """Turns with constant rudder, without a control loop, so that it does not depend on the present gains."""
 
     kind, purpose = "turn-about", "transit"
 
@@ -38,17 +38,17 @@ class TurnAbout(Manoeuvre):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Throttle, steering and angle."""
+        """Settings: throttle, steering and angle."""
         s = self._settings
         return {"throttle": s.throttle, "output": s.output, "angle": s.angle}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the same rudder until the bow has come round."""
+        """Yield the same rudder until the heading has changed by the angle."""
         s, psi, start = self._settings, now.psi, now.t
         while True:
             turned = abs(now.psi - psi)
             if turned >= s.angle:
-                self._end("completed", "turned about")
+                self._end("completed", "turned around")
             elif now.t - start > s.patience:
                 self._end("stopped", f"turned only {math.degrees(turned):.0f} deg in {s.patience:.0f} s")
             now = yield Actuate(X=s.throttle, N=s.output)

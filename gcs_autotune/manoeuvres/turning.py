@@ -1,7 +1,7 @@
-"""The turning circle and the pull-out: the rudder held until the heading has turned once, then amidships.
+"""The turning circle and the pull-out: the rudder is held until the heading has turned once, then set amidships.
 
-Advance, transfer, tactical diameter and the steady turn are read off the circle, directional stability off what is left
-of the turn after the pull-out (ITTC 7.5-04-02-01; IMO MSC.137(76), MSC/Circ.1053).
+The circle gives advance, transfer, tactical diameter and the steady turn. The remaining turn after the pull-out shows
+directional stability (ITTC 7.5-04-02-01; IMO MSC.137(76), MSC/Circ.1053).
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from gcs_autotune.manoeuvres.open_loop import turning
 __all__ = ["KINDS", "CircleAndPullOut", "PullOuts"]
 
 LEAST_GAIN, PATIENCE = math.radians(30.0), 60.0
-"""A heading that turns by less than the first [rad] in that many seconds does not turn. Chosen."""
+"""Smallest change of heading [rad] within the given seconds for a craft to count as turning. Project choice."""
 LEAST_PULL_OUT = 10.0
-"""Chosen [s]: as long at least the rudder stays amidships."""
+"""Shortest time [s] for which the rudder stays amidships. Project choice."""
 
 
 class CircleAndPullOut(UnderWay):
-    """Approach, rudder to one side until the bow has come round by ``turn`` [rad], then amidships until steady."""
+    """Approach, rudder to one side until the heading has changed by ``turn`` [rad], then amidships until steady."""
 
     kind = "turning-circle"
 
@@ -35,7 +35,7 @@ class CircleAndPullOut(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Steering and the change of heading."""
+        """Settings: steering and the change of heading."""
         return {**super().asked, "turn": self._turn}
 
     def commands(self, now: Observation) -> Commands:
@@ -60,19 +60,19 @@ class CircleAndPullOut(UnderWay):
 
     def _stuck(self, turned: float) -> str:
         return (
-            f"the heading changed by {math.degrees(turned):.0f} deg, then by less than {math.degrees(LEAST_GAIN):.0f} "
-            f"deg in {PATIENCE:.0f} s, of {math.degrees(self._turn):.0f} deg required. Use more rudder (--rudder or "
-            "--steering; less if it stalls) or more speed (--throttle)"
+            f"the heading changed by {math.degrees(turned):.0f} deg of {math.degrees(self._turn):.0f} deg, and by "
+            f"less than {math.degrees(LEAST_GAIN):.0f} deg in the last {PATIENCE:.0f} s. Use more rudder (--rudder "
+            "or --steering; less if it stalls) or more speed (--throttle)"
         )
 
 
 class PullOuts(UnderWay):
-    """Approach, then a steady turn and the rudder amidships, to either side: is the craft stable on its course?"""
+    """Approach, then a steady turn and the rudder amidships, to either side, to test directional stability."""
 
     kind = "pull-out"
 
     def commands(self, now: Observation) -> Commands:
-        """Yield turn and pull-out, the other turn and pull-out."""
+        """Yield a turn and a pull-out, then both to the other side."""
         now = yield from self._approached(now)
         for k, side in enumerate((self._steering.side, -self._steering.side), start=1):
             helm = side * self._steering.share
@@ -80,7 +80,7 @@ class PullOuts(UnderWay):
             now = yield from self._held(helm, now)
             self._execute(f"pull-out {k}", 0.0, now)
             now = yield from self._held(0.0, now, LEAST_PULL_OUT)
-        self._end("completed", "pulled out of a turn to either side")
+        self._end("completed", "pulled out of one turn to each side")
         yield self._command(0.0, now)
 
 
@@ -101,7 +101,7 @@ KINDS: tuple[ManoeuvreKind, ...] = (
     ),
     ManoeuvreKind(
         name="pull-out",
-        help="a steady turn and the rudder amidships, to one side and to the other",
+        help="a steady turn, then rudder amidships, to one side and to the other",
         excites=frozenset({"yaw"}),
         drives=frozenset({"N"}),
         make=lambda options: PullOuts(Steering.of(options)),
@@ -110,4 +110,4 @@ KINDS: tuple[ManoeuvreKind, ...] = (
         turns=True,
     ),
 )
-"""The rows of the table."""
+"""Rows of the table for turning manoeuvres."""

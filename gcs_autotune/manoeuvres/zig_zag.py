@@ -1,7 +1,7 @@
-"""The zig-zag (Kempf): rudder hard to one side until the heading has followed by an angle, then to the other.
+"""The zig-zag (Kempf): rudder to one side until the heading has changed by an angle, then to the other side.
 
-Overshoot angles, times and Nomoto's K and T are read off it (ITTC 7.5-04-02-01, IMO MSC.137(76); Miskovic2010, alg.
-4.1). Any pair of angles, either side first; by a rudder, two thrusters or an ROV's yaw moment.
+It gives overshoot angles, times and Nomoto's K and T (ITTC 7.5-04-02-01, IMO MSC.137(76); Miskovic2010, alg. 4.1). Any
+pair of angles and either first side are possible, with a rudder, two thrusters or an ROV's yaw moment.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ __all__ = ["KIND", "ZigZag", "ZigZagSettings"]
 
 @dataclass(frozen=True, slots=True)
 class ZigZagSettings:
-    """What to fly: angles rad, times s.
+    """Settings of a zig-zag: angles rad, times s.
 
     Attributes
     ----------
     heading : deviation from the approach's heading at which the rudder is reversed.
-    executes : times the rudder is put over; it ends when the heading is back after the last.
-    approach : seconds ahead before the first execute; None until the speed is steady.
-    duration : it ends then at the latest. patience : the longest time between two executes.
+    executes : number of rudder reversals; it ends when the heading has returned after the last.
+    approach : seconds straight ahead before the first execute; None: until the speed is steady.
+    duration : longest duration. patience : the longest time between two executes.
     """
 
     heading: float
@@ -39,7 +39,7 @@ class ZigZagSettings:
 
 
 class ZigZag(UnderWay):
-    """Approach, then the executes. Marks ``execute`` with the heading [rad] and the rudder put over to."""
+    """Approach, then the executes. It marks ``execute`` with the heading [rad] and the new rudder."""
 
     kind = "zig-zag"
 
@@ -49,7 +49,7 @@ class ZigZag(UnderWay):
 
     @property
     def asked(self) -> Mapping[str, Any]:
-        """Angles and sizes as flown."""
+        """Settings: angles and sizes as flown."""
         return {**super().asked, "heading": self._settings.heading, "executes": self._settings.executes}
 
     def commands(self, now: Observation) -> Commands:
@@ -80,9 +80,9 @@ class ZigZag(UnderWay):
     def _too_far(self, executed: int, farthest: float) -> str:
         s = self._settings
         return (
-            f"after execute {executed} the heading reached {math.degrees(farthest):.1f} deg in {s.patience:.0f} s, of "
-            f"{math.degrees(s.heading):g} deg required. Use a smaller --heading, more rudder (--rudder or --steering; "
-            "less if it stalls) or more speed (--throttle)"
+            f"after execute {executed} the heading changed by {math.degrees(farthest):.1f} deg in "
+            f"{s.patience:.0f} s, of {math.degrees(s.heading):g} deg required. Use a smaller --heading, more rudder "
+            "(--rudder or --steering; less if it stalls) or more speed (--throttle)"
         )
 
 
@@ -107,7 +107,7 @@ KIND = ManoeuvreKind(
     drives=frozenset({"N"}),
     make=_make,
     options=("heading", "rudder", "full-rudder", "steering", "executes"),
-    room="ahead about ten seconds of travel, a third of that to either side",
+    room="about ten seconds of travel ahead, and a third of this to either side",
     presets=(
         *(_preset(angle, throttle) for angle in (10.0, 20.0, 35.0) for throttle in (0.3, 0.6, 1.0)),
         _preset(20.0, 0.0),

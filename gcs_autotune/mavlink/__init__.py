@@ -1,7 +1,8 @@
-"""MAVLink without a wire: frames, names, signing, telemetry logs and parameter files. No sockets, no serial ports.
+"""MAVLink without a link: frames, names, signing, telemetry logs and parameter files. It uses no sockets or serial
+ports.
 
-The only room that knows pymavlink, which is imported with the first name that needs it: reading a CSV
-or a parameter file does without.
+Only this module uses pymavlink. It is imported with the first name that needs it, so reading a CSV or a parameter file
+does not import it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""MAVLink frames: bytes in, messages out, and back. The only file that touches pymavlink's parser.
+"""Convert bytes to MAVLink messages and back. This is the only file that uses pymavlink's parser.
 
-Frames are found by their start byte, their length and their checksum; anything else is stepped over and
-counted, so line noise, half frames and foreign protocols cost bytes and never an exception.
+Frames are recognised by their start byte, length and checksum. Anything else is skipped and counted. So line noise,
+partial frames and foreign protocols never cause an exception.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 Message: TypeAlias = Any
-"""A pymavlink message object: fields as attributes, names verbatim from the MAVLink XML."""
+"""A pymavlink message object, with its fields as attributes. Names are those of the MAVLink XML."""
 
 _V1, _V2 = 0xFE, 0xFD
 _OVERHEAD = {_V1: 8, _V2: 12}
@@ -40,8 +40,11 @@ _HEADER_LENGTH, _CHECKSUM = 10, 2
 
 
 class Frame(NamedTuple):
-    """One whole frame as it was on the wire, decoded. ``name`` is e.g. ``ATTITUDE`` or ``UNKNOWN_12345``; ``origin``
-    says where it came from, on links that can tell senders apart."""
+    """One complete frame as received, decoded.
+
+    ``name`` is e.g. ``ATTITUDE`` or ``UNKNOWN_12345``. ``origin`` is the address of
+    the sender, on links with several senders.
+    """
 
     raw: bytes
     message: Message
@@ -56,8 +59,8 @@ class Framer:
 
     Attributes
     ----------
-    bad_bytes : bytes that belonged to no frame.
-    bad_data : stretches of such bytes (what other tools count as BAD_DATA).
+    bad_bytes : number of bytes that belong to no frame.
+    bad_data : number of stretches of such bytes (counted as BAD_DATA by other tools).
     """
 
     def __init__(self, origin: str = "") -> None:
@@ -70,16 +73,16 @@ class Framer:
 
     @property
     def pending(self) -> int:
-        """Bytes held back because the frame they seem to start is not complete."""
+        """Bytes held back because the frame that they seem to start is not complete."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take in bytes and return the frames they complete."""
+        """Process bytes and return the frames that they complete."""
         self._buffer += data
         return list(self._cut(final=False))
 
     def flush(self) -> list[Frame]:
-        """Give up on an unfinished frame: return what may hide behind its false start."""
+        """Discard an unfinished frame, and return complete frames that may follow its false start."""
         return list(self._cut(final=True))
 
     def _cut(self, *, final: bool) -> Iterator[Frame]:
@@ -106,9 +109,9 @@ class Framer:
 
 
 def frame_length(buffer: bytes | bytearray, position: int) -> int | None:
-    """Return the length of the frame that starts at *position*, or None when none can start there.
+    """Return the length of the frame that starts at *position*; None if no frame can start there.
 
-    While the header is still incomplete the answer is the longest it can be.
+    If the header is still incomplete, it is the largest possible length.
     """
     start = buffer[position]
     if start not in _OVERHEAD:
@@ -125,8 +128,10 @@ def frame_length(buffer: bytes | bytearray, position: int) -> int | None:
 
 
 class _Kind(NamedTuple):
-    """How a message without arrays is laid out: its fields in the order of the wire, and ``order``, where each argument
-    of ``make`` is among them (None: in the same place)."""
+    """Layout of a message without arrays: its fields in the order of transmission.
+
+    ``order``: position in them of each argument of ``make``; None: the same order.
+    """
 
     make: Callable[..., Message]
     layout: struct.Struct
@@ -137,7 +142,7 @@ class _Kind(NamedTuple):
 
 @cache
 def _plain_kind(number: int) -> _Kind | None:
-    """Return how the message of that *number* is laid out; None for one with arrays, and for one nobody knows."""
+    """Return the layout of the message with that *number*; None for one with arrays or an unknown number."""
     made = mavlink.mavlink_map.get(number)
     if made is None or len(made.ordered_fieldnames) < 2 or any(made.array_lengths):
         return None
@@ -148,7 +153,7 @@ def _plain_kind(number: int) -> _Kind | None:
 
 
 def _decode_plain(raw: bytearray) -> Message | None:
-    """Return the message in an unsigned MAVLink 2 frame as pymavlink would, in half its time; None: ask pymavlink."""
+    """Decode an unsigned MAVLink 2 frame like pymavlink, in half its time. None: pymavlink must decode it."""
     if len(raw) <= _OVERHEAD[_V2] or raw[0] != _V2 or raw[2] or raw[1] != len(raw) - _OVERHEAD[_V2]:
         return None
     kind = _plain_kind(raw[7] | raw[8] << 8 | raw[9] << 16)
@@ -166,7 +171,10 @@ def _decode_plain(raw: bytearray) -> Message | None:
 
 
 def _pack_plain(message: Message, mav: Any) -> bytes | None:
-    """Return the unsigned MAVLink 2 frame of *message* as pymavlink would, in half its time; None: ask pymavlink."""
+    """Encode *message* as an unsigned MAVLink 2 frame like pymavlink, in half its time.
+
+    None: pymavlink must encode it.
+    """
     number = type(message).id  # some have a field of that name
     kind = _plain_kind(number)
     if kind is None:
@@ -179,9 +187,9 @@ def _pack_plain(message: Message, mav: Any) -> bytes | None:
 
 
 def decode_frame(decoder: Any, raw: bytearray, origin: str = "") -> Frame | None:
-    """Return the decoded frame, or None when its checksum (or anything else) is wrong.
+    """Return the decoded frame; None if its checksum or anything else is wrong.
 
-    *decoder* checks no signatures.
+    *decoder* does not check signatures.
     """
     message = _decode_plain(raw)
     if message is None:
@@ -194,7 +202,7 @@ def decode_frame(decoder: Any, raw: bytearray, origin: str = "") -> Frame | None
 
 
 def split_frames(data: bytes) -> list[bytes]:
-    """Cut *data*, known to be whole frames, into frames (the remainder, if any, comes last)."""
+    """Split *data*, which consists of complete frames, into frames. A remainder, if any, comes last."""
     pieces: list[bytes] = []
     position = 0
     while position < len(data):
@@ -205,21 +213,24 @@ def split_frames(data: bytes) -> list[bytes]:
 
 
 class Packer:
-    """Turns messages into frames with our ids and a running sequence number."""
+    """Encodes messages as frames with our ids and a running sequence number."""
 
     def __init__(self, system: int, component: int) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self._stamp: Callable[[], int] | None = None
 
     def sign_with(self, secret: bytes, link_id: int, stamp: Callable[[], int]) -> None:
-        """From now on sign every frame with the 32 bytes *secret*; *stamp* tells the signing time of the next one."""
+        """Sign every frame from now on with the 32 bytes *secret*.
+
+        *stamp* returns the signing time of the next frame.
+        """
         signing = self._mav.signing
         signing.secret_key, signing.link_id, signing.sign_outgoing = secret, link_id, True
         self._stamp = stamp
 
     @property
     def system(self) -> int:
-        """The system id we send as."""
+        """System id used for sending."""
         return int(self._mav.srcSystem)
 
     @system.setter
@@ -228,11 +239,11 @@ class Packer:
 
     @property
     def component(self) -> int:
-        """The component id we send as."""
+        """Component id used for sending."""
         return int(self._mav.srcComponent)
 
     def pack(self, message: Message, component: int | None = None) -> bytes:
-        """Return *message* as a MAVLink 2 frame, from another *component* of ours where one is given."""
+        """Return *message* as a MAVLink 2 frame, optionally from another *component* id."""
         if component is not None:
             usual, self._mav.srcComponent = self._mav.srcComponent, component
             try:
@@ -249,11 +260,11 @@ class Packer:
 
 
 AT_WORK = 0x67637361
-"""``custom_mode`` ("gcsa") in the HEARTBEAT of a station on which a run of ours is going on; ground stations send 0."""
+"""Value of ``custom_mode`` ("gcsa") in the HEARTBEAT of a station with a run in progress. Ground stations send 0."""
 
 
 def our_heartbeat(*, at_work: bool = False) -> Message:
-    """Return the HEARTBEAT of a ground station; *at_work*: a run of ours is going on, and no other should begin."""
+    """Return the HEARTBEAT of a ground station. *at_work*: a run is in progress, so no other should begin."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_GCS,
         mavlink.MAV_AUTOPILOT_INVALID,
@@ -265,7 +276,7 @@ def our_heartbeat(*, at_work: bool = False) -> Message:
 
 
 def message_request(system: int, component: int, number: int) -> Message:
-    """Return the MAV_CMD_REQUEST_MESSAGE that has the message of that *number* sent once."""
+    """Return the MAV_CMD_REQUEST_MESSAGE that requests the message with that *number* once."""
     return mavlink.MAVLink_command_long_message(
         system, component, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, *(float(number), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     )

@@ -1,4 +1,4 @@
-"""MAVLink's numbers in words: messages, commands, kinds of vehicles, versions; and the vehicle's STATUSTEXT."""
+"""Names for MAVLink's numbers: messages, commands, vehicle types, versions. Also the vehicle's STATUSTEXT."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ __all__ = [
 ]
 
 _STAGES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: "official"}
-"""FIRMWARE_VERSION_TYPE -> word."""
+"""FIRMWARE_VERSION_TYPE -> suffix of the version."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleIdentity:
     """The identity of an autopilot.
 
-    ``autopilot`` and ``vehicle_type`` are HEARTBEAT's numbers; ``version`` comes from AUTOPILOT_VERSION and
-    is empty when it was not told, as is ``uid``, the unique id of the autopilot's board (hexadecimal); ``frame`` is
-    the firmware's frame parameter, None when there is none.
+    ``autopilot`` and ``vehicle_type`` are HEARTBEAT's numbers; ``version`` comes from AUTOPILOT_VERSION. ``uid`` is the
+    unique id of the autopilot's board (hexadecimal). Both are empty if not reported. ``frame`` is the firmware's frame
+    parameter, None if there is none.
     """
 
     system: int
@@ -63,7 +63,7 @@ def firmware_version(message: Message) -> str:
 
 
 def unique_id(message: Message) -> str:
-    """Return AUTOPILOT_VERSION's id of the board in hexadecimal, the long one if it is told; ``""`` when neither is."""
+    """Return the board id in AUTOPILOT_VERSION in hexadecimal, the long one if reported; ``""`` without any."""
     long = bytes(message.uid2).rstrip(b"\0")
     if long:
         return long.hex()
@@ -71,13 +71,16 @@ def unique_id(message: Message) -> str:
 
 
 def enum_name(table: str, number: int) -> str:
-    """Return the name of entry *number* of the enumeration *table*, e.g. of ``MAV_CMD``; both where it has none."""
+    """Return the name of entry *number* of the enumeration *table*, e.g. of ``MAV_CMD``.
+
+    Without a name, return both as text.
+    """
     entry = mavlink.enums[table].get(number)
     return str(entry.name) if entry else f"{table} {number}"
 
 
 def type_name(vehicle_type: int) -> str:
-    """Return MAV_TYPE in words, e.g. ``SURFACE_BOAT``."""
+    """Return the name of a MAV_TYPE, e.g. ``SURFACE_BOAT``."""
     return enum_name("MAV_TYPE", vehicle_type).removeprefix("MAV_TYPE_")
 
 
@@ -88,7 +91,7 @@ def message_number(name: str) -> int:
 
 @cache
 def message_fields(name: str) -> frozenset[str]:
-    """Return the names of the fields of the message called *name*; none when there is no such message."""
+    """Return the names of the fields of the message called *name*; empty if there is no such message."""
     kind = next((k for k in mavlink.mavlink_map.values() if getattr(k, "msgname", "") == name), None)
     return frozenset(kind.fieldnames) if kind is not None else frozenset()
 
@@ -96,12 +99,12 @@ def message_fields(name: str) -> frozenset[str]:
 _PIECE = 50
 _KEPT = 500
 _LONGEST = 1000
-"""Characters kept of a text in pieces: 255 of them may come."""
+"""Number of characters kept of a text in several pieces, of which up to 255 may arrive."""
 
 
 @dataclass(frozen=True, slots=True)
 class StatusText:
-    """One message from the vehicle; ``severity`` 0 (emergency) to 7 (debug), ``t`` link-clock time [s]."""
+    """One text message of the vehicle. ``severity``: 0 (emergency) to 7 (debug). ``t``: link-clock time [s]."""
 
     t: float
     severity: int
@@ -109,7 +112,7 @@ class StatusText:
 
 
 class TextLog:
-    """Collects STATUSTEXTs, newest last, at most 500."""
+    """Collects text messages, newest last, at most 500."""
 
     def __init__(self) -> None:
         self._texts: list[StatusText] = []
@@ -117,7 +120,7 @@ class TextLog:
         self.count = 0
 
     def take(self, message: Message, t: float) -> StatusText | None:
-        """Take in one STATUSTEXT; return the text it completes, if it does."""
+        """Process one STATUSTEXT. Return the text that it completes, if any."""
         piece = str(message.text)
         ident, sequence = int(getattr(message, "id", 0)), int(getattr(message, "chunk_seq", 0))
         if ident == 0:
@@ -139,7 +142,7 @@ class TextLog:
         return text
 
     def since(self, count: int) -> list[StatusText]:
-        """Return what was added after :attr:`count` had the given value."""
+        """Return the texts added since :attr:`count` had the given value."""
         new = self.count - count
         return self._texts[-new:] if new > 0 else []
 

@@ -1,8 +1,8 @@
 """Operator control (MAVLink's development set): the station a vehicle obeys, and its source of steering.
 
-CONTROL_STATUS and MANUAL_INPUT_STATUS are in no dialect of pymavlink yet, so they are read here from the frame. The
-first has been on the wire in two forms; the checksum, which covers the fields' names, tells them apart. The second was
-proposed as MANUAL_CONTROL_STATUS.
+CONTROL_STATUS and MANUAL_INPUT_STATUS are in no dialect of pymavlink yet, so they are decoded here from the frame. The
+first exists in two forms. Their checksums differ, because these include the field names. The second was proposed as
+MANUAL_CONTROL_STATUS.
 """
 
 from __future__ import annotations
@@ -23,21 +23,27 @@ __all__ = [
 ]
 
 CONTROL_STATUS_NAMES = ("CONTROL_STATUS", "UNKNOWN_512")
-"""What frames of it are called, by a pymavlink that knows it and by one that does not."""
+"""Names of its frames, in a pymavlink that supports it and in one that does not."""
 MANUAL_INPUT_NAMES = ("MANUAL_INPUT_STATUS", "UNKNOWN_515")
 REQUEST_OPERATOR_CONTROL = 32100
-"""MAV_CMD_REQUEST_OPERATOR_CONTROL; the vehicle passes one of another station on to the one in control."""
+"""Value of MAV_CMD_REQUEST_OPERATOR_CONTROL.
+
+The vehicle forwards a request of another station to the one in control.
+"""
 _HEADER, _CHECKSUM = 10, 2
 _TAKEOVER_ALLOWED = 2
 _FORMS = {21: (1, 0), 184: (0, 1)}
-"""CRC_EXTRA of the form -> places of gcs_main (once sysid_in_control) and of flags in its payload."""
+"""CRC_EXTRA of the form -> positions in its payload of gcs_main (formerly sysid_in_control) and of the flags."""
 _MANUAL_INPUT_EXTRA = 128
 _RC = 1
 
 
 @dataclass(frozen=True, slots=True)
 class ControlStatus:
-    """The controlling station: ``station`` its system id, 0: none; ``takeover_allowed``: another one may take over."""
+    """The station in control.
+
+    ``station``: its system id; 0: none. ``takeover_allowed``: whether another one may take over.
+    """
 
     station: int
     takeover_allowed: bool
@@ -45,8 +51,11 @@ class ControlStatus:
 
 @dataclass(frozen=True, slots=True)
 class ManualInput:
-    """The source of manual input: ``station`` (system, component) of a MAVLink input device, (0, 0): none;
-    ``is_receiver``: only the vehicle's own RC receiver."""
+    """The source of manual input.
+
+    ``station``: (system, component) of a MAVLink input device; (0, 0): none. ``is_receiver``: only the vehicle's own RC
+    receiver.
+    """
 
     station: tuple[int, int]
     is_receiver: bool
@@ -72,7 +81,7 @@ def manual_input(message: Message) -> ManualInput | None:
 
 
 def _checked(message: Message, extras: Collection[int]) -> tuple[int, bytes] | None:
-    """Return which of the CRC_EXTRA *extras* the frame was made with, and its payload; None when with none of them."""
+    """Return the matching CRC_EXTRA out of *extras* and the payload of the frame; None if none matches."""
     raw = bytes(message.get_msgbuf() or b"")
     if len(raw) < _HEADER + _CHECKSUM or raw[0] != 0xFD:
         return None

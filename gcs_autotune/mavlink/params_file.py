@@ -1,4 +1,4 @@
-"""Parameter files as other ground stations write them.
+"""Parameter files in the formats of other ground stations.
 
 ``NAME,VALUE`` (Mission Planner), ``NAME VALUE`` (MAVProxy), five columns ``system component NAME VALUE TYPE``
 (QGroundControl), with ``#`` comments; or JSON, ``{"NAME": value}``.
@@ -29,12 +29,12 @@ def save_params(
 ) -> None:
     """Write *values*: JSON when *path* ends in ``.json``, else ``NAME,VALUE`` lines under an optional comment.
 
-    defaults : the firmware's, where they are known: JSON has them as well, under ``defaults``.
+    defaults : the firmware's defaults, if known. JSON also contains them, under ``defaults``.
 
     Raises
     ------
     BadFile
-        When the file cannot be written.
+        The file cannot be written.
     """
     if path.suffix == ".json":
         known = {"defaults": dict(defaults)} if defaults else {}
@@ -53,15 +53,15 @@ def save_qgc_params(
     *,
     comment: str = "",
 ) -> None:
-    """Write *values* as QGroundControl's ``.params``: five columns between tabs, which it reads and nothing else.
+    """Write *values* as QGroundControl's ``.params``: five columns separated by tabs, the only format that it reads.
 
-    types : MAV_PARAM_TYPE by name, as the vehicle tells it (REAL32 where it has not): QGroundControl leaves out what
-    has another. vehicle : its system and component id.
+    types : MAV_PARAM_TYPE by name, as reported by the vehicle (REAL32 if not). QGroundControl ignores a parameter of
+        another type. vehicle : its system and component id.
 
     Raises
     ------
     BadFile
-        When the file cannot be written.
+        The file cannot be written.
     """
     system, component = vehicle
     head = "".join(f"# {line}\n" for line in (*comment.splitlines(), "", "Vehicle-Id Component-Id Name Value Type"))
@@ -77,12 +77,12 @@ def _write(path: Path, text: str) -> None:
 
 
 def load_params(path: Path) -> dict[str, float]:
-    """Read a parameter file of any of the kinds above.
+    """Read a parameter file in any of these formats.
 
     Raises
     ------
     BadFile
-        Unreadable, empty, or a line that is no parameter; the message has the line's number.
+        The file is unreadable or empty, or a line is not a parameter. The message states the line number.
     """
     try:
         text = read_text(path)
@@ -90,7 +90,7 @@ def load_params(path: Path) -> dict[str, float]:
         raise BadFile(f"{path} cannot be read as a parameter file: {error}") from error
     values = _from_json(path, text) if text.lstrip().startswith("{") else _from_lines(path, text)
     if not values:
-        raise BadFile(f"{path} has no parameters. A line looks like ATC_STR_RAT_P,0.2")
+        raise BadFile(f"{path} contains no parameters. Write each as NAME,VALUE, e.g. ATC_STR_RAT_P,0.2")
     return values
 
 
@@ -115,7 +115,7 @@ def _from_lines(path: Path, text: str) -> dict[str, float]:
         if len(cells) == _QGC_COLUMNS and all(_COUNT.fullmatch(cells[k]) for k in (0, 1, 4)):
             cells = cells[2:4]
         if len(cells) != 2:
-            raise BadFile(f"{path}, line {row}: {shown(line.strip())} is not NAME,VALUE")
+            raise BadFile(f"{path}, line {row}: {shown(line.strip())} is not NAME,VALUE. Write e.g. ATC_STR_RAT_P,0.2")
         name = cells[0]
         if name in lines:
             raise BadFile(f"{path}, line {row}: {shown(name)} is already in line {lines[name]}. Remove one of them")
@@ -125,11 +125,11 @@ def _from_lines(path: Path, text: str) -> dict[str, float]:
 
 
 def _checked(path: Path, where: str, name: str, value: object) -> float:
-    """Return a parameter's value, a float32 as every autopilot keeps it."""
+    """Return a parameter's value as a float32, the type used by every autopilot."""
     try:
         found = number(value) if isinstance(value, str) else conform(value, float)
         if abs(found) <= _LARGEST and _NAME.fullmatch(name):
             return found
     except Refused:
         pass
-    raise BadFile(f"{path}, {where}: {shown(name)} = {shown(value)} is not a parameter and a number")
+    raise BadFile(f"{path}, {where}: {shown(name)} = {shown(value)} is not a parameter name and a number")

@@ -37,17 +37,18 @@ __all__ = [
 ]
 
 EPOCH = 1_420_070_400.0
-"""2015-01-01 00:00 UTC [s since 1970]: where signing time begins."""
+"""Start of signing time: 2015-01-01 00:00 UTC [s since 1970]."""
 UNITS_PER_SECOND = 100_000
 LINK_ID = 103
-"""Chosen: our own, so that our stream is not confused with another ground station's of the same system id."""
+"""Link id of our signed frames, different from that of other ground stations with the same system id. Project
+choice."""
 
 _KEY_LENGTH = 32
 _TRAILER, _SIGNATURE = 13, 6
 _BEHIND = 60 * UNITS_PER_SECOND
 _V2, _SIGNED = 0xFD, 0x01
 _UNSIGNED_IS_FINE = ("RADIO_STATUS", "RADIO")
-"""Messages of a telemetry radio itself; it has no key, and ArduPilot exempts the same two."""
+"""Messages of a telemetry radio itself. It has no key, and ArduPilot exempts the same two messages."""
 
 
 class SigningKey:
@@ -57,13 +58,13 @@ class SigningKey:
 
     def __init__(self, secret: bytes, origin: str = "") -> None:
         if len(secret) != _KEY_LENGTH:
-            raise UsageError(f"a signing key has {_KEY_LENGTH} bytes, not {len(secret)}")
+            raise UsageError(f"the signing key has {len(secret)} bytes. It must have {_KEY_LENGTH}")
         self._secret = bytes(secret)
         self._origin = origin
 
     @classmethod
     def from_passphrase(cls, passphrase: str, origin: str = "passphrase") -> Self:
-        """Return the SHA-256 of *passphrase*, as Mission Planner and MAVProxy make it.
+        """Return the key made by SHA-256 from *passphrase*, as in Mission Planner and MAVProxy.
 
         Raises
         ------
@@ -78,12 +79,12 @@ class SigningKey:
     def read(cls, path: Path) -> Self:
         """Read a file of exactly 32 bytes (the key) or of one line of text (the passphrase).
 
-        32 bytes that are all printable text are a passphrase: a random key is one in 10^13 times.
+        A file of 32 printable bytes counts as a passphrase. A random key is printable only once in 10^13 times.
 
         Raises
         ------
         BadFile
-            It cannot be read, or is neither.
+            It cannot be read, or has another content.
         """
         try:
             data = path.read_bytes()
@@ -97,19 +98,19 @@ class SigningKey:
             lines = []
         if len(lines) != 1 or not lines[0]:
             raise BadFile(
-                f"{path} has no signing key: it must be {_KEY_LENGTH} bytes (the key itself) or one line of text "
-                f"(the passphrase); it has {len(data)} bytes"
+                f"{path} contains no signing key. It must contain {_KEY_LENGTH} bytes (the key) or one line of text "
+                f"(the passphrase), but contains {len(data)} bytes"
             )
         return cls.from_passphrase(lines[0], f"passphrase in {path}")
 
     @property
     def secret(self) -> bytes:
-        """The key itself."""
+        """The key as 32 bytes."""
         return self._secret
 
     @property
     def origin(self) -> str:
-        """Where it came from, for the operator."""
+        """Where the key came from, as text for the operator."""
         return self._origin
 
     def __repr__(self) -> str:
@@ -120,7 +121,7 @@ class SigningKey:
 
 
 class Refusal(StrEnum):
-    """Why a frame was not believed."""
+    """Reason why a frame was rejected."""
 
     UNSIGNED = "not signed"
     WRONG = "signed with another key"
@@ -134,11 +135,11 @@ class Signer:
     ----------
     key : the secret shared with the vehicle.
     now : the time [s since 1970].
-    store : keeps the time monotone from run to run; None for simulated links.
+    store : keeps the time increasing from run to run; None for simulated links.
 
     Attributes
     ----------
-    refused : reason -> frames refused.
+    refused : reason -> number of rejected frames.
     """
 
     def __init__(self, key: SigningKey, now: Callable[[], float], store: StampStore | None = None) -> None:
@@ -150,14 +151,17 @@ class Signer:
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def next_stamp(self) -> int:
-        """Return the signing time [10 us since 2015] of the next frame: later than every one before, ever."""
+        """Return the signing time [10 us since 2015] of the next frame.
+
+        It is later than all previous ones, also of earlier runs.
+        """
         self._last = max(round((self._now() - EPOCH) * UNITS_PER_SECOND), self._last + 1)
         if self._store:
             self._store.reach(self._last)
         return self._last
 
     def believes(self, frame: Frame) -> bool:
-        """Judge a received frame; one that is refused is counted."""
+        """Return whether a received frame is accepted. Rejected frames are counted."""
         refusal = self._judge(frame)
         if refusal is not None:
             self.refused[refusal] += 1
@@ -185,24 +189,27 @@ class Signer:
 
 
 def refusals(signer: Signer | None) -> str:
-    """Return the number of rejected messages and why, for errors about silence; empty if none."""
+    """Return the number of rejected messages and the reason, for errors about silence; empty if there are none."""
     if signer is None or not signer.refused:
         return ""
     return "refused: " + ", ".join(f"{count} messages {why}" for why, count in signer.refused.most_common())
 
 
 def is_signed(frame: Frame) -> bool:
-    """Whether *frame* carries a signature, right or wrong."""
+    """Return whether *frame* is signed, correctly or not."""
     return frame.raw[0] == _V2 and bool(frame.raw[2] & _SIGNED)
 
 
 _AHEAD = 30 * 100_000
-"""Chosen: 30 s [10 us] reserved at a time, so that a run killed at any moment has used nothing beyond the file."""
+"""Signing time reserved in the file at once: 30 s [10 us].
+
+A run that is killed has never used a later time than the file contains. Project choice.
+"""
 _FILE = "signing-time"
 
 
 def state_folder() -> Path:
-    """Return where this program keeps what it must remember from run to run."""
+    """Return the folder in which this program stores data between runs."""
     if sys.platform == "win32":
         base = Path(os.environ.get("LOCALAPPDATA") or Path.home())
     else:
@@ -211,7 +218,7 @@ def state_folder() -> Path:
 
 
 class StampStore:
-    """A number in a file, which only grows. It contains no part of a key.
+    """A number in a file that only increases. It contains no part of a key.
 
     Attributes
     ----------
@@ -225,7 +232,7 @@ class StampStore:
         self._reserved = self.last
 
     def reach(self, stamp: int) -> None:
-        """Make sure that the file holds at least *stamp* [10 us since 2015]."""
+        """Make sure that the file contains at least *stamp* [10 us since 2015]."""
         if stamp < self._reserved:
             return
         self._reserved = max(stamp, self._read()) + _AHEAD
@@ -249,5 +256,5 @@ class StampStore:
     def _note(self, error: Exception) -> None:
         self.trouble = self.trouble or (
             f"the signing time of earlier runs ({self._path}) cannot be stored: {error}. If this computer's clock is "
-            "set back, the vehicle will ignore our messages"
+            "set back, the vehicle ignores this tool's messages"
         )

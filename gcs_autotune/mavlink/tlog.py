@@ -1,6 +1,6 @@
-"""Telemetry logs: an 8-byte big-endian time [us since 1970] before each raw frame, as every ground station writes.
+"""Telemetry logs with an 8-byte big-endian time [us since 1970] before each raw frame, as in all ground stations.
 
-Reading survives truncation and damage: what cannot be a stamped frame is stepped over and counted.
+Truncated and damaged logs can be read. Bytes that are not part of a stamped frame are skipped and counted.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ __all__ = ["TlogReader", "TlogRecord", "TlogWriter", "read_tlog"]
 _STAMP = struct.Struct(">Q")
 _START = re.compile(b"[\xfd\xfe]")
 _CHUNK = 1 << 20
-"""Chosen: bytes read at a time."""
+"""Number of bytes read at once. Project choice."""
 _LOOKAHEAD = 512
-"""More than a stamp, the longest frame and the stamp and first byte of its follower."""
+"""Number of bytes needed ahead: more than a stamp, the longest frame, and the stamp and first byte of the next one."""
 
 
 class TlogWriter:
-    """Appends frames, both directions, in the order they are handed over.
+    """Appends frames of both directions, in the order of the calls.
 
     Raises
     ------
     BadFile
-        When the file cannot be written, at opening or later (a full disk).
+        The file cannot be written, at opening or later (a full disk).
     """
 
     def __init__(self, path: Path, now: Callable[[], float]) -> None:
@@ -44,14 +44,14 @@ class TlogWriter:
             raise BadFile(f"the telemetry log {path} cannot be written: {error.strerror}. Check the folder") from error
 
     def write(self, frame: bytes) -> None:
-        """Append one frame, stamped now."""
+        """Append one frame with the present time."""
         try:
             self._stream.write(_STAMP.pack(round(self._now() * 1e6)) + frame)
         except OSError as error:
             raise self._unwritable(error) from error
 
     def flush(self) -> None:
-        """Hand what is buffered to the operating system."""
+        """Pass the buffered data to the operating system."""
         try:
             self._stream.flush()
         except OSError as error:
@@ -70,22 +70,22 @@ class TlogWriter:
 
 @dataclass(frozen=True, slots=True)
 class TlogRecord:
-    """One logged frame; ``time`` [s since 1970] the recorder's timestamp."""
+    """One logged frame. ``time`` [s since 1970] is the recorder's timestamp."""
 
     time: float
     frame: Frame
 
 
 class TlogReader:
-    """Iterates over a log's frames, reading as it goes: a log larger than the memory is no trouble.
+    """Iterates over a log's frames piece by piece, so that the log may be larger than the memory.
 
     data : the log itself, or an open binary stream of it, closed at the end of the iteration.
 
     Attributes (complete once the iteration has ended)
     --------------------------------------------------
-    frames : frames yielded.
-    damaged : stretches that were no stamped frame.
-    damaged_bytes : bytes in them.
+    frames : number of frames yielded.
+    damaged : number of stretches that are not stamped frames.
+    damaged_bytes : number of bytes in these stretches.
     truncated : whether the file ends within a frame.
     """
 
@@ -124,7 +124,7 @@ class TlogReader:
             self.truncated = self._position < len(self._buffer) or is_bad
 
     def _fill(self) -> bool:
-        """Read on when less than the longest frame is left; return whether a frame may still be there."""
+        """Read more if less than the longest frame is left. Return whether another frame may follow."""
         if not self._is_whole and len(self._buffer) - self._position < _LOOKAHEAD:
             del self._buffer[: self._position]
             self._position = 0
@@ -137,14 +137,14 @@ class TlogReader:
         return self._position + _STAMP.size < len(self._buffer)
 
     def _to_next_start(self, position: int) -> int:
-        """Return how many bytes to skip until a frame might start behind a stamp (at least one)."""
+        """Return how many bytes to skip (at least one) until a frame with its stamp may start."""
         last = len(self._buffer) if self._is_whole else len(self._buffer) - _LOOKAHEAD
         found = _START.search(self._buffer, position + _STAMP.size + 1, max(last, position + _STAMP.size + 1))
         stop = found.start() if found else max(last, position + _STAMP.size + 1)
         return stop - _STAMP.size - position
 
     def _plausible(self, frame: Frame, end: int) -> bool:
-        """Whether a frame of unknown kind, whose checksum nobody can test, is followed by another."""
+        """Return whether another frame follows a frame of unknown type, whose checksum cannot be tested."""
         follower = end + _STAMP.size
         known = not frame.name.startswith("UNKNOWN_")
         return (
@@ -160,7 +160,7 @@ def read_tlog(path: Path) -> TlogReader:
     Raises
     ------
     BadFile
-        When it cannot be read, or is empty.
+        It cannot be read, or is empty.
     """
     try:
         stream = path.open("rb")
@@ -169,5 +169,5 @@ def read_tlog(path: Path) -> TlogReader:
         raise BadFile(f"{path} cannot be read: {error.strerror}") from error
     if is_empty:
         stream.close()
-        raise BadFile(f"{path} is empty. Check the recording")
+        raise BadFile(f"the telemetry log {path} is empty. Check the recording")
     return TlogReader(stream)

@@ -1,4 +1,4 @@
-"""Equations of motion, as pure functions of state, input and parameters. The package uses no files and no network."""
+"""Equations of motion, as pure functions of state, input and parameters. They access no logs and no network."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Nomoto1:
         return TransferFunction((self.K,), (1.0, self.T), 0, self.delay)
 
     def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """Return the complex response at *omega* [rad/s], any shape."""
+        """Return the complex frequency response at *omega* [rad/s], any shape."""
         return self.transfer_function().response(omega)
 
     def to_dict(self) -> dict[str, Any]:
@@ -88,7 +88,7 @@ class Nomoto2:
         return TransferFunction((self.K, self.K * self.T_3), denominator, 0, self.delay)
 
     def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
-        """Return the complex response at *omega* [rad/s], any shape."""
+        """Return the complex frequency response at *omega* [rad/s], any shape."""
         return self.transfer_function().response(omega)
 
     def to_dict(self) -> dict[str, Any]:

@@ -36,7 +36,10 @@ REACH = 0.2
 """Longest step as a fraction of the fastest time constant; the solution's poles are 8 times farther away."""
 
 LEFT = math.log(0.13) * (DEGREE + 1)
-"""Logarithm of the truncation error; a shorter step needs fewer terms for the same error."""
+"""Logarithm of the truncation error of a full step of :data:`REACH`.
+
+A shorter step needs fewer terms of the Taylor polynomial for the same error.
+"""
 
 RUNAWAY = 1e9
 """Velocity at which a simulation with destabilising drag is abandoned."""

@@ -38,7 +38,7 @@ class SingleDof:
 
     @property
     def axis(self) -> Dof:
-        """The degree of freedom's names."""
+        """Names of the degree of freedom's motion, force and parameters."""
         return DOFS[self.dof]
 
     def steady_velocity(self, tau: float) -> float:

@@ -1,16 +1,16 @@
-"""The only package that formats for people: pages, terminal tables, live lines, wording.
+"""The only package that formats results for users: pages, terminal tables, live lines, wording.
 
 Each report is a :class:`Document`, built by the function named after it and shown by :func:`to_html`,
-:func:`print_document` or :func:`to_json`. A new section is one function beside those of its report.
+:func:`print_document` or :func:`to_json`. To add a section, add a function to the module of its report.
 
 =========  ======================================================================
-toolkit    the document model, its three renderers, and what reports share
+toolkit    the document model, its three renderers, and common parts
 plots      figures of results, for pages and notebooks
 tune       the report of a tune, and its run directory
 study      the report of an identification or experiment
 flight     the report of a manoeuvre, and of its preview
 diagnosis  the report of what a simulation gets wrong
-summaries  the reports of the commands without a page
+summaries  reports of the commands that write no page
 =========  ======================================================================
 """
 
@@ -32,9 +32,11 @@ from gcs_autotune.report.flight.held import (
     HeldDistance,
     HeldLine,
     HeldLoop,
+    HeldPosition,
     distance_figures,
     figures_on,
     hold_document,
+    position_figures,
 )
 from gcs_autotune.report.flight.recheck import LoopCheck, LoopNumbers, recheck_document
 from gcs_autotune.report.plots import correlation_plot, frequency_plot, plan_plot, plot, profile_plot
@@ -67,6 +69,7 @@ __all__ = [
     "HeldDistance",
     "HeldLine",
     "HeldLoop",
+    "HeldPosition",
     "LoopCheck",
     "LoopNumbers",
     "MethodOutcome",
@@ -96,6 +99,7 @@ __all__ = [
     "plan_document",
     "plan_plot",
     "plot",
+    "position_figures",
     "preview_document",
     "print_document",
     "profile_plot",

@@ -35,13 +35,14 @@ __all__ = [
 
 
 MESSAGES = 12
-"""Most kinds of messages shown; the most frequent first. Chosen."""
+"""Most kinds of messages shown, the most frequent first. Project choice."""
 
 CHANGES = 8
-"""Most changes of mode or arming shown per boot. Chosen."""
+"""Most changes of mode or arming shown per boot. Project choice."""
 
 AT_ONCE = 2.0
-"""States first reported within this time [s] of a log's start count as initial; heartbeats come once a second."""
+"""Time [s] from the start of a log within which first reported states count as initial, because heartbeats arrive once
+a second."""
 
 
 def log_document(told: Mapping[str, Any]) -> Document:
@@ -65,7 +66,7 @@ def log_document(told: Mapping[str, Any]) -> Document:
 def _log(told: Mapping[str, Any]) -> Iterator[Part]:
     counts = told["counts"]
     damage = f", {counts['damaged']} damaged and skipped" if counts.get("damaged") else ""
-    stamps = f", {counts['damaged_stamps']} damaged stamps" if counts.get("damaged_stamps") else ""
+    stamps = f", {counts['damaged_stamps']} damaged timestamps" if counts.get("damaged_stamps") else ""
     cut = ", truncated in the middle of a message" if counts.get("truncated") else ""
     yield Note(f"{counts.get('messages', 0)} messages{damage}{stamps}{cut}.")
     for number, boot in enumerate(told["boots"], start=1):
@@ -76,10 +77,12 @@ def _log(told: Mapping[str, Any]) -> Iterator[Part]:
         )
         yield Note(_course(boot))
         if boot["dated_by_arrival"]:
-            yield Note(f"Timed by arrival, without a timestamp of their own: {', '.join(boot['dated_by_arrival'])}.")
+            yield Note(
+                f"Messages without a timestamp of their own, timed by arrival: {', '.join(boot['dated_by_arrival'])}."
+            )
     yield _messages(told["messages"])
     if told["truth"]:
-        yield Note(f"The log contains a simulator's true state ({', '.join(told['truth'])}); it is not used.")
+        yield Note(f"The log contains a simulator's true state ({', '.join(told['truth'])}), which is not used.")
 
 
 def _log_runs(told: Mapping[str, Any]) -> Iterator[Part]:
@@ -94,7 +97,7 @@ def _log_runs(told: Mapping[str, Any]) -> Iterator[Part]:
 def _no_run(boots: Sequence[Mapping[str, Any]]) -> str:
     told = [on for boot in boots for _, on in boot["armed"]]
     never = " The vehicle was never armed." if told and not any(told) else ""
-    return f"No run to identify from.{never}"
+    return f"The log contains no run to identify from.{never}"
 
 
 def _course(boot: Mapping[str, Any]) -> str:
@@ -104,7 +107,11 @@ def _course(boot: Mapping[str, Any]) -> str:
     said = [row for i, row in enumerate(said) if i == 0 or row[1] != said[i - 1][1]]
     shown = "; ".join(what if t < AT_ONCE else f"after {format_seconds(t)} {what}" for t, what in said[:CHANGES])
     more = f" and {len(said) - CHANGES} more" if len(said) > CHANGES else ""
-    return f"Timeline: {shown}{more}." if said else "The log has no modes and no arming; it counts as armed throughout."
+    return (
+        f"Timeline: {shown}{more}."
+        if said
+        else ("The log contains no mode and no arming state. The vehicle is taken as armed throughout.")
+    )
 
 
 def _messages(kinds: Mapping[str, Mapping[str, Any]]) -> Table:
@@ -127,7 +134,7 @@ def _look(look: Mapping[str, Any]) -> str:
 
 
 def plan_document(result: PlanResult) -> Document:
-    """Return the result of a plan: steps with validation, agreement, parameters, final validation, doubts."""
+    """Return the result of a plan: steps with validation, agreement, parameters, final validation and doubts."""
     step_doubts = (f"{s.step.name}: {doubt_sentence(d)}" for s in result.steps for d in s.fit.doubts)
     return Document(
         title=f"Plan {result.plan.name}: {result.plan.title}",
@@ -141,11 +148,11 @@ def _plan_sections(result: PlanResult) -> Iterator[Section]:
     yield Section("steps", f"Plan {result.plan.name}: {result.plan.title}", (_steps(result),), facts=IN_RESULT)
     if result.agreements:
         table = _agreements(result.agreements)
-        yield Section("agreements", "Shared parameters, compared between steps", (table,), facts=IN_RESULT)
+        yield Section("agreements", "Agreement of parameters that several steps identify", (table,), facts=IN_RESULT)
     joint = _plan_parameters(result)
     yield Section("parameters", "Parameters of the joint fit of all runs", (joint,), facts=IN_RESULT)
     if result.final is not None:
-        parts = (_final(result), Note(f"Fit {result.final.fit_percent:.1f} % on average."))
+        parts = (_final(result), Note(f"Mean fit: {result.final.fit_percent:.1f} %."))
         yield Section("final", "Final validation on held-out runs", parts, facts=IN_RESULT)
 
 
@@ -153,7 +160,7 @@ def _steps(result: PlanResult) -> Table:
     rows = []
     for s in result.steps:
         checked = UNKNOWN if s.validation is None else f"{s.validation.fit_percent:.1f} %"
-        remark = "" if s.unseen else "on its own run"
+        remark = "" if s.unseen else "on the run used for the fit"
         rows.append((s.step.name, str(len(s.fit.used)), f"{s.fit.fit_percent:.1f} %", checked, remark))
     rows += [(name, "0", UNKNOWN, UNKNOWN, "no runs") for name in result.skipped]
     return Table(("step", "runs", "fit", "validation", "remark"), "lrrrl", tuple(rows))
@@ -168,7 +175,7 @@ def _agreements(found: tuple[Agreement, ...]) -> Table:
         )
         for a in found
     )
-    return Table(("parameter", "by step", "chance"), "llr", rows)
+    return Table(("parameter", "value per step", "chance"), "llr", rows)
 
 
 def _plan_parameters(result: PlanResult) -> Table:
@@ -188,11 +195,11 @@ def _final(result: PlanResult) -> Table:
     return Table(("run", "signal", "rms", "fit"), "llrr", rows)
 
 
-_VERDICTS = {"meets": "met", "fails": "FAILED", "open": "too close"}
+_VERDICTS = {"meets": "met", "fails": "FAILED", "open": "undecided"}
 
 
 def sheets_document(sheets: Sequence[Sheet]) -> Document:
-    """Return the report of ship figures: per manoeuvre its figures, verdict and doubts."""
+    """Return the report of ship figures: for each manoeuvre its figures, verdict and doubts."""
     return Document(
         title="Ship figures",
         contradictions=tuple(dict.fromkeys(c for sheet in sheets for c in contradictions_in(sheet.doubts))),
@@ -205,7 +212,7 @@ def sheets_document(sheets: Sequence[Sheet]) -> Document:
 
 
 def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mapping[str, Any] | None = None) -> Section:
-    """Return the figures of a manoeuvre with its verdict, and its *doubts* if they stand nowhere else."""
+    """Return the figures of a manoeuvre with its verdict, and its *doubts* if they are not shown elsewhere."""
     verdict = f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
     about = tuple(bullets(doubt_sentences(sheet.doubts))) if doubts else ()
     parts = (sheet_table(sheet), Note(verdict), Section(f"{slug}-doubts", "Doubts about the figures", about))
@@ -213,7 +220,7 @@ def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mappi
 
 
 def sheet_table(sheet: Sheet) -> Table:
-    """Return the figures with standard errors, the IMO criterion and whether it is met."""
+    """Return a table of the figures with standard errors, the IMO criterion and whether it is met."""
     return Table(("figure", "value ± std", "unit", "IMO limit", ""), "lrlrl", tuple(_row(f) for f in sheet.figures))
 
 
@@ -230,41 +237,45 @@ def _row(figure: Figure) -> tuple[str, ...]:
 
 
 _MEANING = {
-    "a_f": "ahead, per squared command",
-    "b_f": "ahead, per command",
-    "a_b": "astern, per squared command",
-    "b_b": "astern, per command",
-    "x_f": "start of thrust ahead",
-    "x_b": "start of thrust astern",
+    "a_f": "force ahead per squared command",
+    "b_f": "force ahead per command",
+    "a_b": "force astern per squared command",
+    "b_b": "force astern per command",
+    "x_f": "command at which thrust ahead starts",
+    "x_b": "command at which thrust astern starts",
     "offset": "zero offset of the dynamometer",
 }
 
 SHOWN = 5
-"""Most rival structures shown. Chosen."""
+"""Most rival structures shown. Project choice."""
 
 _POINTS = 9
-"""Number of rows of the compensation table. Chosen."""
+"""Number of rows of the compensation table. Project choice."""
 
 
 def thruster_document(fit: ThrusterFit) -> Document:
     """Return the report of a thruster map: its structure, and commands for required forces."""
     m = fit.map
     low, high = m.dead_zone
-    way = "A higher command thrusts ahead." if m.direction > 0 else "A higher command thrusts astern."
+    way = (
+        "A higher command gives more thrust ahead."
+        if m.direction > 0
+        else ("A higher command gives more thrust astern.")
+    )
     zone = (
-        f"No dead zone; neutral at {format_number(m.neutral)} {pretty_unit(m.unit)}".rstrip() + "."
+        f"No dead zone. Neutral at {format_number(m.neutral)} {pretty_unit(m.unit)}".rstrip() + "."
         if low == high
         else f"Dead zone from {format_number(low)} to {format_number(high)} {pretty_unit(m.unit)}."
     )
     scatter = _force_left(fit, fit.noise)
     heading = f"Thruster map of {fit.pulls.name}: {fit.structure.name}"
-    quality = Note(f"{way} {zone} Scatter of one reading: {scatter} N; fit {fit.fit_percent:.1f} %.")
+    quality = Note(f"{way} {zone} Standard deviation of one reading: {scatter} N. Fit: {fit.fit_percent:.1f} %.")
     return Document(
         title=heading,
         doubts=doubt_sentences(fit.doubts),
         sections=(
             Section("map", heading, (_thruster_parameters(fit), quality), facts=IN_RESULT),
-            Section("structure", "Which structure", (_candidates(fit),), facts=IN_RESULT),
+            Section("structure", "Choice of structure", (_candidates(fit),), facts=IN_RESULT),
             Section("commands", "Command for a required force", (_compensation(fit),), facts=IN_RESULT),
         ),
         facts=fit.to_dict(),
@@ -276,7 +287,10 @@ def propeller_document(fit: PropellerFit) -> Document:
     rows = tuple((p.name, format_value(p.value, p.std), pretty_unit(p.unit) or "1") for p in fit.parameters.values())
     noise = ", ".join(f"{n} {format_number(s)}" for n, s in fit.noise.items())
     heading = f"Propeller: {fit.kind}"
-    parts = (Table(("coefficient", "value ± std", "unit"), "lrl", rows), Note(f"Scatter of one run: {noise}."))
+    parts = (
+        Table(("coefficient", "value ± std", "unit"), "lrl", rows),
+        Note(f"Standard deviation of one run: {noise}."),
+    )
     return Document(
         title=heading,
         doubts=doubt_sentences(fit.doubts),
@@ -296,7 +310,7 @@ def _thruster_parameters(fit: ThrusterFit) -> Table:
 
 
 def _force_left(fit: ThrusterFit, rms: float) -> str:
-    """Return the residual scatter of a map [N]; for exact data only rounding."""
+    """Return the residual scatter of a map [N]; for exact data it is only rounding."""
     return format_number(rms if rms > EXACT * max(abs(float(f)) for f in fit.pulls.force) else 0.0)
 
 
@@ -306,7 +320,7 @@ def _candidates(fit: ThrusterFit) -> Table:
         (c.structure, str(c.free_parameters), _force_left(fit, c.rms), f"{c.bic - best:.1f}")
         for c in fit.candidates[:SHOWN]
     )
-    return Table(("structure", "free", "rms, N", "BIC more"), "lrrr", rows)
+    return Table(("structure", "parameters", "rms [N]", "BIC - best"), "lrrr", rows)
 
 
 def _compensation(fit: ThrusterFit) -> Table:

@@ -58,7 +58,9 @@ def correlations(
     """
     odd = [n for n in form.free if n in SPECIAL]
     if odd:
-        raise UsageError(f"correlation cannot judge {', '.join(odd)} of '{form.name}': make them known first")
+        raise UsageError(
+            f"correlation cannot estimate {', '.join(odd)} of '{form.name}'. Set them to known values first"
+        )
     together = (runs,) if isinstance(runs, Trial) else tuple(runs)
     records = [r for run in together for r in prepare_form(run, form, use)]
     found = [_of_record(r, form, motion_of(r, form, derivative)) for r in records]

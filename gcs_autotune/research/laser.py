@@ -22,7 +22,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LaserCurve:
-    """``a``, ``c`` in the unit of the distance, ``b``, ``d`` per pixel (Miskovic2010, Table 3.1: per cm)."""
+    """Curve from a dot's distance from the picture's centre to the length of its beam.
+
+    ``a``, ``c`` are in the unit of the distance, ``b``, ``d`` per pixel (Miskovic2010, Table 3.1: per cm).
+    """
 
     a: float
     b: float
@@ -45,7 +48,8 @@ class LaserCurve:
         """
         if not 0.0 < length <= float(self.length(0.0)):
             raise NotInformative(
-                f"a distance of {length:g} is outside the calibrated curve (0 to {float(self.length(0.0)):g})"
+                f"a distance of {length:g} is outside the calibrated range (0 to {float(self.length(0.0)):g}). "
+                "Calibrate over a wider range"
             )
         far = 1.0
         while float(self.length(far)) > length:
@@ -65,7 +69,7 @@ def calibrate(pixels: Sequence[float] | Array, lengths: Sequence[float] | Array)
     """
     x, y = np.asarray(pixels, dtype=np.float64), np.asarray(lengths, dtype=np.float64)
     if len(x) < 5 or float(np.ptp(x)) <= 0.0 or float(y.min()) <= 0.0:
-        raise NotInformative("a laser calibration needs five or more distances above 0 at different places")
+        raise NotInformative("a laser calibration needs at least five different distances above 0")
     near = x > np.median(x)
     slope = float(np.polyfit(x[near], np.log(y[near]), 1)[0])
     best = min((_fit(x, y, slope * steeper, slope) for steeper in (2.0, 4.0, 8.0)), key=lambda found: found[1])

@@ -49,19 +49,19 @@ def reading_of_level(shares: Mapping[str, float], answers: Mapping[str, str], *,
         if both[0] > 0.0:
             lost = 1.0 - 1.0 / (1.0 + sum(both) / 2.0)
             cause = "dead zone or static friction" if smallest else "saturation, sagging voltage, a stalled propeller"
-            return f"inertia and drag alike: {100 * lost:.0f} % of the stated thrust does not arrive ({cause})"
-        return "inertia and drag alike: more thrust than stated (wrong calibration of this level)"
+            return f"inertia and drag deviate equally: {100 * lost:.0f} % of the stated thrust is missing ({cause})"
+        return "inertia and drag deviate equally: the thrust is larger than stated (wrong calibration of this level)"
     if off == ["inertia"]:
         return (
-            "inertia alone: another load or trapped water in these runs, or an actuator that needs longer to reverse "
-            "at this input (rate limit); not the thrust, or drag would be off alike"
+            "only inertia deviates: another load or trapped water in these runs, or a rate limit of the actuator. A "
+            "thrust error would change the drag equally"
         )
     if off == ["drag"]:
         more = shares["drag"] > 0.0
         if smallest and more:
-            return "drag alone: a linear share of drag, or friction, that the quadratic law does not have"
-        return "drag alone: another drag law than assumed, or water that moved in these runs"
-    return "inertia and drag deviate in different ways: no single known cause explains both"
+            return "only drag deviates: there is linear drag or friction that the quadratic law does not include"
+        return "only drag deviates: the drag law is different from the assumed one, or the water moved in these runs"
+    return "inertia and drag deviate in different ways, so no single known cause explains both"
 
 
 def reading_of_sign(shares: Mapping[str, float], answers: Mapping[str, str]) -> str:
@@ -71,24 +71,27 @@ def reading_of_sign(shares: Mapping[str, float], answers: Mapping[str, str]) -> 
         return "no significant asymmetry in these pairs"
     both = [shares["inertia"], shares["drag"]]
     if len(off) == 2 and both[0] * both[1] > 0.0:
-        return "inertia and drag alike: the actuator pushes less one way (asymmetric thrust)"
+        return "inertia and drag deviate equally: the actuator pushes less one way (asymmetric thrust)"
     if off == ["drag"]:
-        return "drag alone: a steady moment (trim, tether, current) or a hull that is not symmetric"
-    return "inertia alone, which no asymmetric thrust does: how the transient was read, or a steady moment"
+        return "only drag deviates: there is a steady moment (trim, tether, current), or the hull is not symmetric"
+    return (
+        "only inertia deviates, which asymmetric thrust does not cause: check the evaluation of the transient, "
+        "or a steady moment"
+    )
 
 
 def reading_of_order(order: float, half: float) -> str:
     """Return the interpretation of the exponent of rate in the drag force."""
-    told = f"the drag force goes as rate to the power {order:.2f} +- {half:.2f}: "
+    told = f"drag force is proportional to the rate to the power {order:.2f} +- {half:.2f}: "
     if abs(order - 2.0) <= half and abs(order - 1.0) <= half:
-        return told + "linear or quadratic: these rows do not distinguish them"
+        return told + "linear or quadratic drag, which these rows do not distinguish"
     if abs(order - 2.0) <= half:
         return told + "quadratic drag"
     if abs(order - 1.0) <= half:
         return told + "linear drag"
     if 1.0 < order < 2.0:
-        return told + "a linear and a quadratic share; either alone varies with the input"
-    return told + "neither linear nor quadratic"
+        return told + "a mixture of linear and quadratic drag, so the coefficient of either alone varies with the input"
+    return told + "neither linear nor quadratic drag"
 
 
 def reading_of_trend(slopes: Mapping[str, float], answers: Mapping[str, str]) -> str:
@@ -98,16 +101,26 @@ def reading_of_trend(slopes: Mapping[str, float], answers: Mapping[str, str]) ->
         return "no significant trend over these levels"
     if len(off) == 2 and slopes["inertia"] * slopes["drag"] > 0.0:
         if slopes["drag"] < 0.0:
-            return "both fall with the input: part of small commands does not arrive (dead zone, static friction)"
-        return "both rise with the input: the thrust falls behind the command (saturation, thrust not linear)"
+            return (
+                "inertia and drag fall as the input grows: part of small commands has no effect (dead zone, "
+                "static friction)"
+            )
+        return (
+            "inertia and drag rise as the input grows: the thrust grows less than the command (saturation, "
+            "non-linear thrust)"
+        )
     if "drag" in off and slopes["drag"] < 0.0:
-        told = "the quadratic drag falls with the input: a linear share, or friction, that its law does not have"
-        return told if off == ["drag"] else told + "; the inertia rises: a delay or lag not accounted for"
+        told = "quadratic drag falls as the input grows: there is linear drag or friction that its law does not include"
+        return (
+            told if off == ["drag"] else told + ". Inertia rises: there is a delay or lag that the fit does not include"
+        )
     if "drag" in off:
-        return "the drag rises with the input: a law steeper than assumed, or thrust that falls behind the command"
+        return (
+            "drag rises as the input grows: its law is steeper than assumed, or the thrust grows less than the command"
+        )
     if slopes["inertia"] > 0.0:
-        return "the inertia rises with the input: an actuator that needs longer for larger reversals (rate limit)"
-    return "the inertia falls with the input: part of small commands does not arrive, or a drag law that shifts the fit"
+        return "inertia rises as the input grows: the actuator needs longer for larger reversals (rate limit)"
+    return "inertia falls as the input grows: part of small commands has no effect, or a wrong drag law affects the fit"
 
 
 Array = NDArray[np.float64]
@@ -124,7 +137,7 @@ POOLED = 0.25
 """p-value above which levels count as not differing more than their rows do (Bancroft1964, sometimes-pooling)."""
 
 MATTERS = 0.1
-"""Relative difference that does not matter; if the possible difference is smaller, the answer is "no"."""
+"""Relative difference that does not matter; a quantity that cannot differ by more is reported as "no"."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,7 +193,7 @@ def diagnose_table(table: ParameterTable) -> tuple[TableFinding, ...]:
     """
     if len(table.level) < LEAST:
         raise NotInformative(
-            f"table '{table.name}' has {len(table.level)} rows: at least {LEAST} can contradict each other"
+            f"table '{table.name}' has {len(table.level)} rows, but a check for contradictions needs at least {LEAST}"
         )
     bad = [n for n, v in table.quantities.items() if not np.all(v > 0.0)]
     if bad:
@@ -315,7 +328,9 @@ def _sign(table: ParameterTable) -> Iterator[TableFinding]:
         found[name] = (mean, half, p, _answer(mean, half, p))
     reading = reading_of_sign({n: math.expm1(f[0]) for n, f in found.items()}, {n: f[3] for n, f in found.items()})
     for name, (mean, half, p, answer) in found.items():
-        yield _finding("sign", name, f"{len(both)} pairs of + and -", answer, mean, half, p, reading)
+        yield _finding(
+            "sign", name, f"{len(both)} pairs of positive and negative inputs", answer, mean, half, p, reading
+        )
 
 
 def _rows(table: ParameterTable) -> Iterator[TableFinding]:
@@ -334,7 +349,7 @@ def _rows(table: ParameterTable) -> Iterator[TableFinding]:
             if p < SURE:
                 where = f"row {i + 1} (input {table.level[i]:.4g})"
                 off = float(residual[i] / share[i])
-                reading = "this row contradicts the others at its input: repeat that experiment"
+                reading = "this row contradicts the other rows at its input. Repeat that experiment"
                 yield _finding("row", name, where, "yes", off, half, p, reading)
 
 

@@ -91,7 +91,7 @@ def closed_loop_sheet(run: Trial, ship: Particulars) -> Sheet:
         full = float(np.mean(np.abs(np.concatenate([p[force].values for p in parts])) >= SATURATED))
         if full > OFTEN:
             cause = f"the {actuator} was at its limit for {100.0 * full:.0f} % of the time, so the loop was not linear"
-            notes.append(Doubt("saturated", cause, "use smaller --set-point and --second-set-point"))
+            notes.append(Doubt("saturated", cause, "use a smaller --set-point and --second-set-point"))
     if omega_std >= omega_n or zeta_std >= zeta:  # figures that nobody knows are left out
         omega_n = omega_std = zeta = NAN
     cycles = [cycle for part in parts for cycle in loop_cycles(part)]
@@ -140,15 +140,17 @@ def _not_linear(explained: Sequence[float]) -> Doubt:
     Saturation distorts the larger motion; a dead zone, waves and sensor noise distort the smaller one.
     """
     larger, *_, smaller, whole = explained  # some fly more than two
-    cause = f"no linear loop explains more than {100.0 * whole:.0f} % of this motion"
+    cause = f"a linear loop explains only {100.0 * whole:.0f} % of this motion"
     told = f"({100.0 * larger:.0f} % of the larger relay's, {100.0 * smaller:.0f} % of the smaller one's)"
     if larger < smaller - DISTINCT:
-        return Doubt("not-linear", f"{cause} {told}, which indicates saturation", "use smaller --set-point")
+        return Doubt("not-linear", f"{cause} {told}, which indicates saturation", "use a smaller --set-point")
     if smaller < larger - DISTINCT:
         cause = f"{cause} {told}, which indicates a dead zone, waves or noise"
-        return Doubt("not-linear", cause, "use larger --set-point and --second-set-point")
+        return Doubt("not-linear", cause, "use a larger --set-point and --second-set-point")
     return Doubt(
-        "not-linear", f"{cause}, for either relay. The loop has another structure", "compare with a flown step"
+        "not-linear",
+        f"{cause}, for either relay. The loop has another structure",
+        "compare the result with a flown step",
     )
 
 
@@ -237,8 +239,8 @@ def _loop(run: Trial, parts: Sequence[Trial]) -> tuple[TransferFunction, list[fl
     loop = _of(best.x)
     if not all(p.real < 0.0 for p in loop.poles()):
         raise NotInformative(
-            "the loop identified from these relays is unstable, although the flown one is stable. Repeat them with "
-            "clearly different --set-point and --second-set-point"
+            "the loop identified from these relays is unstable, although the flown one is stable. Repeat the relays "
+            "with clearly different --set-point and --second-set-point"
         )
     explained = []
     for part in (*sorted(parts, key=lambda part: -float(np.ptp(part[commanded].values))), run):
@@ -275,8 +277,8 @@ def _step_figures(loop: TransferFunction) -> tuple[Figure, ...]:
     settling = float(t[outside[-1]]) + loop.delay if len(outside) and outside[-1] + 1 < len(t) else NAN
     rise = reached[1] - reached[0] if np.any(x >= 0.9) else NAN
     return (
-        judged("rise", "rise time of a step, 10 to 90 %", Reading(rise, NAN, "s")),
-        judged("settling", "settling time of a step, to 5 %", Reading(settling, NAN, "s")),
+        judged("rise", "rise time of a step (10 to 90 %)", Reading(rise, NAN, "s")),
+        judged("settling", "settling time of a step (to within 5 %)", Reading(settling, NAN, "s")),
     )
 
 
@@ -349,7 +351,7 @@ def relays_of(run: Trial) -> list[Trial]:
     starts = [m.t for m in run.marks if m.kind == "relay"]
     if len(starts) < 2:
         flown = f"{len(starts)} relay{'s' * (len(starts) != 1)}"
-        raise NotInformative(f"run '{run.name}' has {flown} on the set-point; two are needed")
+        raise NotInformative(f"run '{run.name}' has {flown} on the set-point. Two are needed")
     late, name = run.meta.get("link_times", {}).get("loop", 0.0), _commanded(run)
     parts = []
     holds = [m.t for m in run.marks if m.kind == "hold"]

@@ -68,7 +68,7 @@ class Figure:
         return "meets" if self.reading.value <= self.limit.value else "fails"
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data."""
+        """Return the figure as plain data for a JSON file."""
         return {
             "slug": self.slug,
             "name": self.name,
@@ -135,7 +135,9 @@ class Particulars:
     def __post_init__(self) -> None:
         """Reject impossible values."""
         if self.length <= 0.0 or self.speed <= 0.0 or not self.scale > 0.0:
-            raise UsageError("length, speed and scale of a ship must be positive")
+            raise UsageError(
+                "length, speed and scale of the ship must be greater than zero. Check --length, --speed and --scale"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +152,7 @@ class Sheet:
     doubts: tuple[Doubt, ...]
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data."""
+        """Return the sheet as plain data for a JSON file."""
         return {
             "run": self.run,
             "manoeuvre": self.manoeuvre,

@@ -92,7 +92,7 @@ def _turning_sheet(run: Trial, ship: Particulars) -> Sheet:
     unit = log.steering.unit
     figures = known(
         judged("helm", "helm", Reading(abs(c.rudder), NAN, unit)),
-        judged("turned", "total change of heading", Reading(c.turned, NAN, "rad")),
+        judged("turned", "total heading change", Reading(c.turned, NAN, "rad")),
         judged("advance", "advance", c.advance),
         judged("advance-lengths", "advance", in_lengths(c.advance, ship), ADVANCE, "5.3.1"),
         judged("transfer", "transfer", c.transfer),
@@ -145,10 +145,12 @@ _WAYS: Mapping[float, str] = {0.0: "", 1.0: ", raised", -1.0: ", lowered"}
 
 def _sheet_of(s: Spiral, log: ShipLog) -> Sheet:
     figures = known(
-        judged("residual-rate", "residual yaw rate, rudder amidships", s.residual_rate),
-        judged("loop-width", "width of the loop", s.width),
+        judged("residual-rate", "residual yaw rate with rudder amidships", s.residual_rate),
+        judged("loop-width", "width of the hysteresis loop", s.width),
         judged(
-            "slope", "yaw rate per rudder angle, amidships", Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit))
+            "slope",
+            "yaw rate per rudder angle at amidships",
+            Reading(s.slope, NAN, per_helm("rad/s", log.steering.unit)),
         ),
         *(
             judged(
@@ -174,8 +176,8 @@ def _pull_out_sheet(run: Trial, ship: Particulars) -> Sheet:
         judged("turning", "yaw rate of the turns", p.turning),
         judged("after-starboard", "residual rate after a turn to starboard", p.after_starboard),
         judged("after-port", "residual rate after a turn to port", p.after_port),
-        judged("residual-rate", "half their difference", p.residual),
-        judged("offset", "their mean (trim, wind)", p.offset),
+        judged("residual-rate", "half the difference of the residual rates", p.residual),
+        judged("offset", "mean of the residual rates (trim, wind)", p.offset),
     )
     return Sheet(log.name, "pull-out", "pull-out", figures, _STABILITY[p.verdict], p.doubts)
 

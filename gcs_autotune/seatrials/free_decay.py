@@ -61,7 +61,7 @@ def free_decay_sheet(run: Trial, ship: Particulars) -> Sheet:
                 "quadratic-damping",
                 f"damping depends on amplitude, which adds {100.0 * share:.0f} % of it at the largest angle. A single "
                 "damping ratio does not describe this decay",
-                "compare only decays of equal amplitude",
+                "compare only decays of the same amplitude",
             )
         )
     figures = known(

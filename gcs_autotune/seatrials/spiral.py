@@ -109,7 +109,7 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
         doubts.append(
             Doubt(
                 "not-settled",
-                f"{restless} rudder angle(s) were not held long enough",
+                f"{restless} rudder angle(s) were not held long enough for a steady turn rate",
                 "hold each angle until the turn rate is steady",
             )
         )
@@ -121,7 +121,7 @@ def read_spiral(trial: Trial, log: ShipLog) -> Spiral:
         doubts.append(
             Doubt(
                 "no-small-helm",
-                "no rudder angle near amidships was held, so a loop may be missed",
+                "no rudder angle near amidships was held, so a hysteresis loop may be missed",
                 "use smaller rudder steps near amidships",
             )
         )
@@ -286,7 +286,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
         if abs(s.before) > 0.3 * largest and abs(s.tau) < AMIDSHIPS * abs(s.before) and not s.steady_only
     ]
     if not pulls:
-        raise NotInformative(f"run '{log.name}' contains no pull-out: the rudder is never put amidships in a turn")
+        raise NotInformative(f"run '{log.name}' contains no pull-out: the rudder is never set amidships in a turn")
     starboard, port = _mean([p for p in pulls if p.nu_0.value > 0.0]), _mean([p for p in pulls if p.nu_0.value < 0.0])
     turning = float(np.mean([abs(p.nu_0.value) for p in pulls]))
     residual = Reading(0.5 * (starboard.value - port.value), 0.5 * math.hypot(starboard.std, port.std), "rad/s")
@@ -295,7 +295,11 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
     settled = all(p.settled for p in pulls)
     if not settled:
         doubts.append(
-            Doubt("not-settled", "the turn rate was still falling when the record ended", "record until it is steady")
+            Doubt(
+                "not-settled",
+                "the turn rate was still falling when the record ended",
+                "record until the turn rate is steady",
+            )
         )
     verdict: Literal["stable", "unstable", "undecided"] = "undecided"
     if math.isfinite(residual.value):
@@ -305,7 +309,7 @@ def read_pull_out(trial: Trial, log: ShipLog) -> PullOut:
         doubts.append(
             Doubt(
                 "one-side",
-                "pull-outs from one side only do not separate trim from instability",
+                "pull-outs from one side only do not distinguish trim from instability",
                 "fly pull-outs from both sides",
             )
         )

@@ -53,15 +53,17 @@ def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
     start = _order(run, X, float(u.t[-1]))
     approach = u.between(max(start - BEFORE, float(u.t[0])), start)
     if len(approach) < 5:
-        raise NotInformative(f"run '{run.name}' has no approach before its stop. Record the steady speed ahead too")
+        raise NotInformative(
+            f"run '{run.name}' contains no approach before its stop. Start recording at steady speed ahead"
+        )
     speed = local_fit(approach.t, approach.values, start, 1).value("m/s")
     if not speed.value > 3.0 * speed.std:
         raise NotInformative(f"run '{run.name}' has no speed before its thrust is removed")
     half, ended = (_passing(u, start, share * speed.value) for share in (HALF, ENDED))
     if not math.isfinite(ended.value):
         left = float(u.values[-10:].mean())
-        cause = f"the record ends while the craft still makes {left:.2f} m/s, from {speed.value:.2f} m/s"
-        notes.append(Doubt("not-stopped", cause, "record until the speed has fallen to a tenth"))
+        cause = f"the record ends while the craft still moves at {left:.2f} m/s (initially {speed.value:.2f} m/s)"
+        notes.append(Doubt("not-stopped", cause, "record until the speed has fallen to a tenth of its initial value"))
     astern = _astern(X, start, ended.value if math.isfinite(ended.value) else float(u.t[-1]))
     course = _course(x, y, start)
     reach = {name: _reach(u, x, y, start, when, course) for name, when in (("half", half), ("ended", ended))}
@@ -81,8 +83,8 @@ def stopping_sheet(run: Trial, ship: Particulars) -> Sheet:
             "5.3.4 (full astern)",
         ),
         judged("head-reach", "head reach", ahead),
-        judged("lateral-deviation", "lateral deviation, to starboard", aside),
-        judged("heading-change", "change of heading, to starboard", _turned(run, start, ended.value)),
+        judged("lateral-deviation", "lateral deviation to starboard", aside),
+        judged("heading-change", "heading change to starboard", _turned(run, start, ended.value)),
     )
     how = f"{100.0 * astern:.0f} % {unit}" if astern and X.unit == "1" else f"{astern:.3g} {unit}"
     title = f"stopping with {how}" if astern else "stopping without thrust (coasting)"
@@ -148,7 +150,7 @@ def _course(x: Channel, y: Channel, start: float) -> float:
     for c in (x, y):
         before = c.between(start - BEFORE, start)
         if len(before) < 4:
-            raise NotInformative("there are too few positions before the stop to determine the course")
+            raise NotInformative("too few positions before the stop to determine the course. Record a longer approach")
         slopes.append(float(local_fit(before.t, before.values, start, 1).coefficients[1]))
     return math.atan2(slopes[1], slopes[0])
 

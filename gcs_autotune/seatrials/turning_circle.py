@@ -34,7 +34,7 @@ class Current:
 
     @property
     def speed(self) -> float:
-        """Magnitude [m/s]."""
+        """Speed of the current [m/s]."""
         return math.hypot(self.north, self.east)
 
 
@@ -163,7 +163,7 @@ def read_turning_circle(log: ShipLog, orders: Sequence[float] = ()) -> TurningCi
     before = (track.t <= start) & (track.t >= start - (LAST if orders else 0.5 * (end - start)))
     if int(before.sum()) < 5:
         raise NotInformative(
-            f"run '{log.name}' has no approach before its turn. Start recording on the straight course"
+            f"run '{log.name}' contains no approach before its turn. Start recording on the straight course"
         )
     t, psi = log.heading(float(track.t[before][0]), start)
     course = mean_reading(t, psi, "rad", log.floor)
@@ -353,7 +353,7 @@ def _doubts(turned: float, current: Current | None, loss: Reading) -> list[Doubt
         found.append(
             Doubt(
                 "current-unknown",
-                f"the turn of {math.degrees(turned):.0f} deg is too short to estimate a current; none is assumed",
+                f"the turn of {math.degrees(turned):.0f} deg is too short to estimate a current. No current is assumed",
                 "turn for 720 degrees or more",
             )
         )

@@ -290,7 +290,7 @@ def _doubts(log: ShipLog, changes: Array, executes: tuple[Execute, ...], from_ap
                 "uneven-executes",
                 f"the rudder was reversed at heading changes from {math.degrees(changes.min()):.1f} to "
                 f"{math.degrees(changes.max()):.1f} deg",
-                "reverse at the same heading change each time. Overshoot angles depend on it",
+                "reverse the rudder at the same heading change each time, because overshoot angles depend on it",
             )
         )
     dt = float(np.median(np.diff(log.t)))
@@ -337,10 +337,10 @@ def zigzag_sheet(run: Trial, log: ShipLog, ship: Particulars) -> Sheet:
         judged("time-to-check", "time to check yaw", z.times_to_check[0]),
         judged("reach", "reach (return to the initial heading)", z.reach),
         judged("period", "period", z.period),
-        judged("initial-turning", "distance to the second execute", z.distance),
+        judged("initial-turning", "distance to the second rudder order (execute)", z.distance),
         judged(
             "initial-turning-lengths",
-            "distance to the second execute",
+            "distance to the second rudder order (execute)",
             in_lengths(z.distance, ship),
             INITIAL_TURNING if turning else None,
             "5.3.2",

@@ -45,7 +45,13 @@ def map_doubts(
     error = pulls.force - fitted
     if not (structure.ahead and structure.astern):
         side, other = ("ahead", "astern") if structure.ahead else ("astern", "ahead")
-        found.append(Doubt("one-sided", f"pulls only {side}; the map has no force {other}", f"pull {other} too"))
+        found.append(
+            Doubt(
+                "one-sided",
+                f"the test contains only pulls {side}, so the map has no force {other}",
+                f"pull {other} too",
+            )
+        )
     low, high = thruster.dead_zone
     edge_error = max(parameters["x_f"].std, parameters["x_b"].std)
     if structure.dead != "none" and 4.0 * edge_error > high - low:
@@ -61,8 +67,8 @@ def map_doubts(
         found.append(
             Doubt(
                 "lack-of-fit",
-                f"repeated pulls agree better with each other than with the map (chance {chance:.1g})",
-                "check the residuals for voltage sag, a kink of the speed controller, or a tank that is too small",
+                f"repeated pulls agree with each other better than with the map (probability by chance {chance:.1g})",
+                "check the residuals for voltage sag, a kink of the speed controller, or a test tank that is too small",
             )
         )
     chance = _uneven(fitted, error) if noise > resolution(pulls.force) else 1.0
@@ -77,7 +83,9 @@ def map_doubts(
     outlying = np.flatnonzero(np.abs(error) > 5.0 * max(1.4826 * float(np.median(np.abs(error))), 1e-3 * noise))
     if noise > 0.0 and len(error) >= 10 and 0 < len(outlying) <= 0.1 * len(error):
         commands = ", ".join(f"{pulls.command[i]:.4g}" for i in outlying[:5])
-        found.append(Doubt("outlying-pulls", f"pulls at {commands} are far from the map", "repeat them, or omit them"))
+        found.append(
+            Doubt("outlying-pulls", f"pulls at commands {commands} are far from the map", "repeat or omit these pulls")
+        )
     return tuple(found)
 
 
@@ -142,7 +150,7 @@ class ThrusterFit:
     pulls: PullTest
 
     def to_dict(self) -> dict[str, object]:
-        """Return the JSON form."""
+        """Return the fit as plain data for a JSON file."""
         return {
             "schema": 1,
             "source": self.pulls.name,
@@ -199,8 +207,8 @@ def fit_thruster(
     solved = [s for s in (_solve(x, pulls.force, w, scale) for w in wanted if w.count + 2 <= len(pulls)) if s]
     if not solved:
         raise NotInformative(
-            f"pull test '{pulls.name}': {len(pulls)} pulls are too few to fit and judge a map; "
-            "pull at ten or more commands"
+            f"pull test '{pulls.name}': {len(pulls)} pulls are too few to fit and test a map. Pull at ten or more "
+            "commands"
         )
     best = min(solved, key=lambda s: s.bic)
     return _fit(pulls, x, direction, best, solved)

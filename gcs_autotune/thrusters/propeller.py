@@ -74,7 +74,7 @@ class OpenWater:
         return _force(self.beta, self.rho, self.D, 5, n, V_A)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a file."""
+        """Return the coefficients as plain data for a file."""
         return {"schema": 1, "model": "open water", **asdict(self)}
 
 
@@ -90,7 +90,7 @@ class PropellerFit:
     doubts: tuple[Doubt, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return the fit as plain data for a JSON file."""
         return {
             "schema": 1,
             "kind": self.kind,
@@ -210,20 +210,21 @@ def _check(test: OpenWaterTest, *, advance: bool = True) -> None:
     sizes = {len(test.n), len(test.V_A), len(test.T), len(test.T if test.Q is None else test.Q)}
     arrays = [test.n, test.V_A, test.T] + ([] if test.Q is None else [test.Q])
     if len(sizes) > 1 or not all(np.all(np.isfinite(a)) for a in arrays):
-        raise NotInformative("an open-water test needs numbers n, V_A and T (and Q) for every run")
+        raise NotInformative("an open-water test needs finite numbers n, V_A and T (and Q) for every run")
     turning = test.n != 0.0
     if not np.any(turning):
-        raise NotInformative("the propeller never turns in this test")
+        raise NotInformative("the propeller never turns in this test. Check the column n")
     if advance and np.ptp(test.V_A[turning] / test.n[turning]) == 0.0:
         raise NotInformative(
-            "all runs have the same advance number. K_T(J) needs several: tow the thruster, or fit C_T to bollard pulls"
+            "all runs have the same advance number, but K_T(J) needs several. Tow the thruster, or fit C_T to "
+            "bollard pulls"
         )
 
 
 def _doubts(test: OpenWaterTest, parameters: Mapping[str, Parameter]) -> tuple[Doubt, ...]:
     found = []
     if np.all(test.n >= 0.0) or np.all(test.n <= 0.0):
-        found.append(Doubt("one-sided", "the propeller turned in one direction only", "measure astern too"))
+        found.append(Doubt("one-sided", "the propeller turned in only one direction", "measure astern too"))
     wrong = [n for n in ("alpha_1", "beta_1", "C_T", "C_n") if n in parameters and parameters[n].value <= 0.0]
     if wrong:
         found.append(

@@ -64,7 +64,7 @@ class PullTest:
         different = len(np.unique(self.command))
         if different < MIN_PULLS:
             raise NotInformative(
-                f"pull test '{self.name}' has {different} different commands. Measure at {MIN_PULLS} or more, "
+                f"pull test '{self.name}' has only {different} different commands. Measure at {MIN_PULLS} or more, "
                 "including small ones"
             )
         if np.ptp(self.force) == 0.0:
@@ -91,7 +91,8 @@ def read_columns(path: Path) -> dict[str, tuple[str, Array]]:
     table = numbers_of(cells)
     if table.dropped:
         raise BadFile(
-            f"{path}, row {cells.first + len(cells.rows) - 1}: incomplete, or with a cell that is not a number"
+            f"{path}, row {cells.first + len(cells.rows) - 1}: the row is incomplete, or a cell is not a number. "
+            "Correct or remove it"
         )
     return {heads[i][0]: (units[i][0], table.values[:, k] * units[i][1]) for k, i in enumerate(table.columns)}
 
@@ -121,7 +122,9 @@ def read_pull_test(
     else:
         f_unit, f = "N", np.asarray(pulls, dtype=np.float64)
         if len(f) != len(n):
-            raise NotInformative(f"{path} has {len(n)} rows, but {len(f)} forces are given. Give one force per row")
+            raise NotInformative(
+                f"{path} has {len(n)} rows, but {len(f)} forces were supplied. Supply one force per row"
+            )
     if f_unit not in ("N", "1"):
         raise BadFile(f"{path}: a force in [{f_unit}] cannot be used. Convert it to N, kN or kgf")
     keep = np.isfinite(n) & np.isfinite(f)
@@ -149,7 +152,7 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
     for path, columns, wanted in ((table, levels, ("from", "to")), (log, cell, ("t",))):
         if not set(wanted) <= columns.keys():
             heads = " and ".join(f"{n}[s]" for n in wanted)
-            raise MissingChannel(f"{path} has no times: it needs {heads}; it has {', '.join(columns)}")
+            raise MissingChannel(f"{path} has no time column. It needs {heads}. Its columns are {', '.join(columns)}")
     starts, ends, t = levels["from"][1], levels["to"][1], cell["t"][1]
     _, _, F = _column(log, cell, force, FORCES, "force")
     good = np.isfinite(t) & np.isfinite(F)
@@ -157,14 +160,14 @@ def pulls_from_log(table: Path, log: Path, *, force: str | None = None) -> tuple
     slack = SLACK * float(ends[-1] - starts[0])
     if len(t) < MIN_PULLS or t[-1] - t[0] < ends[-1] - starts[0] - slack or np.ptp(F) == 0.0:
         raise NotInformative(
-            f"{log} does not match {table}: the load cell's log must cover {ends[-1] - starts[0]:.0f} s of levels with "
-            "a changing force"
+            f"{log} does not match {table}. The load cell's log must cover the {ends[-1] - starts[0]:.0f} s of "
+            "command levels, with a changing force"
         )
     _, _, command = _column(table, levels, None, COMMANDS, "command")
     shapes = np.column_stack([np.ones_like(command), command, command * np.abs(command)])
 
     def unexplained(offset: float) -> float:
-        """Return the fraction of the force's variance that the commands do not explain at that offset."""
+        """Return the fraction of the force's variance that the commands do not explain, for one clock offset."""
         level = np.searchsorted(starts + offset, t, side="right") - 1
         used = (level >= 0) & (t <= ends[-1] + offset)
         if t[used].size < MIN_PULLS or np.ptp(t[used]) < ends[-1] - starts[0] - slack or np.ptp(F[used]) == 0.0:
@@ -241,6 +244,6 @@ def _column(
     if name is None or name not in columns:
         asked = f"'{wanted}'" if wanted is not None else " or ".join(known)
         raise MissingChannel(
-            f"{path} has no {what} column {asked}; it has {', '.join(columns)}. Select one with --{what}"
+            f"{path} has no {what} column {asked}. Its columns are {', '.join(columns)}. Select one with --{what}"
         )
     return (name, *columns[name])

@@ -78,7 +78,7 @@ class MapStructure:
 
     @property
     def count(self) -> int:
-        """Number of parameters."""
+        """Number of parameters of the fit."""
         return int(self.slopes.shape[1] + self.edges.shape[1]) + int(self.offset)
 
 
@@ -162,7 +162,7 @@ class ThrusterMap:
         return result
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for a file."""
+        """Return the map as plain data for a file."""
         return {"schema": SCHEMA, "model": "thruster", **asdict(self)}
 
     @classmethod

@@ -1,13 +1,13 @@
 """The web page: a live view with a STOP (``gcs-autotune serve``; extra ``web``).
 
-* * ``server`` opens the port, prints the link, and shuts down in order; ``app`` has the routes; ``access`` authorises.
-* ``job`` is a command in a separate process, controlled by its ``--remote`` lines; ``live`` holds its state and the
-  viewers; ``orders`` builds its command line from the page's form.
-* ``archive`` has the files on disk, ``desk`` the work on them. ``static`` is the page, written by hand, with uPlot
-(MIT)
-  and nothing else.
+* ``server`` opens the port, prints the link and shuts down in order. ``app`` has the routes, ``access`` authorises
+  requests, and ``crowd`` limits idle connections.
+* ``job`` is a command in a separate process, controlled by its ``--remote`` lines. ``live`` has its state and the
+  viewers. ``orders`` builds its command line from the page's form.
+* ``archive`` provides the files on disk, and ``desk`` the calculations on them. ``static`` contains the page, written
+  by hand, with uPlot (MIT) as the only library.
 
-The package imports tables (axes, limits, manoeuvres) and nothing that flies or computes. These run in another process,
+The package imports tables (axes, limits, manoeuvres) but nothing that flies or computes. These run in another process,
 which neither waits for a viewer nor ends with one.
 """
 

@@ -1,7 +1,7 @@
 """Access control: host names, origins, the token, and the headers of every response.
 
 A foreign page can make a visitor's browser send requests here, through DNS rebinding or a cross-site form or WebSocket.
-Therefore the ``Host`` must be one that no stranger can own, and an ``Origin`` the same.
+Therefore the ``Host`` must be a name that no third party can own. The same applies to an ``Origin``.
 """
 
 from __future__ import annotations
@@ -26,13 +26,16 @@ __all__ = ["JOYSTICK_STOP", "TOKEN_HEADER", "Access", "AccessMiddleware", "is_lo
 TOKEN_HEADER = "x-autotune-token"
 """Header with the token. A page of another origin cannot set it without a preflight request, which is not answered."""
 JOYSTICK_STOP = "joystick-stop"
-"""Last part of the one address that is guarded by a key of its own, for STOP and nothing else."""
+"""Last part of the only address that has its own key, which is valid only for STOP."""
 WRONG, WITHIN = 10, 60.0
-"""Wrong tokens from one address within so many seconds after which further ones are ignored. Chosen."""
+"""Wrong tokens from one address within so many seconds [s] after which further ones are ignored. Project choice."""
 _ADDRESSES = 1000
 AT_ONCE, ALL_AT_ONCE = 48, 128
-"""Most simultaneous requests and viewers without the token, per address and in total. A STOP and requests with the
-token are not counted. Chosen: behind BlueOS all come from one address."""
+"""Most simultaneous requests and viewers without the token, per address and in total. Project choice.
+
+A STOP and requests with the token are not counted. The number per address is large because behind BlueOS all requests
+come from one address.
+"""
 _STOPS = ("stop", JOYSTICK_STOP)
 _SAFE = ("GET", "HEAD")
 
@@ -44,11 +47,11 @@ HEADERS: Mapping[str, str] = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Headers of every response without its own."""
+"""Headers of every response that does not set its own."""
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches *host*."""
+    """Return whether *host* can be reached only from this computer."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
@@ -58,7 +61,7 @@ def is_loopback(host: str) -> bool:
 class Access:
     """Authorisation of requests.
 
-    token : required for everything but viewing; empty if the port is only on this computer.
+    token : required for everything except viewing; empty if only this computer can reach the port.
     hosts : accepted host names in addition to addresses, ``localhost`` and ``*.local``.
     stop_key : key of a joystick's STOP; empty if none is offered.
     """
@@ -83,27 +86,32 @@ class Access:
         return secrets.token_urlsafe(16)
 
     def may_sit(self, key: str) -> bool:
-        """Return whether *key* is valid for an operator's seat, as issued to a holder of the token; it permits nothing
-        else."""
+        """Return whether *key* is valid for an operator's seat.
+
+        It is issued to a holder of the token and permits nothing else.
+        """
         return bool(self.seat) and hmac.compare_digest(key.encode(errors="replace"), self.seat.encode())
 
     def may_stop(self, key: str) -> bool:
-        """Whether *key* is the one for STOP; False if none is offered."""
+        """Return whether *key* is the key for STOP. It is False if no such key is offered."""
         return bool(self.stop_key) and hmac.compare_digest(key.encode(errors="replace"), self.stop_key.encode())
 
     def trouble_with_host(self, headers: Headers, *, origin_too: bool = True) -> str:
-        """Return what is wrong with ``Host`` and ``Origin``; empty when nothing is."""
+        """Return what is wrong with ``Host`` and ``Origin``; empty if nothing is."""
         host = headers.get("host", "")
         if not self._is_ours(_name_of(f"//{host}")):
-            return f"{shown(host, 100)} is not a name of this server. If it is, start it with --allow-host"
+            return (
+                f"{shown(host, 100)} is not a known name of this server. Start the server with --allow-host to accept "
+                "it"
+            )
         return self._trouble_with_origin(host, headers) if origin_too else ""
 
     def _trouble_with_origin(self, host: str, headers: Headers) -> str:
         origin = headers.get("origin")
         if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
-            return "request from another page rejected; only this server's own page is allowed"
+            return "request from another page rejected. Use this server's own page"
         if origin is not None and not (_netloc_of(origin) == host or _name_of(origin) in self._hosts):
-            return f"request from a page of {shown(origin, 100)} rejected; only this server's own page is allowed"
+            return f"request from a page of {shown(origin, 100)} rejected. Use this server's own page"
         return ""
 
     def _is_ours(self, name: str) -> bool:
@@ -114,15 +122,15 @@ class Access:
         return True
 
     def has_token(self, headers: Headers) -> bool:
-        """Whether the right token is shown, where there is one."""
+        """Return whether the right token is supplied, if one is required."""
         given = headers.get(TOKEN_HEADER, "")
         return bool(self.token and given) and hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
 
     def refusal(self, headers: Headers, address: str) -> tuple[int, str] | None:
         """Return HTTP status and reason if a request with *headers* from *address* is not authorised; else None.
 
-        The right token is always accepted, so that guessing by others cannot block its owner's STOP: 128 bits cannot be
-        guessed. Wrong ones are counted.
+        The right token is always accepted, so that guesses by others cannot block its owner's STOP. Its 128 bits cannot
+        be guessed. Wrong tokens are counted.
         """
         if not self.token:
             return None
@@ -130,7 +138,7 @@ class Access:
         if self.has_token(headers):
             return None
         if not given:
-            return 401, "view only: open the link with the token that the server showed"
+            return 401, "view only. To control runs, open the link with the token that the server showed at its start"
         wrong = self._wrong.setdefault(address, [])
         now = self._now()
         wrong[:] = [t for t in wrong if now - t < WITHIN][-WRONG:]
@@ -139,7 +147,7 @@ class Access:
         wrong.append(now)
         while len(self._wrong) > _ADDRESSES:
             self._wrong.popitem(last=False)
-        return 403, "wrong token. The server shows a new one at every start: open the link that it shows"
+        return 403, "wrong token. The server creates a new token at every start. Open the link that it shows"
 
 
 def _name_of(url: str) -> str:
@@ -157,7 +165,7 @@ def _netloc_of(url: str) -> str:
 
 
 class AccessMiddleware:
-    """ASGI middleware: rejects foreign hosts and overload, authorises by token, and sets the headers."""
+    """ASGI middleware that rejects foreign hosts and overload, authorises by token, and sets the headers."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
@@ -165,7 +173,7 @@ class AccessMiddleware:
         self._busy: Counter[str] = Counter()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or pass it on."""
+        """Answer the request or pass it on."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -179,7 +187,7 @@ class AccessMiddleware:
             await JSONResponse({"error": refused[1]}, refused[0])(scope, receive, _with_headers(send))
 
     async def _count(self, scope: Scope, headers: Headers, receive: Receive, send: Send) -> None:
-        """Pass it on, while its address and all together have not too much under way; a STOP always goes through."""
+        """Pass the request on unless too many are in progress, from its address or in total. A STOP always passes."""
         sending = send if scope["type"] == "websocket" else _with_headers(send)
         stop = scope["type"] == "http" and scope["method"] == "POST" and scope["path"].rpartition("/")[2] in _STOPS
         if stop or self._access.has_token(headers):
@@ -210,7 +218,9 @@ class AccessMiddleware:
         if scope["type"] == "websocket" or scope["method"] in _SAFE:
             return None
         if TOKEN_HEADER not in headers:
-            return 401 if self._access.token else 403, "the page's own header is missing. Open the page's link again"
+            return 401 if self._access.token else 403, (
+                "the request is not from this server's page. Open the page's link again"
+            )
         return self._access.refusal(headers, _address_of(scope))
 
 

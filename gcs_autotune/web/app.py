@@ -1,4 +1,4 @@
-"""The routes of the page; every address in it is relative, so that it can be served under another path."""
+"""The routes of the page. Every address in it is relative, so that it can be served under another path."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ FILES = {
 """Files of the page in addition to ``index.html``."""
 _LONGEST_BODY = 1 << 16
 BODY_WITHIN = 10.0
-"""Chosen [s]: in which the body of a request has come."""
+"""Time [s] within which the body of a request must arrive. Project choice."""
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
 
 class Control:
-    """The current run, at most one, and its state."""
+    """The current run, if any, and its state."""
 
     def __init__(self, runs: Path, program: CommandLine) -> None:
         self.runs = runs
@@ -65,11 +65,14 @@ class Control:
 
     @property
     def is_running(self) -> bool:
-        """Whether a run is under way."""
+        """Whether a run is in progress."""
         return self._task is not None and not self._task.done()
 
     def start(self, chosen: dict[str, Any], now: datetime) -> str:
-        """Start what was *chosen* and return the name of its run directory; ``UsageError`` when it cannot be."""
+        """Start the run that was *chosen* and return the name of its run directory.
+
+        Raises ``UsageError`` if it cannot be started.
+        """
         order = make_order(chosen, self.runs, now)
         self.desk.give_way()
         self.live.begin(
@@ -100,25 +103,25 @@ class Control:
             )
 
     def stop(self) -> bool:
-        """Request a stop of the run with clean-up; return whether there is one."""
+        """Request a stop of the run with clean-up. Return whether there is a run."""
         if self._job is None or not self.is_running:
             return False
         self._job.stop()
         return True
 
     def answer(self, number: int, *, yes: bool) -> bool:
-        """Answer a question; return whether this answer counts."""
+        """Answer a question. Return whether this answer counts."""
         return self._job is not None and self._job.answer(number, yes=yes)
 
     async def over(self) -> None:
-        """Wait until no run is under way."""
+        """Wait until no run is in progress."""
         if self._task is not None:
             with suppress(asyncio.CancelledError):
                 await asyncio.shield(self._task)
 
 
 def make_app(runs: Path, access: Access, program: CommandLine | None = None) -> Starlette:
-    """Return the application; runs are kept in *runs*, and started by *program*."""
+    """Return the ASGI application of the page. Runs are stored in *runs* and started by *program*."""
     control = Control(runs, program or CommandLine())
 
     @asynccontextmanager
@@ -155,7 +158,7 @@ def _page() -> list[BaseRoute]:
     async def static(request: Request) -> Response:
         name = request.path_params["name"]
         if name not in FILES:
-            return JSONResponse({"error": "this file does not exist"}, 404)
+            return JSONResponse({"error": "this file does not exist. Reload the page"}, 404)
         return FileResponse(STATIC / name, media_type=FILES[name])
 
     return [Route("/", index), Route("/static/{name}", static)]
@@ -212,7 +215,7 @@ def _touching(
     async def start(request: Request) -> Response:
         chosen = await _body(request)
         if control.is_running:
-            return JSONResponse({"error": "a run is in progress. Stop it, or wait for its end"}, 409)
+            return JSONResponse({"error": "a run is in progress. Stop it, or wait until it ends"}, 409)
         return JSONResponse({"name": control.start(chosen, datetime.now())})
 
     async def work(request: Request) -> Response:
@@ -223,7 +226,7 @@ def _touching(
 
 
 def _answered(handler: Handler) -> Handler:
-    """Return *handler* with errors of a request converted to messages."""
+    """Return *handler* with the errors of a request converted to messages."""
 
     async def answering(request: Request) -> Response:
         try:
@@ -231,7 +234,7 @@ def _answered(handler: Handler) -> Handler:
         except UsageError as error:
             return JSONResponse({"error": str(error)}, 400)
         except TimeoutError:
-            return JSONResponse({"error": "the request was incomplete. Try again"}, 408)
+            return JSONResponse({"error": "the request arrived incomplete. Try again"}, 408)
         except (ValueError, KeyError, TypeError, ArithmeticError):
             return JSONResponse({"error": "the server cannot read this request. Reload the page"}, 400)
 

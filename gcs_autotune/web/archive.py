@@ -1,4 +1,7 @@
-"""What is on disk: runs, logs that were dropped on the page, and their files; nothing outside the folder of runs."""
+"""Files on disk: runs, logs that were dropped on the page, and their files.
+
+Nothing outside the folder of runs is accessible.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +28,15 @@ KINDS: Mapping[str, str] = {
     **dict.fromkeys((".csv", ".json", ".jsonl", ".param", ".params", ".txt", ".toml"), "text/plain"),
     **dict.fromkeys((".tlog", ".bin", ".log"), "application/octet-stream"),
 }
-"""Endings of the files that are handed out -> how."""
+"""File name endings that are served -> how."""
 DROPPED = (".tlog", ".bin", ".log", ".csv")
-"""Endings of the files that are taken in."""
+"""File name endings that are accepted for upload."""
 MOST_BYTES = 512 * 1024 * 1024
-"""Largest file [bytes]. Chosen: an hour of a full-rate onboard log has about 300 MB."""
+"""Largest file accepted [bytes]; an hour of a full-rate onboard log has about 300 MB. Project choice."""
 _SPARE = 64 * 1024 * 1024
-"""Chosen: bytes left free on the disk, for a run that may be recording."""
+"""Free disk space [bytes] that an upload leaves for a run that may be recording. Project choice."""
 _SHOWN = 300
-"""Chosen: entries listed, the newest first."""
+"""Most entries listed, the newest first. Project choice."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,150}")
 
 
@@ -44,7 +47,7 @@ class Archive:
         self.root = root
 
     def entries(self) -> list[dict[str, Any]]:
-        """Return the runs and dropped logs there are, the newest first."""
+        """Return the stored runs and dropped logs, the newest first."""
         names = sorted((p.name for p in self.root.iterdir() if p.is_dir() and _NAME.fullmatch(p.name)), reverse=True)
         return [self._entry(self.root / name) for name in names[:_SHOWN]]
 
@@ -62,12 +65,12 @@ class Archive:
         }
 
     def entry(self, name: str) -> dict[str, Any]:
-        """Return all there is to show of one: its trials as they can be replayed, and its files.
+        """Return the data of one entry: its trials for replay, and its files.
 
         Raises
         ------
         UsageError
-            There is none.
+            There is no such entry.
         """
         folder = self.path(name)
         found = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix.lower() in KINDS and _plain(p)]
@@ -81,7 +84,7 @@ class Archive:
         Raises
         ------
         UsageError
-            There is none, or it is not in the folder of runs.
+            It does not exist, or is not in the folder of runs.
         """
         try:
             folder = (self.root / name).resolve()
@@ -91,15 +94,16 @@ class Archive:
                 return path
         except (OSError, ValueError):
             pass
-        raise UsageError("this run or file does not exist")
+        raise UsageError("this run or file does not exist. Reload the page")
 
     async def take_in(self, name: str, size: int | None, pieces: AsyncIterator[bytes], now: datetime) -> str:
-        """Keep a dropped file in a folder of its own and return that folder's name; *size* as announced, if it was.
+        """Store a dropped file in its own folder and return that folder's name. *size*: the announced size, if
+        known.
 
         Raises
         ------
         UsageError
-            It is none of our logs, too large, or the disk is full; nothing of it is left.
+            It is not a supported log, is too large, or the disk is full. Nothing of it remains.
         """
         clean = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(name.replace("\\", "/")).name).lstrip("._-")[-80:]
         suffix = Path(clean).suffix.lower()
@@ -122,27 +126,27 @@ class Archive:
 
 
 def _plain(path: Path) -> bool:
-    """Whether a file's name is text that can be sent."""
+    """Return whether a file name is text that can be sent."""
     return str(path) == visible(str(path))
 
 
 def _models(folder: Path) -> list[Path]:
-    """Return the model files that ``tune``, ``experiment``, ``fly``, or the desk's work has left in a run."""
+    """Return the model files in a run that ``tune``, ``experiment``, ``fly`` or the desk wrote."""
     return [p for p in (*folder.glob("model*.json"), *folder.glob("diagnosis/model*.json")) if p.is_file()]
 
 
 def _too_large() -> str:
-    return f"the file is larger than {MOST_BYTES // (1024 * 1024)} MB. Cut it, or use the command line"
+    return f"the file is larger than {MOST_BYTES // (1024 * 1024)} MB. Shorten the log, or use the command line"
 
 
 def _see_spare(folder: Path, size: int) -> None:
-    """See that *size* more bytes leave room on the disk for a run that may be recording."""
+    """Check that *size* more bytes leave enough disk space for a run that may be recording."""
     if shutil.disk_usage(folder).free < size + _SPARE:
-        raise UsageError("the disk is nearly full; nothing was stored. Free some space first")
+        raise UsageError("the disk is nearly full, so nothing was stored. Free some disk space")
 
 
 async def _write(path: Path, pieces: AsyncIterator[bytes]) -> None:
-    """Write what comes, never more than there may be, nor more than leaves the disk its spare."""
+    """Write the received data, up to the permitted size and the required free disk space."""
     count = 0
     with path.open("xb") as stream:
         async for piece in pieces:
@@ -189,7 +193,7 @@ class _Target(Struct, frozen=True):
 
 
 class _Replayed(Struct, frozen=True):
-    """What the page needs of the side file of a trial."""
+    """Content of a trial's metadata file that the page needs."""
 
     name: str = ""
     ending: str = ""

@@ -1,8 +1,8 @@
 """Integration in BlueOS: registration (``/register_service``) and actions for Cockpit.
 
-The page's addresses are relative, so BlueOS may show it under ``/extensionv2/...``. STOP is on the page and its space
-bar; for a joystick button it is offered as an action of Cockpit, if enabled. Its key is valid only
-for STOP, and everyone who can read Cockpit's data has it.
+The page's addresses are relative, so BlueOS may show it under ``/extensionv2/...``. STOP is a button on the page and
+the space bar. If enabled, it is also offered as an action of Cockpit for a joystick button. The key of this action is
+valid only for STOP, and everyone who can read Cockpit's data has it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["blueos_routes", "cockpit_extras", "registration"]
 
 _NAME = "GCS Autotune"
 _PATH = "/extensionv2/gcsautotune"
-"""Where BlueOS shows an extension of that name."""
+"""Path at which BlueOS shows an extension of that name."""
 _HOME = "https://github.com/gcs-autotune/gcs-autotune"
 
 
@@ -29,7 +29,7 @@ def registration() -> dict[str, Any]:
     """Return the response of ``/register_service``."""
     return {
         "name": _NAME,
-        "description": "Identify and tune a boat or ROV from a short experiment, and prove the gains.",
+        "description": "Identify and tune a boat or ROV from a short experiment, and test the gains by a step.",
         "icon": "mdi-tune-vertical-variant",
         "company": "gcs_autotune",
         "version": __version__,
@@ -43,10 +43,10 @@ def registration() -> dict[str, Any]:
 
 
 def cockpit_extras(stop_key: str = "") -> dict[str, Any]:
-    """Return what Cockpit may show: the page as a widget, and with a *stop_key* STOP as an action for a button.
+    """Return what Cockpit may show: the page as a widget, and with a *stop_key* also STOP as an action for a button.
 
-    Keys as Cockpit 1.18 and later want them. The action is a request that a browser sends across sites without asking
-    first: Cockpit's own program is no page of the vehicle.
+    The keys are those of Cockpit 1.18 and later. The action is a cross-site request that a browser sends without a
+    preflight, because Cockpit's own program is not a page of the vehicle.
     """
     return {
         "targetSystem": "Cockpit",
@@ -83,7 +83,7 @@ def _stop_action(stop_key: str) -> dict[str, Any]:
 
 
 def blueos_routes(access: Access, stop: Callable[[], bool]) -> list[BaseRoute]:
-    """Return the routes; *stop* stops the run, and returns whether there is one."""
+    """Return the routes. *stop* stops the run and returns whether there is one."""
 
     async def register(request: Request) -> Response:
         return JSONResponse(registration())
@@ -93,7 +93,7 @@ def blueos_routes(access: Access, stop: Callable[[], bool]) -> list[BaseRoute]:
 
     async def joystick_stop(request: Request) -> Response:
         if not access.may_stop(request.query_params.get("key", "")):
-            return JSONResponse({"error": "wrong key for STOP of this server"}, 403)
+            return JSONResponse({"error": "the key of this STOP request is not the key of this server"}, 403)
         return JSONResponse({"stopping": stop()})
 
     return [

@@ -1,8 +1,8 @@
-"""Idle connections: closed after a while, the oldest first if there are many.
+"""Limit idle connections: they are closed after a while, the oldest first if there are many.
 
-A program that opens a thousand connections and sends nothing would use up the file descriptors, and a STOP could not
-be accepted. Therefore the number of connections without a complete request is limited, and a new one always gets in:
-idle ones are closed for it. Requests under way are counted by :mod:`.access`.
+A program that opens a thousand connections and sends nothing would use up the file descriptors, and a STOP could not be
+accepted. Therefore the number of connections without a complete request is limited. A new connection is always
+accepted, and idle ones are closed for it. Requests in progress are counted by :mod:`.access`.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 __all__ = ["HEADERS_WITHIN", "OF_ONE_ADDRESS", "WAITING", "Seldom", "WaitingRoom", "guarded"]
 
 HEADERS_WITHIN = 5.0
-"""Chosen [s]: in which the head of a request has come; a radio's round trip is 2 s at most."""
+"""Time [s] within which the header of a request must arrive; a radio's round trip is at most 2 s. Project choice."""
 WAITING, OF_ONE_ADDRESS = 128, 96
-"""Chosen: connections without a whole request, in all and from one address; a browser opens six."""
+"""Most connections without a complete request, in total and from one address; a browser opens six. Project choice."""
 _AGAIN, _OFTEN = 60.0, 3
-"""Most repeats of a log line, and within how many seconds. Chosen."""
+"""Time window [s], and most repeats of a log line within it. Project choice."""
 
 
 class WaitingRoom:
-    """Connections without a request, the oldest first; what is too much is closed through its ``close``."""
+    """Connections without a request, the oldest first. Excess ones are closed through their ``close``."""
 
     def __init__(self) -> None:
         self._waiting: OrderedDict[object, tuple[str, Callable[[], object]]] = OrderedDict()
@@ -36,7 +36,10 @@ class WaitingRoom:
         return len(self._waiting)
 
     def enter(self, who: object, address: str, close: Callable[[], object]) -> None:
-        """Register *who* as idle; close the oldest of its *address*, or of all, if there are too many."""
+        """Register *who* as idle.
+
+        If there are too many idle connections, close the oldest of its *address* or of all.
+        """
         self._waiting[who] = address, close
         same = [other for other, (where, _) in self._waiting.items() if where == address]
         if len(same) > OF_ONE_ADDRESS:
@@ -45,7 +48,7 @@ class WaitingRoom:
             self._close(next(iter(self._waiting)))
 
     def leave(self, who: object) -> None:
-        """Unregister *who*, which sent a request or closed."""
+        """Unregister *who*, because it sent a request or closed."""
         self._waiting.pop(who, None)
 
     def _close(self, who: object) -> None:
@@ -54,7 +57,7 @@ class WaitingRoom:
 
 
 def guarded() -> type[H11Protocol]:
-    """Return uvicorn's protocol of HTTP with a waiting room of its own."""
+    """Return uvicorn's HTTP protocol class with its own waiting room."""
     room = WaitingRoom()
 
     class Guarded(H11Protocol):
@@ -97,7 +100,7 @@ def guarded() -> type[H11Protocol]:
 
 
 class Seldom(logging.Filter):
-    """Lets the same line of a log through a few times a minute, not thousands of times."""
+    """Log filter that passes the same line only a few times a minute."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
@@ -105,7 +108,7 @@ class Seldom(logging.Filter):
         self._seen: OrderedDict[str, list[float]] = OrderedDict()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Return whether *record* is to be written."""
+        """Return whether *record* is written."""
         now = self._now()
         times = self._seen.setdefault(str(record.msg)[:100], [])
         times[:] = [t for t in times if now - t < _AGAIN]

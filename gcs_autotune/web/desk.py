@@ -1,4 +1,4 @@
-"""Work on records from the page: list, identify, diagnose, each by our command line in a process of its own."""
+"""Work on records from the page: list, identify and diagnose, each by our command line in a separate process."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ __all__ = ["DOFS", "Desk", "archive_routes"]
 
 DOFS = ("yaw", "surge", "sway", "heave", "horizontal")
 LONGEST = 1800.0
-"""Longest duration of a calculation [s]. Chosen."""
+"""Longest duration of a calculation [s]. Project choice."""
 PIECE_WITHIN = 30.0
-"""Chosen [s]: in which the next piece of a dropped file has come."""
+"""Time [s] within which the next piece of a dropped file must arrive. Project choice."""
 _TEXT = 40_000
-"""Chosen: characters kept of what it printed."""
+"""Number of characters of the printed output that are kept. Project choice."""
 VERBS: Mapping[str, Callable[[Path, Path, str], list[str]]] = {
     "list": lambda folder, file, dof: ["logs", "list", str(file)],
     "identify": lambda folder, file, dof: [
@@ -41,9 +41,9 @@ VERBS: Mapping[str, Callable[[Path, Path, str], list[str]]] = {
     ],
     "diagnose": lambda folder, file, dof: ["diagnose", str(file), f"--dof={dof}", f"--out={folder / 'diagnosis'}"],
 }
-"""What can be done with a record -> our command line for it."""
+"""Operation on a record -> our command line for it."""
 REPORTS = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; sandbox"
-"""Policy of the pages in the folder of runs: they may look as they like, and run nothing."""
+"""Content security policy of the pages in the folder of runs: any style is allowed, but no script."""
 
 
 class Desk:
@@ -56,12 +56,12 @@ class Desk:
         self._task: asyncio.Task[None] | None = None
 
     def start(self, name: str, verb: str, dof: str) -> None:
-        """Begin; ``UsageError`` when it cannot be."""
+        """Start a calculation. Raises ``UsageError`` if this is not possible."""
         lookup(VERBS, verb, "work")
         if dof not in DOFS:
-            raise UsageError(f"dof is one of {', '.join(DOFS)}")
+            raise UsageError(f"unknown degree of freedom. Use one of {', '.join(DOFS)}")
         if self._task is not None and not self._task.done():
-            raise UsageError("another job is running. Wait for its end")
+            raise UsageError("another job is running. Wait until it ends")
         entry, folder = self._archive.entry(name), self._archive.path(name)
         file = folder / entry["log"] if entry["log"] else folder
         if verb == "list" and not entry["log"]:
@@ -93,7 +93,7 @@ class Desk:
                     text = (text + piece.decode(errors="replace"))[-_TEXT:]
                 code = await process.wait()
         except TimeoutError:
-            code, text = -1, text + f"\nstopped after {LONGEST:.0f} s"
+            code, text = -1, text + f"\nstopped: the time limit of {LONGEST:.0f} s was reached"
         except asyncio.CancelledError:
             code, text = -1, text + "\nstopped: a run was started and has priority"
         finally:
@@ -103,12 +103,12 @@ class Desk:
         self._tell(name, verb, text, running=False, code=code)
 
     def give_way(self) -> None:
-        """A run begins: what is computed here ends."""
+        """End the present calculation, because a run begins."""
         if self._task is not None:
             self._task.cancel()
 
     async def over(self) -> None:
-        """End what is under way, and wait for that."""
+        """End the present calculation and wait until it has ended."""
         self.give_way()
         if self._task is not None:
             with suppress(asyncio.CancelledError):
@@ -116,7 +116,7 @@ class Desk:
 
 
 def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool]) -> tuple[list[BaseRoute], Any]:
-    """Return what may be looked at, and the handlers of what touches: ``drop`` and ``work``."""
+    """Return the routes for reading, and the two handlers that change something: ``drop`` and ``work``."""
 
     def runs(request: Request) -> Response:  # plain functions: the files are read in a thread
         return JSONResponse({"entries": archive.entries()})
@@ -160,7 +160,7 @@ def archive_routes(archive: Archive, desk: Desk, is_running: Callable[[], bool])
 
     def work(told: Mapping[str, Any]) -> Response:
         if is_running():
-            return JSONResponse({"error": "a run is in progress and has priority. Wait for its end"}, 409)
+            return JSONResponse({"error": "a run is in progress and has priority. Wait until it ends"}, 409)
         desk.start(str(told["name"]), str(told["verb"]), str(told.get("dof", "yaw")))
         return JSONResponse({"ok": True})
 

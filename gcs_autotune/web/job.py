@@ -1,7 +1,7 @@
 """One command in a separate process, controlled by its ``--remote`` lines.
 
-The process has its own session, so Ctrl-C at this terminal does not reach it; a line stops it. Its standard input is
-the operator: when it ends, however this server ends, the run stops, restores everything and exits.
+The process has its own session, so Ctrl-C at this terminal does not reach it; a line on its standard input stops it. If
+its standard input ends, for example because this server ends, the run stops, restores everything and exits.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ __all__ = ["CommandLine", "Job", "page_of", "read_json"]
 
 _LONGEST_LINE = 1 << 22
 _STDERR = 8000
-"""Characters kept of the process's standard error. Chosen."""
+"""Number of characters of the process's standard error that are kept. Project choice."""
 _RESTORED = 8
 _MEANINGS: Mapping[int, str] = {
     0: "done",
-    _RESTORED: "tuned, but the old gains proved better and were restored",
+    _RESTORED: "tuned, but the old gains were better and were restored",
     **{code: meaning for _, code, meaning in EXIT_CODES},
 }
 
 
 @dataclass(frozen=True, slots=True)
 class CommandLine:
-    """How our command line is started: ``words`` before the arguments."""
+    """How our command line is started; ``words`` come before the arguments."""
 
     words: tuple[str, ...] = (sys.executable, "-P", "-m", "gcs_autotune")
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment in which it finds the same packages."""
+        """The environment in which the process finds the same packages."""
         here = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
         return {**os.environ, "PYTHONPATH": here}
 
 
 class Job:
-    """One run: *arguments* of our command line, which leaves its files in *directory*."""
+    """One run of our command line with *arguments*, which writes its files to *directory*."""
 
     def __init__(self, program: CommandLine, arguments: Sequence[str], directory: Path, live: Live) -> None:
         self._program = program
@@ -96,13 +96,13 @@ class Job:
             self._errors = (self._errors + piece.decode(errors="replace"))[-_STDERR:]
 
     def stop(self) -> None:
-        """Request a stop with clean-up; repeated calls have no effect. Does not wait."""
+        """Request a stop with clean-up, without waiting for it. Repeated calls have no effect."""
         self._stopping = True
         self._live.put("stopping", True)
         self._send({"stop": True})
 
     def answer(self, number: int, *, yes: bool) -> bool:
-        """Answer question *number*; return whether this answer was the first, which counts."""
+        """Answer question *number*. Return whether this was the first answer, which counts."""
         question = self._live.get("question")
         if question is None or question["id"] != number or number in self._answered:
             return False
@@ -121,7 +121,7 @@ class Job:
 def how_it_ended(code: int, errors: str, directory: Path, left: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return the page's summary of a finished run, from its exit code, last message and files.
 
-    Keys: ``code``; ``meaning``; ``reason`` in words; ``flown`` comparison of the steps before and after, in words;
+    Keys: ``code``; ``meaning``; ``reason`` as text; ``flown`` comparison of the steps before and after, as text;
     ``report`` its page, if any; ``fine`` whether no action is needed; ``put_back`` sentences.
     """
     summary = read_json(directory / "summary.json")
@@ -146,7 +146,7 @@ def _listed(thing: Any) -> list[Any]:
 
 def _as_to_craft(left: Mapping[str, Any] | None, directory: Path) -> tuple[bool, str]:
     if left is None and not (directory / "journal.jsonl").exists():
-        return True, "The run ended before arming; nothing was moved or written."
+        return True, "The run ended before arming. Nothing was moved or written."
     if left is None:
         return False, (
             "The state of the craft is unknown. Take over by hand, then run "
@@ -166,11 +166,11 @@ def _as_to_parameters(directory: Path) -> list[str]:
     if not before:
         return []
     if not after:
-        return ["The parameters at the end are not recorded."]
+        return ["The run did not record the parameters at its end."]
     changed = [f"{name} {before[name]:g} -> {after[name]:g}" for name in before if after.get(name) != before[name]]
     if changed:
         return [
-            f"Parameters read back: {', '.join(changed)}; the other {len(before) - len(changed)} as before the run."
+            f"Parameters read back: {', '.join(changed)}; the other {len(before) - len(changed)} are as before the run."
         ]
     return [f"Parameters read back: all {len(before)} as before the run."]
 
@@ -180,7 +180,7 @@ def _numbers_in(path: Path) -> dict[str, float]:
 
 
 def page_of(directory: Path) -> str:
-    """Return the page that a run left, its report or else its preview; empty when there is none."""
+    """Return the page that a run wrote: its report, else its preview; empty if there is none."""
     return next((name for name in ("report.html", "preview.html") if (directory / name).is_file()), "")
 
 

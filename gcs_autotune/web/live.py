@@ -17,25 +17,25 @@ from gcs_autotune.untrusted_text import visible
 __all__ = ["Live"]
 
 EVERY = 0.1
-"""Chosen [s]: between two deltas."""
+"""Time between two updates to the viewers [s]. Project choice."""
 ALIVE = 1.0
-"""Longest time between messages, after which an empty one is sent [s]. Chosen."""
+"""Longest time between messages [s], after which an empty one is sent. Project choice."""
 ROWS, WORDS = 4000, 300
-"""Samples and sentences kept for later viewers. Chosen."""
+"""Number of samples and of sentences kept for later viewers. Project choice."""
 BEHIND = 30
-"""Chosen: deltas that a viewer may be behind before he gets everything again."""
+"""Number of pending updates above which a viewer gets the whole state again. Project choice."""
 MOST_VIEWERS = 32
-"""Most simultaneous viewers. One with the token replaces one without, if all seats are taken. Chosen."""
+"""Most simultaneous viewers. If all seats are taken, a viewer with the token replaces one without. Project choice."""
 _KEPT = ("intentions", "now", "vitals", "room", "cost", "proposal", "track", "left", "dropped")
-"""Messages of which the last one is kept unchanged."""
+"""Types of messages of which only the last one is kept, unchanged."""
 _LONGEST = 2000
-"""Chosen: characters kept of a sentence."""
+"""Number of characters of a sentence that are kept. Project choice."""
 _OVER = ""
-"""What a viewer is handed when there is nothing more to come."""
+"""Value in a viewer's queue that marks the end of the stream."""
 
 
 class Live:
-    """The state of the page: a document, what changed of it, and the viewers' queues.
+    """The state of the page: a document, its changes, and the viewers' queues.
 
     Everything happens on the event loop's thread.
     """
@@ -53,7 +53,7 @@ class Live:
     # --- what happens ---------------------------------------------------------------------------------------
 
     def begin(self, run: dict[str, Any]) -> None:
-        """Forget the last run: another one begins."""
+        """Clear the state of the last run, because another one begins."""
         desk = {key: value for key, value in self._state.items() if key == "desk"}
         self._state, self._changed = dict(desk), dict(desk)
         self._legs.clear()
@@ -64,22 +64,22 @@ class Live:
         self._changed["fresh"] = True
 
     def put(self, key: str, value: Any) -> None:
-        """Have *key* of the document be *value*."""
+        """Set *key* of the document to *value*."""
         self._state[key] = self._changed[key] = value
 
     def get(self, key: str) -> Any:
-        """Return *key* of the document, None where it has none."""
+        """Return *key* of the document; None if it has no such key."""
         return self._state.get(key)
 
     def say(self, text: str, severity: int | None = None) -> None:
-        """Add a sentence; with a *severity* it is the vehicle's own."""
+        """Add a sentence. With a *severity* it is a message of the vehicle."""
         self._count += 1
         words = {"n": self._count, "text": visible(text)[:_LONGEST], "severity": severity}
         self._words.append(words)
         self._new["words"] = [*self._new["words"], words][-WORDS:]
 
     def take(self, line: bytes) -> None:
-        """Take in one line of a job; what is none of its words is ignored."""
+        """Process one line of a job. A line with an unknown key is ignored."""
         try:
             told = json.loads(line)
             ((key, value),) = told.items()
@@ -116,7 +116,7 @@ class Live:
     async def watch(self, *, owner: bool = False) -> AsyncIterator[str]:
         """Yield the whole document, then its changes, while the viewer is connected.
 
-        Nothing comes when all seats are taken, but an *owner* of the token gets one of those without it.
+        It yields nothing if all seats are taken. An *owner* of the token then replaces a viewer without it.
         """
         queue: asyncio.Queue[str | None] = asyncio.Queue(BEHIND)
         if len(self._viewers) >= MOST_VIEWERS:
@@ -136,7 +136,7 @@ class Live:
             self._viewers.pop(queue, None)
 
     def close(self) -> None:
-        """Let every viewer go: the server ends."""
+        """Disconnect every viewer, because the server ends."""
         for queue in list(self._viewers):
             self._let_go(queue)
 
@@ -148,7 +148,7 @@ class Live:
         queue.put_nowait(_OVER)
 
     def _again(self, queue: asyncio.Queue[str | None]) -> str:
-        """Return the whole document for a viewer, and drop its pending changes."""
+        """Return the whole document for a viewer, and discard the viewer's pending changes."""
         self.tell()
         while not queue.empty():
             queue.get_nowait()
@@ -164,7 +164,7 @@ class Live:
                 waited = 0.0
 
     def tell(self, *, even_nothing: bool = False) -> bool:
-        """Send the changes since last time to the viewers; return whether there were any."""
+        """Send the changes since the last call to the viewers. Return whether there were any."""
         new = {f"+{key}": items for key, items in self._new.items() if items}
         if not (self._changed or new or even_nothing):
             return False
@@ -178,7 +178,7 @@ class Live:
 
 
 def _hand(queue: asyncio.Queue[str | None], text: str) -> None:
-    """Queue *text* for a viewer; one too far behind gets the whole document again."""
+    """Queue *text* for a viewer. A viewer that is too far behind gets the whole document again."""
     if queue.full():
         while not queue.empty():
             queue.get_nowait()

@@ -1,4 +1,4 @@
-"""From the page's form to a command line; fields come from the tables of axes, manoeuvres and limits.
+"""Convert the page's form to a command line. The fields come from the tables of axes, manoeuvres and limits.
 
 Each value is passed as ``--name=value``, so that none can be an option itself.
 """
@@ -25,11 +25,11 @@ from gcs_autotune.web.archive import Archive
 __all__ = ["RunOrder", "fields", "make_order"]
 
 JOBS: Mapping[str, str] = {
-    "tune": "Tune: experiments, model, gains, proof",
-    "experiment": "Experiment: identify, write nothing",
-    "fly": "Fly a standard manoeuvre: preview, figures and model, write nothing",
+    "tune": "Tune: experiments, model, gains, test by a step",
+    "experiment": "Experiment: identify a model; writes no parameter",
+    "fly": "Fly a standard manoeuvre: preview, figures and model; writes no parameter",
 }
-"""What can be started -> what it does, in a line."""
+"""Jobs that can be started -> what they do, in a line."""
 _ASKED: Mapping[str, tuple[str, ...]] = {
     "Safety limits": (
         *("max-distance", "max-speed", "max-heading-excursion", "max-depth-excursion", "max-depth", "min-depth"),
@@ -46,7 +46,7 @@ _ONLY: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("relay-output", "relay-hysteresis", "relays"), ("tune", "experiment")),
     "full-scale": ("tune", "fly"),
 }
-"""Number -> the jobs that take it, where not all do."""
+"""Number -> the jobs that have it, if not all do."""
 _BOAT, _ROV, _BEFORE_A_WALL = "sitl:charlie", "sitl:bluerov2", "sitl:videoray-wall"
 """Simulated vehicles for manoeuvres without a link."""
 SIDES = ("starboard", "port")
@@ -55,7 +55,7 @@ _LONGEST_URI, _LONGEST_AREA = 300, 4000
 
 @dataclass(frozen=True, slots=True)
 class RunOrder:
-    """A run that is to be started: ``arguments`` of our command line, the ``directory`` it leaves things in."""
+    """A run to start: ``arguments`` of our command line, and the ``directory`` for its files."""
 
     title: str
     arguments: tuple[str, ...]
@@ -63,17 +63,17 @@ class RunOrder:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it flies a simulated vehicle started for it, in time of its own."""
+        """Whether it flies a simulated vehicle started for it, in simulated time."""
         return any(word.startswith("--connect=sitl:") for word in self.arguments)
 
     @property
     def command(self) -> str:
-        """The same on a terminal."""
+        """The same command as typed on a terminal."""
         return shlex.join(["gcs-autotune", *(word for word in self.arguments if word != "--remote")])
 
 
 LINK_VARIABLE = "GCS_AUTOTUNE_LINK"
-"""Environment variable: the link that the page begins with."""
+"""Environment variable with the initial link on the page."""
 
 
 def fields() -> dict[str, Any]:
@@ -89,7 +89,7 @@ def fields() -> dict[str, Any]:
 
 
 def _manoeuvre(kind: ManoeuvreKind) -> dict[str, Any]:
-    """Return the fields of a manoeuvre: its options, the forces it can drive, each with a simulated craft."""
+    """Return the fields of a manoeuvre: its options and the forces that it can drive, each with a simulated craft."""
     return {
         "name": kind.name,
         "help": kind.help,
@@ -134,14 +134,16 @@ def _field(name: str) -> dict[str, Any]:
 
 
 def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder:
-    """Return the order for what was *chosen*: ``job``, ``connect``, ``dry_run``, ``fetch_log``, ``numbers`` by name,
-    and ``axis``, or to fly ``manoeuvre``, ``force``, ``first_to``, ``area``; ``model`` a file in a folder of *runs*, to
-    design from or to preview with; a dry run of a manoeuvre is its preview.
+    """Return the order for the values *chosen* on the page.
+
+    The keys are ``job``, ``connect``, ``dry_run``, ``fetch_log``, ``numbers`` by name, and ``axis``. To fly they are
+    ``manoeuvre``, ``force``, ``first_to``, ``area``. ``model`` is a file in a folder of *runs*, used for the design or
+    the preview. A dry run of a manoeuvre is its preview.
 
     Raises
     ------
     UsageError, UnknownName
-        It cannot be had; the message names the field.
+        A value is missing or not valid; the message names the field.
     """
     job, uri = (str(chosen.get(name, "")).strip() for name in ("job", "connect"))
     lookup(JOBS, job, "job")
@@ -165,7 +167,7 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
     words += _model(chosen, job, runs)
     words += ["--fetch-log"] * (chosen.get("fetch_log") is True)
     if len(uri) > _LONGEST_URI or not uri.isprintable():
-        raise UsageError("link: not a connection string")
+        raise UsageError("link: not a connection URI. Write e.g. udpin:0.0.0.0:14550")
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")[:60]
     directory = _fresh(runs / f"{now:%Y%m%d-%H%M%S}-{label}-{what}")
     title = f"preview of {what}" if job == "fly" and dry else f"{job} {what}"
@@ -173,7 +175,7 @@ def make_order(chosen: Mapping[str, Any], runs: Path, now: datetime) -> RunOrder
 
 
 def _chosen_manoeuvre(chosen: Mapping[str, Any]) -> tuple[ManoeuvreKind, str]:
-    """Return the row of the manoeuvre chosen and the force it is to drive, empty for its own."""
+    """Return the row of the chosen manoeuvre, and the force to drive; empty for its own."""
     kind = lookup(MANOEUVRES, str(chosen.get("manoeuvre", "")), "manoeuvre")
     if kind.make is None:
         raise UsageError(f"{kind.name} is flown only by {kind.command}")
@@ -184,12 +186,12 @@ def _chosen_manoeuvre(chosen: Mapping[str, Any]) -> tuple[ManoeuvreKind, str]:
 
 
 def _area(corners: str) -> list[str]:
-    """Return the option for *corners* as typed on the page: no file of this machine is opened for it."""
+    """Return the option for *corners* as typed on the page. No file of this computer is opened for it."""
     if not corners:
         return []
     if len(corners) > _LONGEST_AREA or not set(corners) <= set("0123456789.,;+- "):
         raise UsageError(
-            "area: write 'lat,lon lat,lon lat,lon' in degrees; a file works only with fly --area in a terminal"
+            "area: write 'lat,lon lat,lon lat,lon' in degrees. A file works only with fly --area in a terminal"
         )
     try:
         read_area(corners)
@@ -199,14 +201,14 @@ def _area(corners: str) -> list[str]:
 
 
 def _model(chosen: Mapping[str, Any], job: str, runs: Path) -> list[str]:
-    """Return the option for the model chosen, ``RUN/model.json``; an experiment takes none."""
+    """Return the option for the chosen model, ``RUN/model.json``. An experiment has no such option."""
     name, _, inner = str(chosen.get("model") or "").partition("/")
     if not name or job == "experiment":
         if str((chosen.get("numbers") or {}).get("full-scale", "")).strip() and job != "experiment":
-            raise UsageError("full-scale applies to a model. Choose a model too")
+            raise UsageError("full-scale applies only to a model. Choose a model, or leave full-scale empty")
         return []
     if not inner.endswith(".json"):
-        raise UsageError("model: not a model file of a run")
+        raise UsageError("model: not a model file of a run. Choose one from the list")
     try:
         return [f"--model={Archive(runs).path(name, inner)}"]
     except UsageError as error:
@@ -219,12 +221,12 @@ def _fresh(path: Path) -> Path:
 
 def _numbers(given: Any, job: str, axis: str, options: Sequence[str] = ()) -> list[str]:
     if not isinstance(given, Mapping):
-        raise UsageError("the numbers are not an object of names and values")
+        raise UsageError("the settings are not an object of names and values")
     asked = {name for names in _ASKED.values() for name in names} | set(options)
     words = []
     for name, text in given.items():
         if name not in asked:
-            raise UsageError(f"unknown number '{str(name)[:40]}'")
+            raise UsageError(f"unknown setting '{str(name)[:40]}'")
         if not str(text).strip() or job not in _ONLY.get(name, JOBS):
             continue
         try:

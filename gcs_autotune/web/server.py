@@ -1,4 +1,4 @@
-"""The port, the link with the token, and an orderly end: a run is stopped and restored before the server exits."""
+"""The port, the link with the token, and the shutdown: a run is stopped and restored before the server exits."""
 
 from __future__ import annotations
 
@@ -23,19 +23,24 @@ __all__ = ["ServeSettings", "serve"]
 
 
 BACKLOG = 100
-"""Chosen: connections accepted in one turn of the event loop, before any of them is counted or closed; with uvicorn's
-2048 a crowd takes all file descriptors in a single turn."""
+"""Most connections accepted in one turn of the event loop, before any of them is counted or closed. Project choice.
+
+With uvicorn's 2048, many connections at once would use up all file descriptors in a single turn.
+"""
 
 
 QUEUE = 2048
-"""Chosen: connections that the system holds until they are accepted; with fewer a caller tries again after a second."""
+"""Most connections that the system holds until they are accepted.
+
+With fewer, a caller retries after a second. Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class ServeSettings:
-    """Where the page is: *host* and *port* to listen on, the folder of *runs*, other names the server is called by.
+    """Where the page is served: *host* and *port* to listen on, the folder of *runs*, and other names of the server.
 
-    ``joystick_stop``: Cockpit is offered a STOP for a joystick button.
+    ``joystick_stop``: whether Cockpit is offered a STOP for a joystick button.
     """
 
     host: str
@@ -46,7 +51,7 @@ class ServeSettings:
 
 
 def serve(settings: ServeSettings, say: Callable[[str], object], program: CommandLine | None = None) -> None:
-    """Serve the page until Ctrl-C; a current run is stopped and restored first.
+    """Serve the page until Ctrl-C. A current run is stopped and restored first.
 
     Raises
     ------
@@ -90,7 +95,7 @@ def serve(settings: ServeSettings, say: Callable[[str], object], program: Comman
 
 
 class _Server(uvicorn.Server):
-    """Server that keeps running after Ctrl-C until the current run has restored everything."""
+    """A server that keeps running after Ctrl-C until the current run has restored everything."""
 
     def __init__(self, config: uvicorn.Config, control: Control, say: Callable[[str], object]) -> None:
         super().__init__(config)
@@ -99,26 +104,28 @@ class _Server(uvicorn.Server):
         self._wanted = False
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Stop the run; further signals only report that clean-up is under way; it is never cut short."""
+        """Stop the run. Further signals only report that the clean-up is in progress; it is never interrupted."""
         if not self._control.is_running:
             self.should_exit = True  # uvicorn's own way raises the signal again once all is closed
             return
-        self._say("Still restoring; please wait." if self._wanted else "Stopping: restoring mode and parameters.")
+        self._say(
+            "Still restoring the vehicle. Please wait." if self._wanted else "Stopping: restoring mode and parameters."
+        )
         self._wanted = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to accept; the system keeps more in its queue than are accepted in one turn."""
+        """Begin to accept connections. The system queues more of them than are accepted in one turn."""
         await super().startup(sockets)
         for each in sockets or ():
             each.listen(QUEUE)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close viewers first; an open stream would delay the end and log an error."""
+        """Close the viewers first, because an open stream would delay the end and log an error."""
         self._control.live.close()
         await super().shutdown(sockets)
 
     async def on_tick(self, counter: int) -> bool:
-        """Ten times a second: exit if requested and no run is in progress."""
+        """Exit if requested and no run is in progress. It is called ten times a second."""
         if self._wanted:
             self.should_exit = not self._control.stop()
         return await super().on_tick(counter)
@@ -145,17 +152,17 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def told(host: str, port: int, token: str) -> list[str]:
-    """Return what the terminal shows: the link, with its token as link and QR code where one is needed."""
+    """Return the text for the terminal: the link, and if a token is needed, with the token and as QR code."""
     if not token:
-        return [f"page: http://{_bracketed(host)}:{port}/  (this computer only; Ctrl-C ends it)"]
+        return [f"page: http://{_bracketed(host)}:{port}/  (this computer only; Ctrl-C ends the server)"]
     link = f"http://{_bracketed(_seen_from_elsewhere(host))}:{port}/#{token}"
     code = segno.make(link, micro=False)
     dots = "\n".join(_blocks([list(row) for row in code.matrix_iter(border=2)]))
     return [
         f"page: {link}",
         dots,
-        "Everyone with this link can start and stop runs; it is shown once. Without the part after # the page is view "
-        "only. The connection is not encrypted: use it on a network you trust. Ctrl-C ends it.",
+        "Everyone with this link can start and stop runs. It is shown once. Without the part after # the page is view "
+        "only. The connection is not encrypted: use a network you trust. Ctrl-C ends the server.",
     ]
 
 
@@ -164,7 +171,7 @@ def _bracketed(host: str) -> str:
 
 
 def _seen_from_elsewhere(host: str) -> str:
-    """Return the address to call where *host* means all of them."""
+    """Return the address to connect to if *host* means all addresses."""
     if host not in ("0.0.0.0", "::", ""):
         return host
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -176,7 +183,7 @@ def _seen_from_elsewhere(host: str) -> str:
 
 
 def _blocks(rows: list[list[int]]) -> list[str]:
-    """Return a QR code as half blocks, light on dark: two rows of modules per line."""
+    """Return a QR code as text in half blocks, light on dark: two rows of modules per line."""
     if len(rows) % 2:
         rows = [*rows, [0] * len(rows[0])]
     shapes = {(0, 0): "█", (0, 1): "▀", (1, 0): "▄", (1, 1): " "}

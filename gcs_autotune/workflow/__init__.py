@@ -1,14 +1,13 @@
-"""Whole jobs, from link to report: what the command line's verbs do.
+"""Complete jobs from the link to the report, one for each command of the command line.
 
-* ``mission``: one job on one vehicle, declared before anything moves and carried out in one order. ``tune``,
-  ``experiment`` and ``fly`` are three declarations of it. They share ``settings``, ``connection``, ``preflight``, the
-  ``runner`` of manoeuvres, the ``record`` directory, ``resuming`` and a ``worker`` that computes in the
-  ``background``.
-* Before anything moves: ``itinerary`` (stages and times), ``tune_preview`` and ``flight_preview`` (space, on the
-  ``nominal_plant``, as an ``excursion``), ``announcement`` (all of it in words).
-* ``tunable_loop`` is the order of every tune; the autopilot's loops in ``autopilot_loop`` use ``identification``,
-  ``stop_rule``, ``proof`` and ``designing``.
-* ``restore`` restores a vehicle after a run that was cut off. ``study`` and ``diagnosis`` work on records, without one.
+* ``mission``: one job on one vehicle, declared before anything moves and then carried out step by step. ``tune``,
+  ``experiment`` and ``fly`` each declare one. They share ``settings``, ``connection``, ``preflight``, the ``runner`` of
+  manoeuvres, the ``record`` directory, ``resuming`` and a ``worker`` that computes in the ``background``.
+* Before anything moves: ``itinerary`` computes stages and times. ``tune_preview`` and ``flight_preview`` simulate the
+  ``nominal_plant`` and compute the required space as an ``excursion``. ``announcement`` reports all of it.
+* ``tunable_loop`` defines the sequence of every tune. The autopilot's loops in ``autopilot_loop`` use
+  ``identification``, ``stop_rule``, ``proof`` and ``designing``.
+* ``restore`` restores a vehicle after an interrupted run. ``study`` and ``diagnosis`` need only records, not a vehicle.
 """
 
 from __future__ import annotations

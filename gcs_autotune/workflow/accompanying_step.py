@@ -1,4 +1,4 @@
-"""The turn-rate step that accompanies the heading step of a tune, before and after: both modes have the same gains."""
+"""The turn-rate step flown next to the heading step of a tune, before and after it. Both loops share the same gains."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from gcs_autotune.workflow.proof import LEAST_NOISES, Known, Proof, proof_of_tur
 __all__ = ["BESIDE", "PRESENT", "PROVING", "AccompanyingStep", "Compared", "flies_accompanying_step", "within"]
 
 BESIDE = "turn rates"
-"""What the accompanying step shows."""
+"""Label of the accompanying step's results in the report."""
 PRESENT, PROVING = "turn rate with present gains", "turn rate with new gains"
-"""The stages of the accompanying step."""
+"""Names of the two stages of the accompanying step: with the present gains and with the new ones."""
 
 
 def flies_accompanying_step(context: TuneContext) -> bool:
-    """Whether a turn-rate step accompanies the proof of this axis."""
+    """Return whether a turn-rate step is flown in addition to the heading step of this axis."""
     return not context.law.controls_velocity and context.axis.law in OTHER_MODE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compared:
-    """The accompanying step with the old gains and with the new, and the verdict on it."""
+    """The accompanying step flown with the old and with the new gains, and the verdict."""
 
     before: StepMetrics
     after: StepMetrics
@@ -39,14 +39,17 @@ class Compared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccompanyingStep:
-    """How the step is evaluated, and the step flown with the present gains."""
+    """The accompanying turn-rate step: how it is evaluated, and the record flown with the present gains."""
 
     criteria: StepCriteria
     before: Trial
 
     @classmethod
     def flown(cls, context: TuneContext, known: Known | None) -> AccompanyingStep | None:
-        """Fly it with the present gains; None if the axis has none, or the craft is unknown."""
+        """Fly the step with the present gains.
+
+        Return None if the axis has no such step or the craft's model is unknown.
+        """
         if known is None or not flies_accompanying_step(context):
             return None
         try:
@@ -60,7 +63,7 @@ class AccompanyingStep:
         return cls(StepCriteria(proof, noise, resolution(before)), before)
 
     def compared(self, context: TuneContext) -> Compared:
-        """Fly it with the new gains, and compare."""
+        """Fly the step with the new gains and compare both records."""
         after = _fly(context, self.criteria, "turn-rate-after", PROVING)
         return context.run_in_background(_compared, self.criteria, self.before, after)
 
@@ -71,7 +74,7 @@ def within(limit: float, proof: Proof, known: Known) -> Proof:
     Raises
     ------
     PreconditionFailed
-        Such turn rates are hidden by the noise.
+        Turn rates this small cannot be distinguished from the noise.
     """
     s = proof.settings
     turned = 0.5 * s.size * max(s.hold, s.settle, s.duration)
@@ -81,14 +84,14 @@ def within(limit: float, proof: Proof, known: Known) -> Proof:
     size = share * s.size
     if not size > LEAST_NOISES * known.noise_std:
         raise PreconditionFailed(
-            f"the heading limit of {math.degrees(limit):.0f} deg is too small for it. "
+            f"the heading limit of {math.degrees(limit):.0f} deg is too small for this step. "
             "Use a larger --max-heading-excursion"
         )
     return replace(proof, settings=replace(s, size=size, base=-0.5 * size))
 
 
 SHARE = 0.8
-"""Chosen: of the heading limit that a turn-rate step may use."""
+"""Fraction of the heading limit that a turn-rate step may use. Project choice; the rest is margin."""
 
 
 def _fly(context: TuneContext, criteria: StepCriteria, name: str, stage: str) -> Trial:

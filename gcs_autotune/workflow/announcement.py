@@ -1,4 +1,4 @@
-"""Announcements before anything moves: space, time, battery and silences, in words."""
+"""Text announced before anything moves: space, time and battery needed, and what happens if the link is lost."""
 
 from __future__ import annotations
 
@@ -20,11 +20,14 @@ from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 __all__ = ["after_a_silence", "battery", "deepest", "exactly", "how_long", "room", "whole_of"]
 
 ROV_ROOM, BELOW = 2.0, 1.5
-"""Chosen [m]: free water around an ROV that stays on the spot; below the deepest it is sent to."""
+"""Free water around an ROV that holds its position, and depth below the deepest target, both [m]. Project choice."""
 
 
 def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole: Excursion) -> str:
-    """Return the free water required, for a boat under way at *speed* [m/s] or a craft that stays near its start."""
+    """Return a sentence on the free water required.
+
+    *speed* [m/s] is a boat's speed, or 0 for a craft that stays near its start.
+    """
     if speed:
         envelope = replace(settings.envelope, cruise=speed)
         metres, usual = whole.metres(envelope), (whole.usual or whole).needs
@@ -36,7 +39,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
         turns = FAR_OUT * envelope.distance_limit
         between = f". Between stages it turns around if it is more than {turns:.0f} m away" if turns < metres else ""
         between = ". It turns around before each stage" if not settings.ends_early else between
-        return f"need up to {metres:.0f} m from the start{usually}{between}. A smaller --max-distance needs less"
+        return f"need up to {metres:.0f} m from the start{usually}{between}. A smaller --max-distance reduces this"
     below = ""
     if excitation_of(dof).below_surface:
         below = f", and {deepest(dof, settings, now):.0f} m of depth"
@@ -44,7 +47,7 @@ def room(dof: str, speed: float, settings: TuneSettings, now: Observation, whole
 
 
 def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
-    """Return the greatest depth [m] of an ROV; 0 if its depth is not stepped."""
+    """Return the greatest depth [m] that the ROV will reach, or 0 if no depth step is flown."""
     if not excitation_of(dof).below_surface:
         return 0.0
     step = abs(settings.step) if settings.step is not None else position_axis(dof).step
@@ -52,10 +55,13 @@ def deepest(dof: str, settings: TuneSettings, now: Observation) -> float:
 
 
 def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
-    """Return the space and time of a whole visit, with its stages; *source*: of the numbers, in words."""
+    """Return a sentence on the space and time of a whole run, with its stages.
+
+    *source* states where the numbers come from.
+    """
     metres, usual, moves = excursion.metres(envelope), excursion.usual, excursion.distance >= 1.0
     deep = f", down to {excursion.depth_max:.1f} m of depth" if excursion.depth_excursion >= 0.1 else ""
-    ends = " (the run ends there: --max-distance)" if excursion.needs > metres else ""
+    ends = " (--max-distance ends the run there)" if excursion.needs > metres else ""
     far = f"up to {metres:.0f} m from the start{ends}" if moves else "only the water around the craft"
     longest = exactly(LATE * excursion.seconds)
     if usual is None:
@@ -68,14 +74,17 @@ def whole_of(excursion: Excursion, envelope: Envelope, source: str = "") -> str:
 
 
 def exactly(seconds: float) -> str:
-    """Return seconds in whole tens, up, as minutes and seconds; in fives below a minute."""
+    """Format seconds as minutes and seconds, rounded up to tens; below one minute, to fives."""
     step = 5 if seconds < 60.0 else 10
     minutes, rest = divmod(step * math.ceil(seconds / step), 60)
     return " ".join(([f"{minutes} min"] if minutes else []) + ([f"{rest} s"] if rest or not minutes else []))
 
 
 def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
-    """Return how long it takes of the vehicle's time, stage by stage; *most* [s] where nothing ends early."""
+    """Return a sentence on the duration of each stage in vehicle time.
+
+    *most* [s] is the total if no stage ends early.
+    """
     beside = overhead(len(itinerary.legs))
     usual = _minutes(itinerary.seconds + beside)
     longest = _minutes(max(most, itinerary.seconds) + beside)
@@ -87,10 +96,11 @@ def how_long(itinerary: Itinerary, most: float = 0.0) -> str:
 
 
 def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
-    """Return what is known of the battery, the charge needed for the time, and the assumption."""
+    """Return a sentence on the battery: the known state, the charge needed for the run, and the assumed consumption."""
     share = math.ceil(20.0 * seconds / 3600.0) * 5
     draws = (
-        f"about {share} % of a battery that lasts an hour at this power (assumed; the vehicle does not report its draw)"
+        f"about {share} % of a battery that lasts an hour at this power (assumed: the vehicle does not report its "
+        "current)"
     )
     known = []
     if math.isfinite(now.battery_remaining):
@@ -99,19 +109,19 @@ def battery(now: Observation, envelope: Envelope, seconds: float) -> str:
         ends = f", limit {envelope.battery_voltage:g} V" if envelope.battery_voltage > 0.0 else ""
         known.append(f"{now.battery_voltage:.1f} V now{ends}")
     if not known:
-        return f"use {draws}. The vehicle does not report its battery, so it is not monitored"
+        return f"use {draws}. The vehicle does not report its battery, so the battery is not monitored"
     return f"use {draws} ({', '.join(known)})"
 
 
 def after_a_silence(settings: CommonSettings, *, armed: bool) -> tuple[str, ...]:
-    """Return what happens after a silence of the vehicle; empty if the first silence ends the run.
+    """Return a sentence on what happens after a lost link. It is empty if the first interruption ends the run.
 
-    armed : whether the vehicle is armed already; then it is not armed again.
+    armed : whether the vehicle is armed already; it is then not armed again.
     """
     if settings.patience <= 0.0:
         return ()
-    again = "" if armed else ", and arm again, after asking, if it was disarmed"
-    return (f"continue after a silence of up to {settings.patience:g} s (--patience){again}",)
+    again = "" if armed else ", and arm the vehicle again, after asking, if it was disarmed"
+    return (f"continue if messages stop for up to {settings.patience:g} s (--patience){again}",)
 
 
 def _minutes(seconds: float) -> str:

@@ -1,7 +1,7 @@
-"""The autopilot's own loops as tunable loops: gains are parameters, the proof is a step and the step back.
+"""The autopilot's own loops as tunable loops: the gains are parameters, and the proof is a step out and back.
 
-A heading or a depth is stepped first and identified then. A speed or a turn rate is stepped about what the experiments
-showed, so there the experiments come first.
+A heading or depth loop is stepped first, and the craft is identified afterwards. A speed or turn-rate step is flown
+about the velocity that the experiments measured, so there the experiments come first.
 """
 
 from __future__ import annotations
@@ -34,23 +34,26 @@ from gcs_autotune.workflow.tune_log import TuneLog
 __all__ = ["autopilot_loop", "learn_parameters", "on_the_other_axis"]
 
 PROVING = "step with new gains"
-"""The stage in which a proposal is proved."""
+"""Name of the stage in which proposed gains are tested."""
 
 
 def autopilot_loop(context: TuneContext) -> TunableLoop:
-    """Return the loop of the tune's axis: with the supplied gains of a file, else with gains designed here."""
+    """Return the tunable loop of the tune's axis.
+
+    It uses the gains of a file if supplied, otherwise gains designed here.
+    """
     if context.settings.gains is not None:
         return _SuppliedGains(context, context.settings.gains)
     return _DesignedGains(context)
 
 
 def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axis, dict[str, float]]:
-    """Return *axis* under the vehicle's own names, and the values found, keyed by those.
+    """Return *axis* with the vehicle's own parameter names, and the parameter values under those names.
 
     Raises
     ------
     ParameterMissing
-        The vehicle has one of the gains under no name we know.
+        The vehicle has no parameter of a known name for one of the gains.
     """
     wanted = [*(gain.parameter for gain in axis.gains), *axis.context]
     names, found = read_named(craft.parameters, wanted)
@@ -58,17 +61,17 @@ def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axi
     gains = [gain.parameter for gain in axis.gains if gain.parameter in missing]
     if gains:
         raise ParameterMissing(
-            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, nor any newer known name of it. "
-            "Its firmware is too old, too new or lacks that feature",
+            f"{craft.session.vehicle} has no parameter {', '.join(gains)}, also not under a newer name. "
+            "Check the firmware: it is too old, too new, or built without this loop",
             name=gains[0],
         )
     if missing:
-        log.say(f"this firmware has no {', '.join(missing)}; the design omits it")
+        log.say(f"this firmware has no {', '.join(missing)}. The design omits it")
     return axis.called(names), found
 
 
 class _AutopilotLoop:
-    """What both have in common: the parameters, and the step that proves them."""
+    """Code shared by both kinds of loop: access to the parameters, and the step that proves the gains."""
 
     def __init__(self, context: TuneContext) -> None:
         self.context = context
@@ -79,23 +82,28 @@ class _AutopilotLoop:
 
     @property
     def name(self) -> str:
-        """The axis."""
+        """Name of the axis."""
         return self.context.axis.name
 
     def read(self) -> Mapping[str, float]:
-        """Return the gains that the vehicle has now, and what else the design uses, by the vehicle's names."""
+        """Return the vehicle's present gains and the other parameters used by the design, under the vehicle's own
+        names."""
         return self.context.craft.parameters.read_existing(self.context.log.parameters_before, as_is=True)
 
     def lend(self, journal: Journal) -> GainLoan:
-        """Return the transaction on the vehicle's parameters."""
+        """Return the transaction that changes the vehicle's parameters and can restore them."""
         return ParameterTransaction(self.context.craft.parameters, journal)
 
     def fly_baseline(self) -> None:
-        """Fly the turn-rate step that accompanies a heading step, where the craft is known well enough to size it."""
+        """Fly the turn-rate step that accompanies a heading step, if the craft's model is known well enough to size
+        it."""
         self._beside = AccompanyingStep.flown(self.context, self._known)
 
     def prove(self) -> ProofResult:
-        """Fly the step; both are compared over what both recorded, for each ends once the craft is at its target."""
+        """Fly the step with the new gains.
+
+        Compare it with the old one over the time that both recorded, as each may end early.
+        """
         context, log, before, criteria = self.context, self.context.log, self._before, self._criteria
         context.turn_around("step-after", STEP_AHEAD, last=self._beside is None)
         if not context.law.controls_velocity:
@@ -105,7 +113,7 @@ class _AutopilotLoop:
         if min(alike, default=math.inf) < criteria.proof.settings.duration:
             there_and_back = " and ".join(f"{seconds:.0f} s" for seconds in alike)
             log.say(
-                f"both are compared over the first {there_and_back} of step and step back, the part that both recorded"
+                f"both flights are compared over the first {there_and_back} of step and step back, which both contain"
             )
         then, now, scatter, log.proposal = context.run_in_background(
             _compared, criteria, before, after, alike, log.proposal
@@ -122,21 +130,24 @@ class _AutopilotLoop:
         )
 
     def _fly_step(self, proof: Proof) -> Trial:
-        """Return the step with the present gains; a boat turns around first where it would leave its space."""
+        """Fly the step with the present gains and return it.
+
+        A boat turns around first if the step would leave its space.
+        """
         if not self.context.law.controls_velocity and self.context.settings.ends_early:
             self.context.turn_around("step-before", STEP_AHEAD, last=True)
         return self.context.fly(proof.step("step-before"), "step with present gains")
 
 
 class _DesignedGains(_AutopilotLoop):
-    """Gains designed for the model identified on the water, or for the one of a file."""
+    """Gains designed from a model, either identified during this run or read from a file."""
 
     def __init__(self, context: TuneContext) -> None:
         super().__init__(context)
         self._found: Identified | None = None
 
     def experiment(self) -> None:
-        """Fly the step and the experiments, in the order of the loop."""
+        """Fly the step and the experiments, in the order that the loop requires."""
         context = self.context = self.context.begin()
         moving, found = context.law.controls_velocity, self._found
         if moving:
@@ -167,7 +178,8 @@ class _DesignedGains(_AutopilotLoop):
         self._found = found
 
     def propose(self) -> Offer:
-        """Design; fly the experiments in full first where short ones leave the cost of the step too uncertain."""
+        """Design gains. If the short experiments leave the step's cost too uncertain, fly the full experiments
+        first."""
         context, before, criteria, found = self.context, self._before, self._criteria, self._found
         if context.given is not None:
             proposal = design_from_file(context, context.given, before, criteria)
@@ -194,7 +206,10 @@ class _DesignedGains(_AutopilotLoop):
         )
 
     def _stop_rule(self, proof: Proof, grain: float) -> KnownDesign | None:
-        """Return what ends the oscillations once the gains are known, from the step before; None: nothing does."""
+        """Return the rule that ends the oscillations once the gains are known, using the previous step.
+
+        None means no such rule.
+        """
         context, before = self.context, self._before
         noise = noise_while_held(before, grain)
         if not context.settings.ends_early or not math.isfinite(noise):
@@ -204,7 +219,7 @@ class _DesignedGains(_AutopilotLoop):
 
 
 class _SuppliedGains(_AutopilotLoop):
-    """Gains of a file: nothing is identified or designed, only proved."""
+    """Gains from a file. Nothing is identified or designed; the gains are only proved."""
 
     def __init__(self, context: TuneContext, gains: SuppliedGains) -> None:
         super().__init__(context)
@@ -221,11 +236,11 @@ class _SuppliedGains(_AutopilotLoop):
         context.log.metrics_before = context.run_in_background(self._criteria.read, before)
 
     def propose(self) -> Offer:
-        """Return the gains of the file."""
+        """Return the gains from the file."""
         return Offer(self.context.log.given_changes)
 
     def _noise(self, grain: float) -> float:
-        """Return the noise that the proof is measured through, as :func:`noise_behind` where there is a fit."""
+        """Return the measurement noise for the proof; :func:`noise_behind` computes it if a fit exists."""
         before, noise = self._before, self._gains.noise
         signal = str(before.meta["signal"])
         if self.context.law.controls_velocity:
@@ -235,36 +250,38 @@ class _SuppliedGains(_AutopilotLoop):
 
 
 def _offer_of(proposal: Proposal, measured: StepMetrics) -> Offer:
-    """Return what *proposal* offers against the step *measured* with the present gains."""
+    """Return the offer that *proposal* makes, compared with the step *measured* with the present gains."""
     if not proposal.changes:
-        return Offer((), "no better gains than the present ones exist inside the documented ranges")
+        return Offer((), "no gains within the documented ranges are better than the present gains")
     old, new = proposal.before.metrics.itae, proposal.after.metrics.itae
     refusal = ""
     if new >= max(old, measured.itae):
         # They promise no better step than the present ones promise, and no better than these were just seen to give.
-        refusal = "the present gains are better than the prediction of any gains with the required margins"
+        refusal = "no gains with the required margins are predicted to be better than the present gains"
     return Offer(proposal.changes, refusal, _promise(proposal), (old, new, new * (1.0 + proposal.spread)))
 
 
 def _compared(
     criteria: StepCriteria, before: Trial, after: Trial, windows: Sequence[float], proposal: Proposal | None
 ) -> tuple[StepMetrics, StepMetrics, Mapping[str, float], Proposal | None]:
-    """Return what both steps read over their *windows* [s] come to, their scatter, and the proposal's prediction read
-    so."""
+    """Return the mean metrics of both steps over their *windows* [s], their scatter, and the prediction read in the
+    same way."""
     told = None if proposal is None else over_windows(proposal, windows)
     scatter = scatter_of(criteria.halves(before, windows), criteria.halves(after, windows))
     return criteria.read(before, windows), criteria.read(after, windows), scatter, told
 
 
 WORSE, ENOUGH = 1.05, 0.9
-"""A predicted error that is higher by more than this factor is worth advice; turn rates count as followed from this
-share of the asked rate on."""
+"""First: factor by which a predicted error must rise before a warning.
+
+Second: fraction of the commanded turn rate that counts as followed.
+"""
 
 
 def on_the_other_axis(
     axis: Axis, firmware: Firmware, proposal: Proposal | None, measured: tuple[StepMetrics, StepMetrics] | None
 ) -> Iterator[str]:
-    """Yield what the new gains of *axis* mean for another axis with the same parameters, by what is known of it.
+    """Yield sentences on how the new gains of *axis* affect another axis that uses the same parameters.
 
     measured : the turn-rate step before and after, where it was flown.
     """
@@ -275,24 +292,24 @@ def on_the_other_axis(
     other = others[0]
     mine = {gain.parameter for gain in axis.gains}
     shared = ", ".join(axis.names.own(gain.parameter) for gain in other.gains if gain.parameter in mine)
-    head = f"`tune {axis.name}` and `tune {other.name}` both set {shared}, and the later one wins."
+    head = f"`tune {axis.name}` and `tune {other.name}` both set {shared}. The later tune overwrites the earlier one."
     if measured is not None:
         reached = max(1.0 - measured[1].steady_error, 0.0)
-        yield f"{head} These gains were proved in both modes: turn rates reach {reached:.0%} of the commanded rate" + (
-            "" if reached >= ENOUGH else f"; `tune {other.name}` would follow them better and hold headings worse"
+        yield f"{head} These gains were tested in both modes: turn rates reach {reached:.0%} of the commanded rate" + (
+            "" if reached >= ENOUGH else f". `tune {other.name}` would improve turn rates and worsen heading hold"
         )
     elif beside.after > WORSE * beside.before:
         yield (
-            f"{head} Predicted: the {other.name} shortfall is {beside.after:.1%}, before "
-            f"{beside.before:.1%}. Run `tune heading` for gains for both"
+            f"{head} Predicted shortfall in {other.name}: {beside.after:.1%} (before: "
+            f"{beside.before:.1%}). Run `tune heading` to design for both loops"
         )
 
 
 def _promise(proposal: Proposal) -> str:
-    """Return in words what the identified model predicts for the new gains."""
+    """Return a sentence with the predicted effect of the new gains."""
     old, new, low = proposal.before.metrics, proposal.after.metrics, proposal.worst_margins
     return (
         f"predicted: ITAE {old.itae:.3g} -> {new.itae:.3g} s^2, overshoot {old.overshoot:.0%} -> "
-        f"{new.overshoot:.0%}; margins at worst {format_factor(low.gain, 2)} in gain, "
+        f"{new.overshoot:.0%}; smallest margins {format_factor(low.gain, 2)} in gain, "
         f"{math.degrees(low.phase):.0f} deg in phase"
     )

@@ -1,7 +1,7 @@
-"""Compute and ask while an armed vehicle is in the water: the link must not fall silent.
+"""Compute, or wait for an answer, while an armed vehicle is in the water; the link must stay active.
 
-ArduSub disarms three seconds after the last pilot input, ArduRover changes to HOLD after two. So neutral overrides are
-sent while the worker computes in its own process, or while the operator thinks.
+ArduSub disarms three seconds after the last pilot input. ArduRover changes to HOLD after two. So neutral overrides are
+sent while the worker process computes or while the operator decides.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 _GLANCE = 0.01
-"""Seconds between two checks whether the work is done. Chosen."""
+"""Interval [s] between checks for the result. Project choice: short compared with a control tick."""
 
 
 def run_in_background(
@@ -37,10 +37,10 @@ def run_in_background(
     *args: P.args,
     **named: P.kwargs,
 ) -> T:
-    """Return the result of *work*, done by the *worker* while the link is served; its exceptions are raised here.
+    """Return the result of *work*, computed by the *worker* while the link is served. Raise its exceptions here.
 
-    *bear* returns whether trouble with the craft is over; then the work continues. On a lock-stepped link time stands
-    still, so there the work is done at once.
+    *bear* returns whether a fault of the craft is over; the work then continues. On a lock-stepped link, simulated time
+    stands still, so the work is done at once.
     """
     if isinstance(craft.clock, ManualClock):
         return work(*args, **named)
@@ -51,7 +51,7 @@ def run_in_background(
 
 
 def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneError], bool]) -> Any:
-    """Return the result begun at the *worker*, in the same way."""
+    """Return the result that the *worker* is computing, while the link is served."""
     while True:
         try:
             _watch(craft, worker)
@@ -68,7 +68,7 @@ def await_worker(craft: MavlinkCraft, worker: Worker, bear: Callable[[AutotuneEr
 
 
 def finish(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = lambda: None) -> Any:
-    """Monitor the craft until the *worker* is done, and return the result, in the same way."""
+    """Monitor the craft until the *worker* is done, and return the result."""
     try:
         _watch(craft, worker, meanwhile)
     except BaseException:
@@ -86,9 +86,9 @@ def _watch(craft: MavlinkCraft, worker: Worker, meanwhile: Callable[[], None] = 
 
 
 def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
-    """Return the result of *work*, done in a thread while the link is served; for writing files, not for computing.
+    """Return the result of *work*, done in a thread while the link is served. Use it to write files, not to compute.
 
-    The operator has to wait. If the link is lost, the work is still finished.
+    The operator waits for the result. If the link is lost, the work is still completed.
     """
     if isinstance(craft.clock, ManualClock):
         return work()
@@ -104,33 +104,33 @@ def beside(craft: MavlinkCraft, work: Callable[[], T]) -> T:
 
 
 def ask(craft: MavlinkCraft, operator: Operator, question: str) -> bool:
-    """Return the operator's answer; until it comes the craft is held and monitored."""
+    """Return the operator's answer. Hold and monitor the craft until it comes."""
     if craft.armed:
         hold_neutral(craft)
     return operator.ask(question, craft.observe)
 
 
 def agreed(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
-    """Return whether the operator agrees; a simulated vehicle needs no answer, which is reported."""
+    """Return whether the operator agrees. A simulated vehicle needs no answer; the log reports this."""
     if craft.session.transport.is_simulated:
-        observer.say(f"{question} Simulated vehicle: yes.")
+        observer.say(f"{question} yes (simulated vehicle)")
         return True
     return ask(craft, operator, question)
 
 
 def ask_now(craft: MavlinkCraft, operator: Operator, observer: Observer, question: str) -> bool:
-    """Return the operator's answer to a question that ``--yes`` does not answer; False without an operator.
+    """Ask the operator a question that ``--yes`` does not answer. Return False if no operator is present.
 
-    The mode is left as it is, and the sticks neutral.
+    The flight mode stays unchanged and the sticks stay neutral.
     """
     if not answers_questions(operator):
-        observer.say(f"{question} No operator to ask (--yes): no.")
+        observer.say(f"{question} no (--yes: no operator to ask)")
         return False
     return operator.ask(question, craft.session.pump)
 
 
 def hold_neutral(craft: MavlinkCraft) -> None:
-    """Change to the hold mode, unless already in it; sticks neutral."""
+    """Change to the hold mode if necessary, with the sticks neutral."""
     if craft.mode == craft.firmware.hold_mode:
         craft.send(Actuate())
     else:
@@ -138,7 +138,7 @@ def hold_neutral(craft: MavlinkCraft) -> None:
 
 
 def _hold(craft: MavlinkCraft) -> None:
-    """Let an ROV hold depth and heading (in manual mode it would drift up), sticks neutral."""
+    """Command an ROV to hold depth and heading with the sticks neutral. In manual mode it could float up."""
     if craft.firmware.holds_itself:
         craft.set_mode(craft.firmware.hold_mode)
     craft.send(Actuate())

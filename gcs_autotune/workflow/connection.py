@@ -1,4 +1,4 @@
-"""Open the link, find the vehicle, read its configuration, request telemetry; and leave again."""
+"""Open the link, find the vehicle, read its configuration, request telemetry and disconnect."""
 
 from __future__ import annotations
 
@@ -20,18 +20,27 @@ from gcs_autotune.workflow.settings import CommonSettings, Connection
 __all__ = ["arming", "axis_of", "connect", "connect_craft", "say_link_times", "telemetry_rates"]
 
 SERVO_RATE = 40.0
-"""Requested rate [Hz] of SERVO_OUTPUT_RAW, which shows when a relay switched: the fastest of a 50 Hz ArduRover."""
+"""Requested rate [Hz] of SERVO_OUTPUT_RAW, which shows when a relay switched.
+
+It is the highest rate of a 50 Hz ArduRover.
+"""
 SPARE: Mapping[str, float] = {"SERVO_OUTPUT_RAW": 100.0}
-"""Rate [Hz] for a vehicle with a faster loop on a link with room. It makes a Falcon's damping six times as certain."""
+"""Message rate [Hz] for a vehicle with a faster loop, if the link has spare capacity.
+
+It reduces the standard error of a Falcon's damping by a factor of six.
+"""
 
 
 CONTROL_RATE, SIMULATED_CONTROL_RATE = 25.0, 10.0
-"""Default rate [Hz] of ATTITUDE, and so of our relay. The craft of ArduPilot's own simulator turn in half a second, and
-a real link makes every decision up to a period late; in lock-stepped time nothing is late."""
+"""Default rate [Hz] of ATTITUDE and so of the relay, on a real link and in lock-stepped simulation.
+
+The craft of ArduPilot's own simulator turn in half a second. On a real link each decision is up to one period late. In
+lock-stepped time there is no delay.
+"""
 
 
 def arming(craft: MavlinkCraft) -> str:
-    """Return what arming brings with it, for announcements: thrusters that steer push while they are twitched."""
+    """Return a warning on what arming involves: steering thrusters produce thrust during their check."""
     armed = "leave the vehicle armed" if craft.armed else "arm the vehicle, and disarm it at the end"
     steers_by_thrust = craft.skid or not craft.firmware.needs_way
     twitched = "turning thrusters" if steers_by_thrust else "steering"
@@ -40,7 +49,7 @@ def arming(craft: MavlinkCraft) -> str:
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:
-    """Return message -> Hz to ask for when our relay runs at *control_rate* [Hz]."""
+    """Return a table of message to rate [Hz] for a relay that runs at *control_rate* [Hz]."""
     return {**WANTED_RATES, "ATTITUDE": control_rate, "SERVO_OUTPUT_RAW": max(SERVO_RATE, control_rate)}
 
 
@@ -48,16 +57,16 @@ def telemetry_rates(control_rate: float) -> dict[str, float]:
 def connect(
     connection: Connection, operator: Operator, observer: Observer, record: RunDirectory | None = None
 ) -> Iterator[Session]:
-    """Open the link, make the *record* and find the vehicle; the link is closed on every way out.
+    """Open the link, create the *record* and find the vehicle. Close the link on every exit.
 
-    A vehicle of the wrong kind leaves no record.
+    A vehicle of the wrong type leaves no record.
     """
     with _without_record_of_the_wrong_vehicle(record), connection.open() as transport:
         if record is not None:
             record.make()
         observer.say(f"link: {transport.description}{' over ' if transport.carrier else ''}{transport.carrier}")
         if connection.signing is not None:
-            observer.say(f"signing with the {connection.signing.origin}; unsigned messages are rejected")
+            observer.say(f"messages are signed with the {connection.signing.origin}; unsigned messages are rejected")
         with Session(
             transport,
             source_system=connection.source_system or 255,
@@ -97,7 +106,7 @@ def connect_craft(
 ) -> Iterator[MavlinkCraft]:
     """Connect and yield a craft that can be monitored and commanded, with telemetry at the requested rates.
 
-    Where the link is too slow for these, what shows *axis* comes first.
+    If the link is too slow for all rates, the messages for *axis* have priority.
     """
     with connect(common.connection, operator, observer, record) as session:
         usual = SIMULATED_CONTROL_RATE if session.transport.is_simulated else CONTROL_RATE
@@ -129,7 +138,7 @@ def connect_craft(
 
 
 def _pass_words_on(session: Session, observer: Observer) -> None:
-    """Forward the vehicle's STATUSTEXT messages to *observer* from now on."""
+    """Forward the vehicle's STATUSTEXT messages to *observer* from this call on."""
     told = session.texts.count
 
     def hear(message: Message) -> None:
@@ -149,12 +158,14 @@ def _vitals(craft: MavlinkCraft) -> Vitals:
 
 
 def say_link_times(craft: MavlinkCraft, observer: Observer) -> None:
-    """Report the delays on the link of a craft just armed, and the shortest oscillation that they allow."""
-    observer.say(f"link: {craft.link_times}; the shortest oscillation that can be flown is {craft.least_period:.1f} s")
+    """Report the link delays of a craft that was just armed, and the shortest oscillation period that they allow."""
+    observer.say(
+        f"link: {craft.link_times}; shortest period of an oscillation that can be flown: {craft.least_period:.1f} s"
+    )
 
 
 def _leave(craft: MavlinkCraft) -> None:
-    """Release overrides that a broken visit may have left, and restore the message rates."""
+    """Release overrides that an interrupted run may have left, and restore the message rates."""
     try:
         craft.release()
     finally:
@@ -162,7 +173,7 @@ def _leave(craft: MavlinkCraft) -> None:
 
 
 def axis_of(firmware: Firmware, name: str) -> Axis:
-    """Return the firmware's loop of that name.
+    """Return the firmware's control loop of that name.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the stages of one tune or experiment share: the vehicle, the axis, the settings, the log."""
+"""State that the stages of one tune or experiment share: the vehicle, the axis, the settings and the log."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class TuneContext:
     ----------
     earlier : trials of an earlier run to use.
     axis : with the vehicle's own parameter names. present : their values under the canonical names.
-    given : the model to design from; None: identify on the water.
+    given : the model to design from; None: identify the craft in this run.
     throttle, speed : what to tune at [fraction, m/s].
     """
 
@@ -65,21 +65,21 @@ class TuneContext:
 
     @property
     def log(self) -> TuneLog:
-        """What has happened so far."""
+        """The log of all events so far."""
         return self.visit.log
 
     @property
     def law(self) -> Law:
-        """The autopilot's control law of the axis (``UnknownName`` for an axis that is only identified)."""
+        """The autopilot's control law of the axis. Raises ``UnknownName`` for an axis that is only identified."""
         return lookup(LAWS, self.axis.law, "control law")
 
     def fly(self, manoeuvre: Manoeuvre, stage: str) -> Trial:
-        """Report which *stage* it is and fly it, unless an earlier run has; ``NotAchieved`` if it fails."""
+        """Report the *stage* and fly it, unless an earlier run already has. ``NotAchieved`` is raised if it fails."""
         flown = self.earlier.take(manoeuvre.name)
         if flown is not None:
             self.visit.keep(flown)
             self.log.flown(flown)
-            self.log.say(f"{stage}: not flown; using {flown.name} of the earlier run")
+            self.log.say(f"{stage}: not flown. Using {flown.name} from the earlier run")
             return flown
         self.come_down()
         self.log.say(stage)
@@ -95,9 +95,10 @@ class TuneContext:
             self.runner.fly(dive, "diving")
 
     def turn_around(self, before: str, ahead: float, *, last: bool = False) -> bool:
-        """Turn a boat around before the trial *before* of up to *ahead* [s], if the space requires it; return whether.
+        """Turn a boat around before the trial *before* of up to *ahead* [s] if the space requires it. Return whether it
+        turned.
 
-        Not before a trial that an earlier run has flown; where stages do not end early, in any case.
+        It does not turn before a trial that an earlier run has flown. If stages do not end early, it always turns.
         """
         if self.earlier.has(before):
             return False
@@ -105,7 +106,7 @@ class TuneContext:
         return self.runner.turn_around(self.throttle, ahead, last=last)
 
     def compute_while_turning(self, before: str, work: Callable[[], T]) -> T:
-        """Return ``work()``, done by the worker while a boat returns before the trial *before*."""
+        """Return ``work()``, computed by the worker while a boat returns before the trial *before*."""
         if isinstance(self.craft.clock, ManualClock):  # in simulated time nobody waits
             self.turn_around(before, math.inf)
             return work()
@@ -119,16 +120,19 @@ class TuneContext:
         return found
 
     def await_worker(self) -> Any:
-        """Return what was begun at the worker, watching the craft until it is done; what it raises is raised here."""
+        """Return the result that the worker is computing, and monitor the craft until then.
+
+        Raise its exceptions here.
+        """
         if not self.visit.worker.done:
             hold_neutral(self.craft)
         return await_worker(self.craft, self.visit.worker, self.runner.bear)
 
     def begin(self) -> TuneContext:
-        """Check that the actuators act in the right direction before a loop or a relay uses them; dive where needed.
+        """Check that the actuators act in the right direction before a loop or a relay uses them. Dive where needed.
 
-        These are the actuator of the axis and the one that steers during the run. Returns the context with the throttle
-        that the boat needs for its speed, if that of its cruise pair drives it far too fast.
+        These are the actuator of the axis and the one that steers during the run. Return the context. Its throttle is
+        adjusted if the boat's cruise throttle drives it much faster than its cruise speed.
         """
         axis, firmware, servos = self.axis, self.craft.firmware, self.craft.servos
         output, limit = self.settings.relay_output, self.runner.speed_limit
@@ -156,25 +160,25 @@ class TuneContext:
         return context
 
     def _with_throttle(self, throttle: float) -> TuneContext:
-        """Report the *throttle* [fraction] just measured, and return the context with it."""
+        """Report the *throttle* [fraction] just measured and return the context with that throttle."""
         pair = (
-            f"{self.throttle:.0%} throttle drives the boat far faster than {self.speed:g} m/s, the speed of "
-            f"CRUISE_SPEED and CRUISE_THROTTLE; {throttle:.1%} is enough"
+            f"{self.throttle:.0%} throttle drives the boat much faster than {self.speed:g} m/s, so CRUISE_SPEED and "
+            f"CRUISE_THROTTLE do not match. {throttle:.1%} throttle is enough"
         )
-        self.log.say(f"{pair} and is used")
+        self.log.say(f"{pair} and is used now")
         self.runner.too_fast = (
-            f"{pair}. The autopilot uses that pair. Tune speed first, which measures and writes it, or set "
-            f"CRUISE_THROTTLE to {max(100.0 * throttle, 1.0):.0f}"
+            f"{pair}. The autopilot also uses these two parameters. Run `tune speed` first, which measures and "
+            f"writes them, or set CRUISE_THROTTLE to {max(100.0 * throttle, 1.0):.0f}"
         )
         return replace(self, throttle=throttle)
 
     def run_in_background(self, work: Callable[P, T], *args: P.args, **named: P.kwargs) -> T:
-        """Return ``work(*args, **named)``, done by the worker while the link is served."""
+        """Return ``work(*args, **named)``, computed by the worker while the link is served."""
         return run_in_background(self.craft, self.visit.worker, self.runner.bear, work, *args, **named)
 
 
 def tune_runner(settings: TuneSettings, visit: Visit[TuneLog], speed: float) -> ManoeuvreRunner:
-    """Return what flies the experiments and proofs at *speed* [m/s], and keeps and reports every trial."""
+    """Return the runner that flies the experiments and proofs at *speed* [m/s], and stores and reports every trial."""
     log = visit.log
 
     def keep(trial: Trial) -> None:

@@ -1,4 +1,4 @@
-"""From a model of the craft to a proposal: the model identified on the water, or that of a file."""
+"""Design gains from a model of the craft, either identified in this run or read from a file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ __all__ = ["StepCriteria", "design_from_file", "design_from_fit", "question_of"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepCriteria:
-    """What steps are judged by: the ``proof`` flown, the signal's ``noise`` and its sensor's ``grain`` (SI).
+    """Criteria for a step: the ``proof`` flown, the signal's ``noise`` and the resolution ``grain`` of its sensor
+    (SI).
 
     ``jitter``: the part of the noise that moves the actuator; None: all of it.
     """
@@ -35,16 +36,16 @@ class StepCriteria:
     jitter: float | None = None
 
     def read(self, step: Trial, windows: Sequence[float] = ()) -> StepMetrics:
-        """Return the metrics of a flown *step*, each half read over its first *windows* [s]."""
+        """Return the metrics of a flown *step*; each half is evaluated over its first *windows* [s]."""
         return measure(step, self.noise, self.grain, windows)
 
     def halves(self, step: Trial, windows: Sequence[float] = ()) -> list[StepMetrics]:
-        """Return the metrics of the step and of the step back."""
+        """Return the metrics of the step out and of the step back."""
         return measure_halves(step, self.noise, self.grain, windows)
 
 
 def design_from_fit(context: TuneContext, found: Identified, criteria: StepCriteria, flown: Trial) -> Proposal:
-    """Return gains for the model just identified, with its thrust curve where gains can be found for that.
+    """Return gains for the model just identified. Use its thrust curve if gains can be designed with it.
 
     flown : the step with the present gains.
     """
@@ -57,7 +58,7 @@ def design_from_fit(context: TuneContext, found: Identified, criteria: StepCrite
             log.proposal = context.run_in_background(_design_with_curve, curved, axis, context.present, spec)
             return log.proposal
         except NoGainsMeetSpec as error:
-            log.say(f"with the thrust curve {error}; designing without it")
+            log.say(f"design with the identified thrust curve failed: {error}. Designing without the curve")
             log.fit = fit
     log.proposal = context.run_in_background(
         design, fit.model, fit.craft_covariance, axis, context.present, spec, reduction
@@ -66,18 +67,21 @@ def design_from_fit(context: TuneContext, found: Identified, criteria: StepCrite
 
 
 def question_of(context: TuneContext, criteria: StepCriteria, flown: Trial) -> DesignQuestion:
-    """Return what experiments are flown for: the gains that *criteria* ask for. *flown*: step with present gains."""
+    """Return the design question that the experiments answer, from *criteria*.
+
+    *flown* is the step with the present gains.
+    """
     spec = _spec(context, context.log.speed_of([flown]), criteria, flown)
     s = context.settings
     return DesignQuestion(context.axis, context.present, spec, flown, s.structure, delay_of(s))
 
 
 def design_from_file(context: TuneContext, given: SuppliedModel, flown: Trial, criteria: StepCriteria) -> Proposal:
-    """Return gains for the model of a file, and report how much of the step just *flown* it explains."""
+    """Return gains for the model of a file, and report how much of the step just *flown* the model explains."""
     log, file = context.log, given.file
     share = context.run_in_background(explained, given, flown)
     if not math.isnan(share):
-        strange = "" if share >= STRANGE else ". Check that it is a model of this craft, at this speed and full scale"
+        strange = "" if share >= STRANGE else ". Check that the model is of this craft, at this speed and full scale"
         log.say(f"the model '{file.name}' explains {share:.0f} % of the step just flown{strange}")
     log.say(f"designing from the model '{file.name}'")
     spec = replace(_spec(context, log.speed_of([flown]), criteria, flown), full_scale=given.full_scale)
@@ -124,6 +128,9 @@ def _spec(context: TuneContext, speed: float, criteria: StepCriteria, before: Tr
 
 
 def _design_with_curve(found: Fit[Model], axis: Axis, present: Mapping[str, float], spec: Spec) -> Proposal:
-    """Return gains designed with the curve in the loop; errors as those of :func:`gcs_autotune.design.design_from`."""
+    """Return gains designed with the thrust curve in the loop.
+
+    Errors as for :func:`gcs_autotune.design.design_from`.
+    """
     model, units, covariance = design_input_of(found)
     return design_from(model, axis, present, spec, inputs=units, names=tuple(found.parameters), covariance=covariance)

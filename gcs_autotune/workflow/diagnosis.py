@@ -1,4 +1,4 @@
-"""A diagnosis from end to end: runs in, verdict and files out."""
+"""Run a complete diagnosis: read the runs, search for causes, write the verdict and the files."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from gcs_autotune.trial import Trial
 __all__ = ["DiagnosisSettings", "run_diagnosis", "write_diagnosis"]
 
 KEPT_FILE = "search.jsonl"
-"""File in the page's folder with the results of a stopped search."""
+"""Name of the file in the page's folder that stores the results of a stopped search."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisSettings:
-    """What ``diagnose`` was asked for; the names as in :func:`gcs_autotune.diagnose.diagnose`.
+    """Settings of ``diagnose``; the names are those of :func:`gcs_autotune.diagnose.diagnose`.
 
-    ``model``: a model file; ``effects``: slugs to try, all when None; ``without``: slugs to leave out;
-    ``jobs``: processes; ``max_seconds``: the search is stopped then. ``keep``: the folder in which what a search found
-    is kept until it ends; ``resume``: go on from there.
+    ``model``: a model file. ``effects``: slugs to try; None: all. ``without``: slugs to leave out. ``jobs``: number of
+    processes. ``max_seconds``: the search stops after this time. ``keep``: the folder that stores results until the
+    search ends. ``resume``: the folder to continue from.
     """
 
     dof: str | None = None
@@ -52,7 +52,7 @@ class DiagnosisSettings:
         Raises
         ------
         UnknownName
-            A slug of no effect. UsageError: none is left.
+            A slug belongs to no effect. UsageError: no effect is left to try.
         """
         for slug in (*(self.effects or ()), *self.without):
             lookup(EFFECTS, slug, "effect")
@@ -61,7 +61,7 @@ class DiagnosisSettings:
         left = tuple(s for s in (self.effects if self.effects is not None else EFFECTS) if s not in self.without)
         if not left:
             raise UsageError(
-                "the options leave no effect to try. `gcs-autotune diagnose --list-effects` lists the effects"
+                "--effects and --without leave no effect to try. See `gcs-autotune diagnose --list-effects`"
             )
         return left
 
@@ -72,15 +72,16 @@ def run_diagnosis(
     settings: DiagnosisSettings,
     watch: Callable[[str, int, int], None] | None = None,
 ) -> Diagnosis:
-    """Diagnose *runs*, the gain measured on *unseen* ones; without any, on parts of *runs* left out in turn.
+    """Diagnose *runs* and measure the improvement on the *unseen* runs; without these, on parts of *runs* left out in
+    turn.
 
-    *watch* is told a stage, how much of it is done, and how much there is.
+    *watch* receives the stage, how much of it is done, and its total.
 
     Raises
     ------
     AutotuneError
-        The runs, the model file or the settings cannot be used; the message says why and what to try. So it is where
-        the folder to resume from keeps no search, or that of other runs or settings.
+        The runs, the model file or the settings cannot be used; the message says why and what to try. It is also raised
+            if the folder to resume from contains no search, or one of other runs or settings.
     """
     kept = None
     if settings.keep is not None:
@@ -88,7 +89,7 @@ def run_diagnosis(
         asked = replace(settings, model=None, jobs=1, max_seconds=math.inf, keep=None, resume=False)
         path = settings.keep / KEPT_FILE
         if settings.resume and not path.exists():
-            raise UsageError(f"{settings.keep} has no stopped search to resume. Check the folder")
+            raise UsageError(f"{settings.keep} contains no stopped search to resume. Check the folder")
         if not settings.resume:
             path.unlink(missing_ok=True)
         kept = KeptResults(path, fingerprint(__version__, list(runs), list(unseen), asked, model))
@@ -108,7 +109,7 @@ def run_diagnosis(
 
 
 def _forget(kept: KeptResults, *, is_new: bool) -> None:
-    """Remove the results kept, and their folder where *is_new*, unless there is something else in it."""
+    """Delete the stored results. Delete their folder too if *is_new* and it is empty."""
     kept.remove()
     if is_new:
         with suppress(OSError):
@@ -137,9 +138,10 @@ def _diagnosed(
 
 
 def write_diagnosis(told: Diagnosis, directory: Path, when: str, runs: Sequence[Trial] = ()) -> Path:
-    """Write ``report.html``, ``diagnosis.json`` and ``model.json`` (the extended model); return the page's path.
+    """Write ``report.html``, ``diagnosis.json`` and ``model.json`` (the extended model); return the path of the
+    page.
 
-    *runs*: what was looked at, for the page to draw their inputs and tracks. A search that was stopped has no model.
+    *runs*: the diagnosed runs, whose inputs and tracks the page plots. A stopped search has no model.
     """
     directory.mkdir(parents=True, exist_ok=True)
     page = directory / "report.html"

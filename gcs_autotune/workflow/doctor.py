@@ -1,4 +1,4 @@
-"""Is this machine fit for a tune? Its programs, clock, disk, caches and ports; who talks on them. Nothing is sent."""
+"""Check whether this computer can run a tune: programs, clock, disk, caches, ports and traffic. Nothing is sent."""
 
 from __future__ import annotations
 
@@ -24,22 +24,28 @@ __all__ = ["Finding", "examine", "listened_to"]
 
 NEEDED = ("pymavlink", "mavsdk", "pyserial", "numpy", "scipy", "numba", "matplotlib", "control", "rich")
 OPTIONAL = ("pandas", "xarray", "MAVProxy", "starlette", "uvicorn")
-"""Distributions whose versions are told, the second only where they are installed."""
+"""Python distributions whose versions are reported.
+
+Those of the second group are optional and reported only if installed.
+"""
 LEAST_DISK = 200e6
-"""Chosen: free bytes below which it is said: a tune leaves some 20 MB, a day of them ten times that."""
+"""Free disk space [bytes] below which a warning is shown.
+
+A tune writes about 20 MB, and a full day of tunes ten times that.
+"""
 LEAST_SYNC = 1.0
-"""Chosen: seconds that a journal's write to the disk may take before a control tick is at risk of being late."""
+"""Time [s] for a journal write to disk above which control ticks may be late. Project choice."""
 LATEST_TICK = 0.02
-"""Chosen: seconds by which a wait may be late: half a tick of a 25 Hz relay."""
+"""Delay of a timed wait [s] above which a warning is shown: half a tick of a 25 Hz relay."""
 WAITS, WAIT = 60, 0.005
-"""Waits timed, and how long each [s]."""
+"""Number of timed waits, and the length of each [s]."""
 UDP = "udpin:0.0.0.0:14550"
-"""Where ground stations listen: BlueOS, companions and MAVProxy send here."""
+"""Address on which ground stations usually listen: BlueOS, companion computers and MAVProxy send to it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One check: fine, noteworthy ("note"), or an obstacle to a tune ("wrong"), with the remedy."""
+    """Result of one check: fine, noteworthy ("note") or an obstacle to a tune ("wrong"), with the remedy."""
 
     what: str
     state: Literal["fine", "note", "wrong"]
@@ -48,9 +54,9 @@ class Finding:
 
 
 def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
-    """Yield what is to be said of this machine, one thing at a time, all but its ports.
+    """Yield the findings on this computer, one at a time, except those on its ports.
 
-    folder : where run directories would be made. config : the settings file in force.
+    folder : folder in which a tune would create its run directory. config : the settings file in use.
     """
     yield from _journals()
     yield _programs()
@@ -63,9 +69,9 @@ def examine(folder: Path, config: Path | None) -> Iterator[Finding]:
 
 
 def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[tuple[str, Overheard]]:
-    """Yield each port with what was heard on it within *seconds* [s]; nothing is sent.
+    """Listen on each port for *seconds* [s] and yield what was received. Nothing is sent.
 
-    uris : links to listen to instead of every serial port (at the usual speeds) and UDP 14550.
+    uris : links to listen on instead of every serial port (at the usual speeds) and UDP 14550.
     """
     if uris is not None:
         for uri in uris:
@@ -82,9 +88,9 @@ def listened_to(seconds: float, uris: Iterable[str] | None = None) -> Iterator[t
 
 
 def _journals() -> Iterator[Finding]:
-    """Yield the runs of this machine that are open, before anything else: a vehicle may hold trial gains."""
+    """Yield the unfinished runs of this computer first, because a vehicle may still have trial gains."""
     for run in open_runs():
-        cure = "wait until that run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
+        cure = "wait until this run ends" if run.is_going_on else f"gcs-autotune restore {run.path}"
         yield Finding("run", "note" if run.is_going_on else "wrong", str(run), cure)
 
 
@@ -111,22 +117,22 @@ def _packages() -> Iterator[Finding]:
 
 
 def _date() -> Finding:
-    """Check the date: a machine without a battery clock (a Raspberry Pi) may be years off, and run directories sort
-    wrongly."""
+    """Check the date. A computer without a battery-backed clock (a Raspberry Pi) may be years off, and run directories
+    would sort wrongly."""
     now, ours = time.time(), Path(gcs_autotune.__file__).stat().st_mtime
     told = f"{datetime.fromtimestamp(now):%Y-%m-%d %H:%M} local time"
     if now < ours:
         return Finding(
-            "clock", "wrong", f"{told}, earlier than the installation of this program", "set this computer's clock"
+            "clock", "wrong", f"{told}, which is before this program was installed", "set this computer's clock"
         )
     synced = _synchronised()
     return Finding(
-        "clock", "fine", told + {None: "", True: ", set by the network", False: ", not set by a network"}[synced]
+        "clock", "fine", told + {None: "", True: ", set over the network", False: ", not set over a network"}[synced]
     )
 
 
 def _synchronised() -> bool | None:
-    """Return whether the system reports a clock set by the network; None if unknown."""
+    """Return whether the system clock is synchronised by the network; None if unknown."""
     if shutil.which("timedatectl") is None:
         return None
     asked = ["timedatectl", "show", "--property=NTPSynchronized", "--value"]
@@ -138,7 +144,7 @@ def _synchronised() -> bool | None:
 
 
 def _ticks() -> Finding:
-    """Measure how late this machine wakes up, which limits the control tick."""
+    """Measure how late this computer wakes from a wait, which limits the control tick."""
     late = 0.0
     for _ in range(WAITS):
         begun = time.monotonic()
@@ -146,7 +152,7 @@ def _ticks() -> Finding:
         late = max(late, time.monotonic() - begun - WAIT)
     told = f"largest timing error of {WAITS} waits: {1000.0 * late:.1f} ms"
     if late > LATEST_TICK:
-        return Finding("timing", "note", told, "close other programs; a relay switches with the same delay")
+        return Finding("timing", "note", told, "close other programs: relay switches are delayed by as much")
     return Finding("timing", "fine", told)
 
 
@@ -162,20 +168,20 @@ def _disk(folder: Path) -> Finding:
         took = time.monotonic() - begun
     except OSError as error:
         return Finding(
-            "disk", "wrong", f"{there} cannot be written to: {error}", "work in another folder, or --out DIR"
+            "disk", "wrong", f"{there} cannot be written to: {error}", "work in another folder, or use --out DIR"
         )
     told = f"{free / 1e9:.1f} GB free at {there}, disk write in {1000.0 * took:.0f} ms"
     if free < LEAST_DISK:
         return Finding(
-            "disk", "wrong", told, "free some disk space; the journal that restores a vehicle is stored there"
+            "disk", "wrong", told, "free some disk space: the journal needed to restore the vehicle is stored there"
         )
     if took > LEAST_SYNC:
-        return Finding("disk", "note", told, "the disk is slow; use another one")
+        return Finding("disk", "note", told, "the disk is slow. Use another one")
     return Finding("disk", "fine", told)
 
 
 def _cache() -> Finding:
-    """Check the cache of compiled kernels (NUMBA_CACHE_DIR); without it each run compiles again."""
+    """Check the cache of compiled functions (NUMBA_CACHE_DIR). Without it each run compiles them again."""
     package = Path(gcs_autotune.__file__).parent
     named = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(named) if named else package
@@ -186,7 +192,7 @@ def _cache() -> Finding:
             "cache",
             "note",
             told,
-            "the first command compiles them for up to a minute; do a dry run on a simulated "
-            "vehicle before going on the water",
+            "do a dry run on a simulated vehicle before going on the water: the first command "
+            "compiles for up to a minute",
         )
     return Finding("cache", "fine", told)

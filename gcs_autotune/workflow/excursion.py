@@ -1,10 +1,9 @@
-"""How far a run goes from the start and how long it takes, simulated before anything is armed.
+"""How far a run goes from its start and how long it takes, simulated before arming.
 
-A run is more than its manoeuvre: the sign check, the approach to speed, turning around, the way back and the distance
-that the craft coasts at the end take space and time too. All stages are simulated one after the other
-(:func:`gcs_autotune.manoeuvres.preview`). Where the craft is assumed, several craft are simulated, and the worst
-counts. ``tune``, ``experiment``, ``fly`` and ``recheck`` announce these numbers and reject a limit that cannot be
-kept.
+The sign check, the approach to speed, turning around, the return and the final coasting also take space and time. All
+stages are simulated one after the other (:func:`gcs_autotune.manoeuvres.preview`). If the craft is assumed, several
+craft are simulated and the worst one counts. ``tune``, ``experiment``, ``fly`` and ``recheck`` announce these numbers.
+They reject a limit that cannot be kept.
 """
 
 from __future__ import annotations
@@ -46,29 +45,36 @@ __all__ = [
 ]
 
 ARMING, BETWEEN, LEAVING = 5.0, 1.5, 5.0
-"""Seconds of making ready and arming, of neutral outputs and a change of mode between two stages, and of restoring the
-vehicle; as the simulated autopilots took."""
+"""Seconds for preparing and arming; for neutral outputs and a mode change between two stages; and for restoring the
+vehicle. Measured on the simulated autopilots."""
 STOPPED, LONGEST_COAST = 0.1, 60.0
-"""Chosen: a craft slower than this [m/s] has stopped; with drag by the square it never quite does, so the second [s]
-ends it."""
+"""Speed [m/s] below which a craft counts as stopped, and the longest simulated coast [s].
+
+With quadratic drag the speed never quite reaches zero, so the second number ends the coast. Project choice.
+"""
 SPARE, SPARE_METRES = 1.2, 2.0
-"""Chosen: margin on top of the worst craft, for wind, waves and noise: a factor, and at least so many metres."""
+"""Margin over the craft that needs most, for wind, waves and noise.
+
+It is a factor, and a minimum in metres. Project choice.
+"""
 SUBMERGED, SUBMERGED_METRES = 1.1, 0.3
-"""Chosen: the same below the surface, where neither wind nor waves move the vehicle."""
+"""The margin for a submerged vehicle, which neither wind nor waves move: a factor, and a minimum in metres. Project
+choice."""
 LATE = 1.05
-"""Chosen: the same margin on the time."""
+"""Factor for the margin on time. Project choice."""
 ROUNDED, EXACT = 5.0, 30.0
-"""Chosen [m]: distances are announced in whole steps of the first; those below the second in whole metres."""
+"""Announced distances are rounded to multiples of the first [m]; those below the second [m] to whole metres. Project
+choice."""
 NO_LIMITS = Envelope(
     heading_excursion=math.inf, depth_excursion=math.inf, speed=math.inf, distance=math.inf, time=math.inf
 )
-"""Limits that end no preview, so that it shows all that a run takes."""
+"""Limits that never end a preview, so that it shows everything that a run needs."""
 
 
 class Ahead(Manoeuvre):
-    """Goes straight ahead at ``speed`` [m/s] for ``seconds``: what a stage that oscillates about a course takes.
+    """Straight run at ``speed`` [m/s] for ``seconds``, as a substitute for a stage that oscillates about a course.
 
-    It may end where the space ends once it has lasted ``least`` [s].
+    It may end at the limit of the space once it has lasted ``least`` [s].
     """
 
     kind = "ahead"
@@ -81,25 +87,25 @@ class Ahead(Manoeuvre):
 
     @property
     def asked(self) -> dict[str, float]:
-        """Speed and time."""
+        """The speed and the duration."""
         return {"speed": self._speed, "seconds": self._seconds}
 
     def commands(self, now: Observation) -> Commands:
-        """Yield the course that it begins with."""
+        """Yield the initial course command."""
         course, start = now.psi, now.t
         while True:
             self._elapsed = now.t - start
             if self._elapsed >= self._seconds:
-                self._end("completed", f"{self._seconds:.0f} s ahead")
+                self._end("completed", f"flew {self._seconds:.0f} s straight ahead")
             now = yield HeadingTarget(course, self._speed)
 
     def where_room_ends(self, where: str) -> Outcome | None:
-        """End there once it has lasted long enough."""
+        """End at the limit of the space, once the stage has lasted long enough."""
         return Outcome("stopped", where) if self._elapsed >= self._least else None
 
 
 class _Coast(Manoeuvre):
-    """Outputs neutral for ``seconds``, or until the craft has stopped."""
+    """A manoeuvre with neutral outputs for ``seconds``, or until the craft has stopped."""
 
     kind, purpose = "coast", "transit"
 
@@ -109,7 +115,7 @@ class _Coast(Manoeuvre):
 
     @property
     def asked(self) -> dict[str, float]:
-        """How long at most."""
+        """The longest duration."""
         return {"seconds": self._seconds}
 
     def commands(self, now: Observation) -> Commands:
@@ -122,9 +128,9 @@ class _Coast(Manoeuvre):
 
 
 class VisitPreview:
-    """The simulation of one visit: stages of one *craft* one after the other, each beginning where the last one ended.
+    """Simulation of one run: the stages of one *craft*, each starting where the previous one ended.
 
-    *envelope* holds for every stage. ``trouble`` is what ended the first stage that ended badly.
+    *envelope* applies to every stage. ``trouble`` is the reason why the first unsuccessful stage ended.
     """
 
     def __init__(self, craft: NominalPlant, envelope: Envelope, begins: PlantState, *, under_way: bool) -> None:
@@ -134,7 +140,7 @@ class VisitPreview:
         self.trouble = ""
 
     def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Preview:
-        """Fly *manoeuvre* and return its preview."""
+        """Simulate *manoeuvre* and return its preview."""
         seen = preview(manoeuvre, self._craft, envelope or self._envelope, begins=self._state)
         self.stages.append((stage, seen))
         self._state = seen.ends
@@ -147,7 +153,7 @@ class VisitPreview:
         return seen
 
     def turn_around(self, throttle: float, ahead: float, *, last: bool = False) -> None:
-        """Turn a boat around as :meth:`gcs_autotune.workflow.runner.ManoeuvreRunner.turn_around` does."""
+        """Turn a boat around in the same way as :meth:`gcs_autotune.workflow.runner.ManoeuvreRunner.turn_around`."""
         away = math.hypot(self._state.x, self._state.y)
         if self._under_way and far_out(self._envelope, away, ahead, last=last):
             s = self._state
@@ -156,7 +162,7 @@ class VisitPreview:
             self.fly(TurnAbout(replace(turn, output=side * turn.output)), "turning around", self._turning)
 
     def come_back(self, throttle: float, stage: str) -> None:
-        """Bring a boat back to where the visit began."""
+        """Return a boat to where the run began."""
         if self._under_way:
             self.fly(ComeBack(0.0, 0.0, throttle), stage, self._turning)
 
@@ -170,7 +176,7 @@ class VisitPreview:
         self._state = seen.ends
 
     def excursion(self) -> Excursion:
-        """Return what the visit takes, with the distance that the craft coasts once its outputs are neutral."""
+        """Return the excursion of the whole run, including the distance coasted after the outputs are neutral."""
         self._coast(LONGEST_COAST)
         named = [(name, p) for name, p in self.stages if name]
         trials = [p.trial for _, p in named]
@@ -195,17 +201,17 @@ def _most(trials: Sequence[Trial], signal: str, of: Callable[[NDArray[np.float64
 
 @dataclass(frozen=True, slots=True)
 class Excursion:
-    """What a whole visit takes.
+    """Space and time that a whole run needs.
 
     Attributes
     ----------
     seconds : from arming until the vehicle is restored. distance : the greatest [m] from the start.
     stages : name and seconds of each.
-    time : seconds of the longest stage. Of these and the others, the greatest as the envelope limits them: SI, rad.
-    trouble : what ends it early; empty for nothing.
-    usual : the same with a well damped loop; None: no loop is flown for long.
-    least : the least of several craft, by name; empty for one craft.
-    submerged : it is flown below the surface.
+    time : seconds of the longest stage. All numbers are the greatest ones, as the envelope limits them: SI, rad.
+    trouble : reason for an early end; empty if there is none.
+    usual : the excursion with a well damped loop; None: no loop is flown for long.
+    least : the smallest numbers among several craft, by name; empty for one craft.
+    submerged : whether it is flown below the surface.
     """
 
     seconds: float
@@ -224,19 +230,21 @@ class Excursion:
 
     @property
     def needs(self) -> float:
-        """The distance that it needs [m], with a margin, in whole steps."""
+        """The required distance [m] with a margin, rounded up to whole steps."""
         factor, metres = (SUBMERGED, SUBMERGED_METRES) if self.submerged else (SPARE, SPARE_METRES)
         return rounded(max(factor * self.distance, self.distance + metres))
 
     def metres(self, envelope: Envelope) -> float:
-        """Return the distance to announce [m]: what it needs, at most where *envelope* ends it."""
+        """Return the distance to announce [m]: the required one, or the limit of *envelope* if that is smaller."""
         return min(self.needs, envelope.distance_limit)
 
     def beyond(self, envelope: Envelope, what: str) -> str:
-        """Return why *what* is rejected: a limit of *envelope* that it cannot keep, with the nearest that it can.
+        """Return why *what* is rejected: a limit of *envelope* that it would exceed, and the nearest sufficient
+        value.
 
-        Empty for nothing. Only limits that the user set count: distance and time as the worst craft needs them, others
-        as every craft does. A loop is assumed to be well damped: else its run ends with the space.
+        The text is empty if nothing is exceeded. Only limits that the user set count. Distance and time are those of
+        the worst craft; other limits count only if every craft exceeds them. The loop is assumed to be well damped,
+        because otherwise its run ends at the limit of the space.
         """
         usual = Envelope()
         for option, name, factor, unit in LIMITED:
@@ -260,19 +268,19 @@ LIMITED: Sequence[tuple[str, str, float, str]] = (
     ("max-depth", "depth_max", 1.0, "m"),
     ("max-depth-excursion", "depth_excursion", 1.0, "m"),
 )
-"""Options -> field of the envelope and of an excursion, its factor to the user's units, and that unit."""
+"""For each option: the field of the envelope and of an excursion, the factor to the user's unit, and that unit."""
 
 
 def too_small(what: str, option: str, limit: float, needs: float, unit: str) -> str:
-    """Return the sentences that reject a *limit* below what *what* *needs*, both in the user's *unit*."""
+    """Return the sentences that reject a *limit* smaller than the *needs* of *what*, both in the user's *unit*."""
     return (
-        f"not started: {what} needs --{option} {needs:g}, but the limit is {limit:g} {unit}. Nothing was armed. "
+        f"not started: {what} needs {needs:g} {unit}, but the limit --{option} is {limit:g} {unit}. Nothing was armed. "
         f"Use --{option} {needs:g}, or fly a smaller, slower or shorter manoeuvre"
     )
 
 
 def rounded(metres: float) -> float:
-    """Return *metres* in whole steps, up."""
+    """Return *metres* rounded up to whole steps."""
     step = ROUNDED if metres > EXACT else 1.0
     return step * math.ceil(metres / step)
 
@@ -281,7 +289,7 @@ _NUMBERS = ("distance", *(name for _, name, _, _ in LIMITED[1:]))
 
 
 def worst_of(excursions: Sequence[Excursion]) -> Excursion:
-    """Return the greatest of each number; the stages are those of the excursion that takes longest."""
+    """Return the greatest of each number. The stages are those of the excursion that takes longest."""
     longest = max(excursions, key=lambda one: one.seconds)
     numbers = {name: [float(getattr(one, name)) for one in excursions] for name in _NUMBERS}
     most, least = ({name: of(values) for name, values in numbers.items()} for of in (max, min))
@@ -290,14 +298,14 @@ def worst_of(excursions: Sequence[Excursion]) -> Excursion:
 
 
 def overhead(stages: int) -> float:
-    """Return the seconds that a visit of so many stages takes in addition to them."""
+    """Return the seconds that a run of this many stages takes in addition to the stages."""
     return ARMING + BETWEEN * stages + LEAVING
 
 
 def least_distance(leaves: Callable[[float], bool], most: float) -> float:
-    """Return the least distance limit [m] below *most* in which a visit that turns around comes to a good end.
+    """Return the smallest distance limit [m] below *most* within which a run with turns is completed.
 
-    *leaves*: whether a visit inside a limit [m] leaves it all the same. NaN where not even *most* suffices.
+    *leaves*: whether a run with that limit [m] exceeds it nevertheless. NaN if *most* is not sufficient.
     """
     if leaves(most):
         return math.nan

@@ -1,4 +1,7 @@
-"""``experiment``: the first half of a tune: fly the experiments of an axis, identify it, and change nothing."""
+"""``experiment``: fly the experiments of an axis and identify it, as in the first half of a tune.
+
+Nothing is changed.
+"""
 
 from __future__ import annotations
 
@@ -31,16 +34,17 @@ __all__ = ["experiment", "learn"]
 
 
 def experiment(settings: TuneSettings, operator: Operator, observer: Observer, when: str = "") -> AxisFit:
-    """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog``, ``fit.json``, ``report.html``.
+    """Fly, record and identify; the run directory gets ``trials/``, ``telemetry.tlog``, ``fit.json``,
+    ``report.html``.
 
-    No parameter is written. The vehicle is left as before on every ending.
+    No parameter is written. However the run ends, the vehicle is restored to its previous state.
 
     Raises
     ------
     WrongVehicle
         A boat has no heave.
     OperatorStopped, GuardTripped, NotAchieved, LinkError, NotInformative
-        What ended it early; the record is on disk.
+        The cause of an early end; the record is on disk.
     """
     record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer)
     found: list[Identified] = []
@@ -84,12 +88,12 @@ def _declare(settings: TuneSettings, found: list[Identified], visit: Visit[TuneL
 
 
 def _movements(context: TuneContext, depth: float) -> str:
-    """Return in words what moves, after a dive to *depth* [m]; 0: there is none."""
+    """Return a sentence on what moves, after a dive to *depth* [m]. Zero means no dive."""
     kind, firmware = context.axis.kind, context.craft.firmware
     down = f"dive to {depth:g} m, then " if depth else ""
     by_throttle = kind.excitation.by_throttle and firmware.needs_way
     flown = "throttle-step" if by_throttle else "self-oscillation"
-    more = ", and a third of the same length if these two do not separate a dead zone from a thrust curve"
+    more = ", and a third one if these two do not distinguish a dead zone from a thrust curve"
     maybe = "" if by_throttle or context.settings.most_relays < 3 else more
     return f"{kind.excitation.check}{down}two {flown} experiments in {context.axis.name}{maybe}"
 
@@ -108,8 +112,8 @@ def learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:
 
 
 def _axis(name: str, firmware: Firmware) -> Axis:
-    """Return the motion to identify, for which the firmware needs no loop."""
+    """Return the motion to identify. The firmware does not need a control loop for it."""
     kind = axis_kind(name)
     if kind.excitation.below_surface and firmware.floats:
-        raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) has no depth. Use heading or speed")
+        raise WrongVehicle(f"this vehicle ({firmware.name}, a boat) has no depth loop. Use heading or speed")
     return Axis(name, "", (), (), needs_speed=firmware.needs_way)

@@ -1,4 +1,4 @@
-"""Which manoeuvres an axis is tuned with, and reading the step off the record."""
+"""Select the manoeuvres for tuning an axis, and evaluate the step from the record."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from gcs_autotune.workflow.settings import TuneSettings
 Array = NDArray[np.float64]
 
 CALMED: Mapping[str, float] = {a.stepped: a.calmed for a in AXES.values() if a.calmed}
-"""Signals so noisy that a step is measured through a centred mean of so many seconds."""
+"""Signals so noisy that a step is measured through a centred moving average, with its length [s]."""
 
 __all__ = [
     "SHALLOW",
@@ -54,7 +54,7 @@ __all__ = [
 
 
 def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) -> tuple[float, float]:
-    """Return (throttle fraction, speed [m/s]) to tune at: the vehicle's own cruise unless the user set them."""
+    """Return (throttle fraction, speed [m/s]) for the tune: the user's values, otherwise the vehicle's own cruise."""
     if not axis.needs_speed:
         return settings.throttle or 0.0, settings.speed or 0.0
     throttle = settings.throttle
@@ -65,10 +65,12 @@ def speed_for(settings: TuneSettings, axis: Axis, present: Mapping[str, float]) 
 
 
 def steering_throttle(step: Trial, present: Mapping[str, float], throttle: float) -> float:
-    """Return the throttle [fraction] to identify the steering of a boat at, which flew *step* in an automatic mode.
+    """Return the throttle [fraction] at which to identify the steering of a boat that flew *step* in an automatic
+    mode.
 
-    A thruster that is turned steers by its thrust, and the autopilot allows for the throttle that it drives with: that
-    one, read off the step, whatever *throttle* its cruise pair promises. A rudder is identified at *throttle*.
+    A steerable thruster steers by its thrust, and the autopilot compensates for the throttle that it uses. So the
+    throttle is read from the step, whatever *throttle* the cruise parameters state. A rudder is identified at
+    *throttle*.
     """
     begun = next((mark.t for mark in step.marks if mark.kind == "target"), math.inf)
     if not present.get("MOT_VEC_ANGLEMAX", 0.0) > 0.0 or "X" not in step.channels:
@@ -80,13 +82,16 @@ def steering_throttle(step: Trial, present: Mapping[str, float], throttle: float
 
 
 LEAST_THROTTLE, MOST_THROTTLE = 0.1, 0.9
-"""Chosen: between them the boat has headway, and the autopilot has range to compensate turned thrust."""
+"""Limits of the throttle.
+
+Between them the boat has headway and the autopilot can still compensate for steered thrust. Project choice.
+"""
 
 
 def throttle_steps_for(throttle: float, number: int, name: str, *, short: bool = False) -> ThrottleSteps:
     """Return the *number*-th (from 0) surge experiment of a boat about *throttle* [fraction].
 
-    short : its levels end once the boat has answered them.
+    short : its levels end once the boat has responded to them.
     """
     levels = LEVELS[number % len(LEVELS)]
     return ThrottleSteps(ThrottleStepsSettings(throttle, levels, until_answered=short), name)
@@ -99,8 +104,8 @@ class Relays:
     Attributes
     ----------
     throttle : fraction of full thrust ahead. A boat's surge oscillates about its cruise, an ROV's about rest.
-    keep_still : whether the vehicle's other axes are held meanwhile.
-    least_period : period [s] of the quickest oscillation that the link can carry.
+    keep_still : whether the vehicle's other axes are held during the relay.
+    least_period : shortest oscillation period [s] for which the link is fast enough.
     """
 
     settings: TuneSettings
@@ -111,7 +116,7 @@ class Relays:
 
     @classmethod
     def of(cls, settings: TuneSettings, dof: str, craft: MavlinkCraft, throttle: float) -> Relays:
-        """Return those for *craft*."""
+        """Return the relay experiments for *craft*."""
         return cls(settings, dof, throttle, not craft.firmware.needs_way, craft.least_period)
 
     def relay(
@@ -122,10 +127,10 @@ class Relays:
         noise_std: float | None = None,
         criterion: StopCriterion | None = None,
     ) -> Relay:
-        """Return the relay *name* of size *output*; None lets it find its size.
+        """Return the relay *name* with amplitude *output*; with None it finds a suitable amplitude itself.
 
-        noise_std : noise [rad or m] of a vehicle that needs no approach. criterion : what may end it before its
-        periods agree.
+        noise_std : noise [rad or m] of a vehicle that needs no approach. criterion : the rule that may end it before
+            its periods agree.
         """
         d, throttle = excitation_of(self.dof), self.throttle
         along = d.by_throttle
@@ -152,15 +157,15 @@ class Relays:
 def second_output(first: Trial, room: float = 0.9) -> float:
     """Return the relay output of the second experiment: as different as *room* allows (Miskovic2010, 7.1).
 
-    Smaller than that of the *first* if there is no room above it, or if a larger one would oscillate faster than the
-    relay can follow tick by tick.
+    It is smaller than that of the *first* if no larger output is available. It is also smaller if a larger one would
+    oscillate too fast for the relay's control ticks.
     """
     C = float(first.meta["C"])
     return min(2.0 * C, room) if C <= room / 1.5 and not _is_hasty(first) else 0.5 * C
 
 
 def _is_hasty(relay: Trial) -> bool:
-    """Whether half a period of *relay* is over within ten of the ticks it was controlled at."""
+    """Return whether half a period of *relay* is shorter than ten of its control ticks."""
     switches = [m.t for m in relay.marks if m.kind == "switch"]
     ticks = np.diff(relay["psi"].t)
     if len(switches) < 3 or not len(ticks):
@@ -169,30 +174,36 @@ def _is_hasty(relay: Trial) -> bool:
 
 
 STEP_AHEAD, SWING_AHEAD = 60.0, 30.0
-"""Chosen [s]: longest time straight ahead of a proof, and of an experiment that oscillates or is short."""
+"""Longest time straight ahead [s] of a proof, and of an experiment that oscillates or is short. Project choice."""
 WORKING_DEPTH, SHALLOW = 1.5, 1.0
-"""Chosen [m]: where depth is tuned when the craft is found above the second, at the surface or nearly so."""
+"""Depth [m] at which the depth loop is tuned if the craft is shallower than the second number [m]. Project choice."""
 
 
 def dive_for(dof: str, firmware: Firmware, now: Observation) -> Dive | None:
-    """Return the dive that takes an ROV off the surface before its depth oscillates; None if it is deep enough."""
+    """Return the dive that takes an ROV away from the surface before its depth oscillates.
+
+    None if it is deep enough.
+    """
     if firmware.floats or not excitation_of(dof).below_surface or not now.z < SHALLOW:
         return None
     return Dive(DiveSettings(WORKING_DEPTH, enough=SHALLOW))
 
 
 def resolution(trial: Trial) -> float:
-    """Return the smallest step [rad or m] of the sensor that a step trial was recorded with; 0 when it is fine."""
+    """Return the resolution [rad or m] of the sensor that recorded a step trial; 0 if it is negligible."""
     return quantum(trial[str(trial.meta["signal"])].values)
 
 
 def noise_in(trial: Trial, signal: str) -> float:
-    """Return the standard deviation of a signal's noise, from second differences, which slow motion leaves alone."""
+    """Return the standard deviation of a signal's noise, from second differences, which suppress slow motion."""
     return noise_of(trial[signal].values)
 
 
 def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
-    """Return a mean of *x* (n,) over *span* [s], centred except at the ends, and its share of white noise's rms."""
+    """Return the moving average of *x* (n,) over *span* [s], and the fraction of white noise rms that it passes.
+
+    The average is centred except at the ends.
+    """
     half = max(round(0.5 * span / float(np.median(np.diff(t)))), 1) if len(t) > 2 else 0
     width = min(2 * half + 1, len(x))
     low = np.clip(np.arange(len(x)) - half, 0, len(x) - width)
@@ -204,10 +215,10 @@ def _calmed(t: Array, x: Array, span: float) -> tuple[Array, float]:
 def measure(
     trial: Trial, noise_std: float = 0.0, resolution: float = 0.0, windows: Sequence[float] = ()
 ) -> StepMetrics:
-    """Read the step and the step back off a step trial; return their mean, and the worse of the limits.
+    """Evaluate the step out and the step back of a step trial; return their mean and the worse of the limits.
 
-    Arguments as those of :func:`measure_halves`. When the loop ran away before the target even moved there is nothing
-    to measure, and all numbers are NaN.
+    Arguments as those of :func:`measure_halves`. If the loop diverged before the target moved, nothing can be measured
+    and all numbers are NaN.
     """
     return combine(measure_halves(trial, noise_std, resolution, windows))
 
@@ -215,13 +226,13 @@ def measure(
 def measure_halves(
     trial: Trial, noise_std: float = 0.0, resolution: float = 0.0, windows: Sequence[float] = ()
 ) -> list[StepMetrics]:
-    """Read the step and the step back off a step trial, as far as they were flown.
+    """Evaluate the step out and the step back of a step trial, as far as they were flown.
 
-    Each is read over its first ``windows`` [s], or as long as it was recorded; never beyond that.
+    Each is evaluated over its first ``windows`` [s], or over its record if that is shorter.
 
-    A step that was stopped because the loop ran away counts as if its last error had lasted to the end. *noise_std*
-    and the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass with a
-    resolution of two degrees cannot show one.
+    A step that was stopped because the loop diverged counts as if its last error had lasted to the end. *noise_std* and
+    the sensor's *resolution* [rad or m] as :func:`gcs_autotune.design.step_metrics`: a compass with a resolution of two
+    degrees cannot show an error of one degree.
     """
     signal = str(trial.meta["signal"])
     late = _seen_late(trial, signal)
@@ -236,10 +247,10 @@ def measure_halves(
 
 
 def _seen_late(trial: Trial, signal: str) -> float:
-    """Return how much [s] later than its mark a command can show at best, as far as that was measured.
+    """Return the smallest delay [s] with which a response to a command can appear in the record, as far as measured.
 
-    What a link and a gyro's filter take is no doing of the loop. A mark has the stamp of the attitude that its command
-    answers, so both ways of the link lie between: that is the whole loop's time, not only the command's way up.
+    The delays of the link and of the gyro filter are not part of the loop. A mark has the time stamp of the attitude
+    message that its command answers. So the delay is that of the round trip, not only of the command.
     """
     link = trial.meta.get("link_times", {})
     late = float(link.get("loop", link.get("command_to_servo", 0.0)))
@@ -248,7 +259,8 @@ def _seen_late(trial: Trial, signal: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """One step of a target, from ``before`` to ``after`` (SI) at ``start`` [s], read over its first ``window`` [s]."""
+    """One step of a target, from ``before`` to ``after`` (SI) at ``start`` [s], evaluated over its first ``window``
+    [s]."""
 
     before: float
     after: float

@@ -1,8 +1,8 @@
-"""A third relay size, for cases where two do not distinguish a dead zone from a thrust curve.
+"""A third relay amplitude, for cases where two cannot distinguish a dead zone from a thrust curve.
 
-A square wave of one size shows one point of the actuator's characteristic. A dead zone and a thrust curve both fit two
-points, whatever the noise; a third separates them. It is flown only if the first two need either, at the size at which
-the two models differ most per second of its oscillation.
+A square wave of one amplitude shows one point of the actuator's characteristic. A dead zone and a thrust curve both fit
+two points at any noise level; a third point separates them. The third relay is flown only if the first two records need
+a dead zone or a curve. Its amplitude is the one at which the two models differ most per second of oscillation.
 """
 
 from __future__ import annotations
@@ -27,24 +27,27 @@ __all__ = ["ExtraRelay", "extra_relay", "fly_extra"]
 Array = NDArray[np.float64]
 
 _ALIKE = 0.9
-"""Ratio of residuals from which two models are not distinguished. Chosen."""
+"""Ratio of residuals above which two models count as not distinguished. Project choice."""
 _WEAKEST = 0.5
-"""Least force of a smaller relay, relative to the smallest flown. Chosen: below it the relay takes too long, and a
-constant force dominates."""
+"""Smallest force of a weaker relay, relative to the smallest one flown.
+
+Below it the relay takes too long and a constant force dominates. Project choice.
+"""
 _APART = 1.25
-"""Least ratio of a third size to those flown. Chosen."""
+"""Smallest ratio between the third amplitude and those flown. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExtraRelay:
-    """What to fly: relay ``output`` [fraction of full], and ``why`` in words."""
+    """The relay to fly: its ``output`` [fraction of full output] and the reason ``why``."""
 
     output: float
     why: str
 
 
 def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> ExtraRelay | None:
-    """Return the relay that separates a dead zone from a thrust curve; None if the *runs* need neither, or suffice.
+    """Return the relay that separates a dead zone from a thrust curve. None if the *runs* need neither or are
+    sufficient.
 
     plain : the model of the *runs* without either. room : largest relay output there is.
     """
@@ -60,19 +63,22 @@ def extra_relay(runs: Sequence[Trial], plain: AxisFit, room: float = 0.9) -> Ext
     below, square = effect_number(dead, DEAD_ZONE).value, effect_number(bent, QUADRATIC).value
     return ExtraRelay(
         output,
-        f"the oscillations so far fit a dead zone below {below:.0%} of full as well as a thrust "
-        f"curve ({square:.0%} of its force with the square of the command). A third, of "
-        f"{output:.2f} of full, separates them",
+        f"two causes fit the oscillations equally well: a dead zone below {below:.0%} of full output, or a thrust "
+        f"curve ({square:.0%} of the force with the square of the command). A third oscillation at "
+        f"{output:.0%} of full output distinguishes them",
     )
 
 
 def fly_extra(third: ExtraRelay, relays: Relays, runner: ManoeuvreRunner, observer: Observer) -> list[Trial]:
-    """Report why, and fly the third size; return nothing when the craft would not oscillate: two are enough."""
+    """Report why a third amplitude is needed and fly it.
+
+    Return nothing if the craft does not oscillate; two then have to suffice.
+    """
     observer.say(third.why)
     try:
         return [runner.fly(relays.relay("relay-3", third.output), "third self-oscillation")]
     except NotAchieved as error:
-        observer.say(f"{error}; continuing with the two flown")
+        observer.say(f"{error}. Continuing with the two experiments flown")
         return []
 
 
@@ -82,7 +88,7 @@ def _force_of(found: Fit[Model]) -> ExtendedModel:
 
 
 def _force(model: ExtendedModel, u: Array) -> Array:
-    """Return the accelerations caused by commands *u* (n,), by each model's effect and inertia."""
+    """Return the accelerations caused by commands *u* (n,) according to each model."""
     own = model.effects[0]
     inertia = abs(float(model.base.inertia[0, 0]))
     actuator = EFFECTS[own.slug]
@@ -92,7 +98,7 @@ def _force(model: ExtendedModel, u: Array) -> Array:
 
 
 def _telling(dead: ExtendedModel, bent: ExtendedModel, flown: Sequence[float], room: float) -> float | None:
-    """Return the relay output that best separates the two accelerations per second of its oscillation."""
+    """Return the relay output that best separates the two accelerations per second of oscillation."""
     u = np.arange(0.05, room + 1e-9, 0.01)
     one, other = _force(dead, u), _force(bent, u)
     mean = 0.5 * (one + other)

@@ -1,4 +1,4 @@
-"""Where a flight may go: the area of the user, and the vehicle's own fence."""
+"""Where a flight may go: the area set by the user, and the vehicle's own fence."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from gcs_autotune.observer import Observer
 __all__ = ["area_of_flight"]
 
 _FAR = 10e3
-"""Chosen [m]: a vehicle so far from the area suggests swapped coordinates."""
+"""Distance [m] from the area above which swapped coordinates are suspected. Project choice."""
 
 
 def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) -> Area | None:
-    """Return where *craft* may be, in metres around it: in the user's area *given* and its own fence; None: anywhere.
+    """Return the permitted area in metres around *craft*: the user's area *given* within its own fence. None: no
+    limit.
 
     Raises
     ------
@@ -26,16 +27,14 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) 
     values = craft.parameters.read_existing(list(FENCE_PARAMETERS))
     items = read_fence(craft.session, values)
     if items is None:
-        observer.say(
-            "the vehicle has a fence (FENCE_ENABLE is on) but does not report it, so this tool cannot monitor it"
-        )
+        observer.say("FENCE_ENABLE is on, but the vehicle does not report its fence, so this tool cannot monitor it")
     if not items and given is None:
         return None
     now, fix = craft.observe(), craft.telemetry.fix
     if fix is None or not math.isfinite(now.x + now.y):
         if given is not None:
             raise PreconditionFailed(
-                f"the vehicle reports no position, so it cannot be kept in {given.source}. Nothing was armed"
+                f"the vehicle reports no position, so it cannot be kept in {given.source}. Check GPS. Nothing was armed"
             )
         observer.say("the vehicle reports no position, so its fence cannot be monitored")
         return None
@@ -50,5 +49,7 @@ def area_of_flight(craft: MavlinkCraft, given: Area | None, observer: Observer) 
         raise PreconditionFailed(
             f"the vehicle, at {where}, is {how_far(beyond)} outside {area.source}. Nothing was armed{swapped}"
         )
-    observer.say(f"stays in {area.source}: {how_far(-max(z.beyond(now.x, now.y) for z in area.zones))} to its edge")
+    observer.say(
+        f"keeping inside {area.source}: {how_far(-max(z.beyond(now.x, now.y) for z in area.zones))} to its edge"
+    )
     return area

@@ -1,22 +1,22 @@
-"""What is flown: one manoeuvre of the table, or a plan of them out of a TOML file.
+"""What to fly: one manoeuvre of the table, or a plan of several manoeuvres from a TOML file.
 
 A plan::
 
     title = "Charlie, calm harbour"
     area = "harbour.geojson"       # or "lat,lon lat,lon lat,lon"
-    order = "shuffled"             # or "listed"; the shuffled order is always the same, so that a plan can be resumed
+    order = "shuffled"             # or "listed"; the shuffled order is reproducible, so that a plan can be resumed
     [conditions]
     calm = true                    # roll and pitch must be small before each run
     min-depth = 1.5                # m; an ROV dives to it before each run
-    [defaults]                     # options of every run that takes them
+    [defaults]                     # options of every run that has them
     full-rudder = 30
     [[run]]
     manoeuvre = "zig-zag"
     heading = 20                   # units and ranges as on the command line
-    rudder = [10, 20]              # levels: a run for each
+    rudder = [10, 20]              # one run for each value
     sides = "both"                 # or "starboard", "port", or a list of these
     repeat = 2
-    hold-out = false               # true: kept from the fit, to validate the model on
+    hold-out = false               # true: not used in the fit, but to validate the model
 """
 
 from __future__ import annotations
@@ -46,21 +46,24 @@ __all__ = ["FlightPlan", "FlightRun", "FlownAgain", "FlySettings", "load_flight_
 
 
 UNTRIED = {"CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
-"""As ArduRover sets them: the cruise of no boat in particular."""
+"""Cruise values that ArduRover sets by default. They do not describe any particular boat."""
 SCALES = tuple(0.8**k for k in range(1, 11))
-"""Chosen: sizes that are tried, one after the other, as a share of the usual one; below a tenth a run shows nothing."""
+"""Sizes tried one after the other, as a fraction of the usual one.
+
+Below a tenth a run is not informative. Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FlySettings:
-    """One run: what to fly.
+    """Settings of one run: which manoeuvre to fly.
 
     Attributes
     ----------
-    options : those that the user set (SI and radians), by their names in the table of limits.
-    side : 1 to begin to starboard, -1 to port. force : the one to drive, where the manoeuvre can drive any.
-    model : what the preview is made with; None: the vehicle's own figures. full_scale : its input at full output.
-    name : of the run and its record; empty: that of the manoeuvre. held_out : whether the fit leaves it out, to
+    options : the options that the user set (SI and radians), by their names in the table of limits.
+    side : 1 to begin to starboard, -1 to port. force : the force to apply, if the manoeuvre can apply any.
+    model : the model for the preview; None: the vehicle's own figures. full_scale : its input at full output.
+    name : name of the run and its record; empty: that of the manoeuvre. held_out : whether the fit leaves it out, to
         validate on it.
 
     Raises
@@ -80,7 +83,7 @@ class FlySettings:
     held_out: bool = False
 
     def __post_init__(self) -> None:
-        """Check that it can be flown at all."""
+        """Check that the run can be flown."""
         kind = self.kind
         if kind.make is None:
             raise UsageError(
@@ -89,10 +92,12 @@ class FlySettings:
         strange = [name for name in self.options if name not in kind.options]
         if strange:
             have = ", ".join(f"--{name}" for name in kind.options)
-            raise UsageError(f"{kind.name} has no option --{strange[0]}. It has {have}, --throttle and --first-to")
+            raise UsageError(
+                f"{kind.name} has no option --{strange[0]}. Its options are {have}, --throttle and --first-to"
+            )
         if "rudder" in self.options and "full-rudder" not in self.options:
             raise UsageError(
-                "--rudder is an angle and needs --full-rudder, the angle at full output. Or use --steering"
+                "--rudder is an angle. Add --full-rudder, the rudder angle at full output, or use --steering"
             )
         if self.options.get("rudder", 0.0) > self.options.get("full-rudder", math.inf):
             raise UsageError("--rudder is larger than --full-rudder. Use at most --full-rudder")
@@ -105,11 +110,12 @@ class FlySettings:
 
     @property
     def kind(self) -> ManoeuvreKind:
-        """The row of the table."""
+        """The manoeuvre's row in the table."""
         return lookup(MANOEUVRES, self.manoeuvre, "manoeuvre").of(self.force)
 
     def cruise(self, firmware: Firmware, present: Mapping[str, float]) -> tuple[float, float]:
-        """Return throttle [fraction] and speed [m/s]: the vehicle's own cruise (*present*) unless the user set them."""
+        """Return throttle [fraction] and speed [m/s]: the user's values, otherwise the vehicle's own cruise
+        (*present*)."""
         s = self.common
         if not firmware.needs_way:
             return s.throttle or 0.0, s.speed or 0.0
@@ -117,7 +123,8 @@ class FlySettings:
         return throttle, present.get("CRUISE_SPEED", 1.0) if s.speed is None else s.speed
 
     def knows_its_cruise(self, present: Mapping[str, float]) -> bool:
-        """Whether throttle and speed go together: both typed, or both its own and not as ArduRover sets them."""
+        """Whether throttle and speed belong together: both set by the user, or both the vehicle's own and not
+        ArduRover's defaults."""
         s = self.common
         if s.throttle is not None or s.speed is not None:
             return bool(s.throttle and s.speed)
@@ -125,7 +132,10 @@ class FlySettings:
         return len(own) == len(UNTRIED) and own != UNTRIED
 
     def envelope(self, speed: float) -> Envelope:
-        """Return the safety limits at *speed* [m/s]; a manoeuvre that turns right round has none of heading."""
+        """Return the safety limits at *speed* [m/s].
+
+        A manoeuvre that turns through a full circle has no heading limit.
+        """
         envelope = replace(self.common.envelope, cruise=speed)
         return replace(envelope, heading_excursion=math.inf) if self.kind.turns else envelope
 
@@ -136,7 +146,7 @@ class FlySettings:
         return {name: row.default * row.factor for name, row in rows.items() if row.default is not None}
 
     def smaller(self) -> Iterator[FlySettings]:
-        """Yield these settings ever smaller and shorter, in the options that the user left open, if there are any."""
+        """Yield settings with ever smaller and shorter values of the options that the user did not set."""
         free = {name: power for name, power in self.kind.shrinks.items() if name not in self.options}
         usual = self._usual
         for scale in SCALES if free else ():
@@ -148,7 +158,7 @@ class FlySettings:
                 return
 
     def make(self, throttle: float, *, speed: float = 0.0, keep_still: bool = False) -> Manoeuvre:
-        """Return the manoeuvre, which records under the name of the run; options not set have their defaults."""
+        """Return the manoeuvre, recorded under the name of the run. Options not set have their defaults."""
         kind = self.kind
         assert kind.make is not None  # refused when these settings were made
         given = dict(self.options)
@@ -169,18 +179,18 @@ class FlySettings:
 
 
 class FlownAgain(Protocol):
-    """Reads the record of a run and may have another one flown after it; ``words`` announce it."""
+    """A rule that evaluates the record of a run and may request another run; ``words`` announce it."""
 
     words: str
 
     def meet(self, craft: MavlinkCraft) -> None:
-        """Learn which vehicle it is; nothing moves yet."""
+        """Receive the identity of the vehicle; nothing moves yet."""
         ...
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
-        """Return what is flown after *run*, of which *trial* is the record; None for nothing.
+        """Return the next run after *run*, whose record is *trial*; None if no further run is needed.
 
-        *think* computes while the link is served.
+        *think* runs a computation while the link is served.
         """
         ...
 
@@ -191,11 +201,11 @@ class FlightPlan:
 
     Attributes
     ----------
-    calm, min_depth : what must hold before each run: calm water, a depth [m]. area : where to stay [deg].
-    text : the file it came from.
-    until : after these runs further ones are chosen, up to this precision. options : of all these runs. known : earlier
-        runs of the same craft, so that the first run is chosen, too.
-    again : what may fly a run once more, depending on its record.
+    calm, min_depth : conditions before each run: calm water, a minimum depth [m]. area : the permitted area [deg].
+    text : the content of its file.
+    until : the required precision; further runs are chosen after these until it is reached. options : options common to
+        the runs chosen. known : earlier runs of the same craft; with them the first run is chosen too.
+    again : the rule that may repeat a run, depending on its record.
     """
 
     title: str
@@ -216,19 +226,20 @@ class FlightPlan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its runs."""
+        """Names of the runs."""
         return tuple(run.name for run in self.runs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightRun:
-    """A run with what is known of it.
+    """A run with everything known about it.
 
     Attributes
     ----------
     throttle, speed, envelope : a boat's throttle [fraction] and speed [m/s], and the limits.
-    preview : of the manoeuvre alone. excursion : of all that comes before and after it, too.
-    trial : its record, once it was flown.
+    preview : the preview of the manoeuvre alone. excursion : the space and time including all that comes before and
+        after it.
+    trial : its record, once flown.
     """
 
     settings: FlySettings
@@ -241,33 +252,33 @@ class FlightRun:
 
     @property
     def name(self) -> str:
-        """Its name in the plan."""
+        """Name of the run in the plan."""
         return self.settings.name
 
     @property
     def why_not(self) -> str:
-        """Why it is rejected before arming: a limit that the user set and that it cannot keep; empty for nothing."""
+        """Why the run is rejected before arming: it would exceed a limit that the user set. Empty if it is not."""
         return self.excursion.beyond(self.envelope, self.name)
 
 
 _SIDES: Mapping[str, tuple[int, ...]] = {"starboard": (1,), "port": (-1,), "both": (1, -1)}
 _ORDERS = ("listed", "shuffled")
 _RUN = ("manoeuvre", "force", "sides", "repeat", "hold-out", "throttle", "speed")
-"""Keys of a run in addition to the manoeuvre's own options."""
+"""Keys of a run in addition to the options of its manoeuvre."""
 _CONDITIONS = ("calm", "min-depth")
 MOST_RUNS = 100
-"""Chosen: a plan of more is a slip of the pen."""
+"""Most runs in a plan. A larger number is taken as a typing error. Project choice."""
 
 
 def load_flight_plan(
     path: Path, common: CommonSettings, model: ModelFile | None, full_scale: float | None
 ) -> FlightPlan:
-    """Read a plan; ``common``, ``model`` and ``full_scale`` are those of every run.
+    """Read a plan; ``common``, ``model`` and ``full_scale`` apply to every run.
 
     Raises
     ------
     BadFile
-        Not readable, not TOML, or not a plan: the message names the run, the reason and the nearest spellings.
+        Not readable, not TOML, or not a plan. The message states the run, the reason and similar spellings.
     """
     try:
         text = read_text(path)
@@ -287,7 +298,9 @@ def load_flight_plan(
     if data.get("order") == "shuffled":
         random.Random(len(runs)).shuffle(runs)
     if not 0 < len(runs) <= MOST_RUNS:
-        raise BadFile(f"{path}: a plan needs 1 to {MOST_RUNS} runs, each a [[run]]; this one has {len(runs)}")
+        raise BadFile(
+            f"{path}: a plan contains 1 to {MOST_RUNS} runs, each a [[run]] table. This plan contains {len(runs)}"
+        )
     depth = conditions.get("min-depth")
     calm = conditions.get("calm", False)
     if not isinstance(calm, bool):
@@ -338,12 +351,12 @@ def _runs(
     every = {name for kind in MANOEUVRES.values() for name in kind.options}
     _check_keys(defaults, (*_RUN[1:], *sorted(every)), "[defaults]")
     if not isinstance(listed, list):
-        raise UsageError("runs must be written as [[run]]")
+        raise UsageError("run must be a list of tables. Write each run as [[run]]")
     left = MOST_RUNS
     for number, entry in enumerate(listed, start=1):
         try:
             if not isinstance(entry, dict):
-                raise UsageError("runs must be written as [[run]]")
+                raise UsageError("run must be a list of tables. Write each run as [[run]]")
             made = list(_of_entry(entry, defaults, common, model, full_scale, left))
         except AutotuneError as error:
             raise UsageError(f"run {number}: {error}") from None
@@ -359,7 +372,7 @@ def _of_entry(
     full_scale: float | None,
     left: int,
 ) -> Iterator[FlySettings]:
-    """Yield the runs of a ``[[run]]``, one for each combination of its levels, sides and repeats, at most *left*."""
+    """Yield the runs of a ``[[run]]`` table: one for each combination of levels, sides and repeats, at most *left*."""
     if "manoeuvre" not in entry:
         raise UsageError('no manoeuvre given (manoeuvre = "zig-zag"). See `gcs-autotune fly --list`')
     kind = lookup(MANOEUVRES, _text(entry, "manoeuvre"), "manoeuvre")
@@ -381,9 +394,8 @@ def _of_entry(
     count = len(sides) * repeat * math.prod(len(values) for values in numbers.values())
     if not 0 < count <= left:
         raise UsageError(
-            f"its lists, sides and repeats make {count:.4g} runs; a plan has at most {MOST_RUNS}, of which {left} are "
-            f"left. "
-            "Use fewer levels"
+            f"its lists, sides and repeats make {count:.4g} runs, but a plan contains at most {MOST_RUNS} and {left} "
+            "are left. Use fewer levels"
         )
     for values in itertools.product(*numbers.values()):
         typed = dict(zip(numbers, values, strict=True))
@@ -406,7 +418,7 @@ def _levels(name: str, value: Any, axis: str) -> list[float]:
 
 
 def _named(runs: Sequence[FlySettings]) -> Iterator[FlySettings]:
-    """Yield the runs with a number behind names that come more than once."""
+    """Yield the runs, with a number appended to names that occur more than once."""
     labels = [run.name for run in runs]
     for i, run in enumerate(runs):
         again = labels[: i + 1].count(run.name)

@@ -1,4 +1,4 @@
-"""Previews of a flight before anything moves: each run simulated, and reduced to fit the limits."""
+"""Preview of a flight before anything moves: each run is simulated, and reduced if necessary to fit the limits."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ from gcs_autotune.workflow.settings import CommonSettings
 __all__ = ["COMING_BACK", "DEEPER", "FlightPreviewer", "preview_of_model"]
 
 DEEPER = 0.5
-"""Chosen [m]: an ROV dives so much deeper than a plan's least depth, since its depth oscillates."""
+"""Additional depth [m] of an ROV below a plan's minimum depth, because its depth oscillates. Project choice."""
 _LEFT = 0.7
-"""Chosen: share of its speed that a boat has left from what was flown before (the sign check, coming back)."""
+"""Fraction of its speed that a boat still has after the previous stage (the sign check, the return). Project choice."""
 SATURATED, OFTEN = 0.98, 0.05
-"""Chosen: an output that counts as full, and the share of the time that makes a loop another one."""
+"""Output that counts as saturated, and the fraction of time in saturation above which the loop no longer acts as
+designed. Project choice."""
 COMING_BACK = "coming back"
-"""The stage between two runs."""
+"""Name of the stage between two runs."""
 _BOTTOMLESS = 1e3
-"""Depth [m] from which nothing comes up to the surface meanwhile."""
+"""Depth [m] from which no craft reaches the surface during a run."""
 
 
 def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> FlightResult:
@@ -44,7 +45,7 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
     Raises
     ------
     UsageError
-        The model lacks what moves, or there is no speed for a throttle.
+        The model does not contain a motion that the plan needs, or no speed is known for a throttle.
     """
     if plan.area is not None:
         raise UsageError("the area check needs the vehicle's position. Preview with --connect")
@@ -54,13 +55,16 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
         assert settings.model is not None  # asked by the command
         throttle = s.throttle or 0.0
         if throttle and s.speed is None:
-            raise UsageError("no speed given. Use --speed with the craft's speed at that throttle")
+            raise UsageError("no speed given. Use --speed with the craft's speed at the throttle flown")
         speed = s.speed or 0.0
         plant = nominal_plant(settings, None, {}, throttle, speed)
         if plant.assumed:
             wanted = " and ".join(sorted(DOF_OF[force] for force in settings.kind.drives))
             have = ", ".join(settings.model.model.base.form.dofs)
-            raise UsageError(f"model '{settings.model.name}' is of {have}, but {settings.name} moves {wanted}")
+            raise UsageError(
+                f"model '{settings.model.name}' is of {have}, but {settings.name} moves {wanted}. Use a model of "
+                f"{wanted}"
+            )
         envelope = settings.envelope(speed)
         seen = preview(settings.make(throttle, speed=speed), plant, envelope)
         runs.append(FlightRun(settings, throttle, speed, envelope, seen, Excursion(seen.seconds, seen.away)))
@@ -69,11 +73,11 @@ def preview_of_model(plan: FlightPlan, common: CommonSettings, when: str) -> Fli
 
 @dataclass(frozen=True, slots=True)
 class FlightPreviewer:
-    """Simulates runs from where *craft* is.
+    """Simulates runs from the present position of *craft*.
 
     Attributes
     ----------
-    held : the vehicle's parameters that show how it moves. area : where it must stay.
+    held : the vehicle's parameters that describe how it moves. area : where it must stay.
     least_depth : depth [m] to which an ROV dives before each run.
     checks : degrees of freedom whose actuators are checked before the first run.
     several : whether there are several runs; then a boat returns to the start after each.
@@ -97,9 +101,9 @@ class FlightPreviewer:
         return FlightRun(settings, throttle, speed, envelope, seen, self._whole(settings, seen, now))
 
     def made_to_fit(self, run: FlightRun) -> FlightRun:
-        """Return the run, smaller and shorter than usual in the options left open, if that keeps it inside the limits.
+        """Return the run, reduced in the options that the user did not set, if this keeps it inside the limits.
 
-        One that cannot be made to fit is returned unchanged, with the preview of all of it.
+        If it cannot fit, it is returned unchanged with the preview of the full run.
         """
         settings, troubled, why = run.settings, run.preview, run.why_not
         limited = "" if troubled.refusal or why else self._limited(troubled, settings)
@@ -109,9 +113,7 @@ class FlightPreviewer:
             fits = self.run_of(smaller)
             if not fits.preview.trouble and not fits.why_not and not self._limited(fits.preview, smaller):
                 large = troubled.refusal or limited or f"it needs {run.excursion.needs:g} m"
-                self.observer.say(
-                    f"{run.name} is reduced to {_sizes(settings, smaller)}, since at its usual size {large}"
-                )
+                self.observer.say(f"{run.name} is reduced to {_sizes(settings, smaller)}. At its usual size {large}")
                 return fits
         if not troubled.craft.assumed:
             return run
@@ -119,7 +121,7 @@ class FlightPreviewer:
         return replace(run, preview=replace(whole, refusal=troubled.refusal))
 
     def _limited(self, seen: Preview, settings: FlySettings) -> str:
-        """Return in words that an actuator is at its limit too often for a test of the autopilot's own loop."""
+        """Return a warning if an actuator saturates too often for a test of the autopilot's own loop."""
         axis = settings.kind.axis
         force = axis_kind(axis).names.force if axis else ""
         if not axis or force not in seen.trial or settings.kind.drives:
@@ -129,7 +131,8 @@ class FlightPreviewer:
         return f"the {actuator} would be at its limit for {share:.0%} of the time" if share > OFTEN else ""
 
     def _whole(self, settings: FlySettings, seen: Preview, now: Observation) -> Excursion:
-        """Return the excursion of a run with all that comes before and after it; of the worst assumed craft."""
+        """Return the excursion of a run with all that comes before and after it, for the assumed craft that needs
+        most."""
         firmware = self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
         plants = [seen.craft]
@@ -159,7 +162,7 @@ class FlightPreviewer:
         return visit.excursion()
 
     def _foreseen(self, settings: FlySettings, envelope: Envelope, now: Observation) -> Preview:
-        """Return the preview from *now*; where heave is driven, the worse of a craft that sinks and one that rises."""
+        """Return the preview from *now*. If heave is driven, it is the worse of a sinking and a rising craft."""
         firmware = self.craft.firmware
         throttle, speed = settings.cruise(firmware, self.held)
         way = _LEFT * speed if firmware.needs_way and throttle and not settings.kind.tied else 0.0
@@ -173,7 +176,7 @@ class FlightPreviewer:
         return next((one for one in seen if one.trouble), max(seen, key=lambda one: one.deep))
 
     def _depth_before(self, settings: FlySettings, now: Observation) -> float:
-        """Return how deep [m] the craft is when it begins: where it is *now*, or where it dives to before."""
+        """Return the depth [m] at the start of the run: the one in *now*, or the depth to which it dives first."""
         dof = checked_dof(settings.kind)
         if self.least_depth is not None and not now.z >= self.least_depth:
             return self.least_depth + DEEPER
@@ -183,7 +186,7 @@ class FlightPreviewer:
 
 
 def _sizes(usual: FlySettings, smaller: FlySettings) -> str:
-    """Return in words what was made smaller."""
+    """Return a sentence on what was reduced."""
     changed = [name for name in smaller.options if name not in usual.options]
     return ", ".join(
         f"--{name} {smaller.options[name] / limit_of(name, usual.kind.axis).factor:g}" for name in sorted(changed)

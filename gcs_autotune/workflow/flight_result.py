@@ -1,4 +1,4 @@
-"""What came of a flight: its runs, the figures and models read off them, and the page."""
+"""Results of a flight: its runs, the figures and models computed from them, and the report page."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class FlightResult:
     """The result of a flight.
 
     ``runs`` with their records, ``sheets`` of figures, a model per degree of freedom in ``models``, and ``remarks``.
-    ``document``: the report, written to ``page``. ``steps`` are those of a trial that planned itself; its model has the
-    required form.
+    ``document`` is the report, written to ``page``. ``steps`` are the steps of a self-planned trial, whose model has
+    the required form.
     """
 
     runs: Sequence[FlightRun]
@@ -51,7 +51,7 @@ class FlightResult:
 
     @property
     def preview(self) -> Preview:
-        """That of the first run."""
+        """The preview of the first run."""
         return self.runs[0].preview
 
     @property
@@ -83,11 +83,11 @@ def read_flight(
     when: str,
     steps: Sequence[TrialStep] = (),
 ) -> FlightResult:
-    """Read figures and models off the records; a figure or model that they do not determine is a remark.
+    """Compute figures and models from the records. A figure or model that they do not determine becomes a remark.
 
-    A model is fitted per degree of freedom to its runs except those held out: the ones of the plan, else the last of
-    several. It is validated on these. A trial that planned itself (*steps*) has its model already; each of its runs
-    was predicted by the model before it.
+    A model is fitted per degree of freedom and validated on the runs held out. The plan sets these; otherwise it is the
+    last of several runs. A self-planned trial (*steps*) already has its model. Each of its runs was predicted by the
+    model identified before it.
     """
     remarks: list[str] = []
     sheets: list[Sheet] = []
@@ -100,7 +100,8 @@ def read_flight(
             write_pulls(trial, settings.force or "N", table)
             remarks.append(
                 f"{of}write the pull of each level [N] into the column force of {table}, then run "
-                f"`gcs-autotune thrusters {table}`. Or give all of them: `... thrusters {table} --forces 0,1.2,4.8,...`"
+                f"`gcs-autotune thrusters {table}`. Or give all pulls as an option: `... thrusters {table} --forces "
+                "0,1.2,4.8,...`"
             )
         try:
             sheets += ship_figures(trial) if settings.kind.name in SHIP_MANOEUVRES else ()
@@ -130,7 +131,7 @@ def read_flight(
 
 
 def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialSummary]:
-    """Return the steps of a trial that planned itself as the page shows them."""
+    """Return the steps of a self-planned trial as rows for the report page."""
     return [
         TrialSummary(s.run, s.why, s.seconds, s.precision.told(s.outlook.relative), s.outlook.predicted, s.ended)
         for s in steps
@@ -138,7 +139,7 @@ def story_of(steps: Sequence[TrialStep]) -> Sequence[TrialSummary]:
 
 
 def _by_dof(flown: Sequence[tuple[FlySettings, Trial]]) -> Mapping[str, tuple[list[Trial], list[Trial]]]:
-    """Return the runs to fit and those held out, per degree of freedom that the runs excite."""
+    """Return the runs to fit and those held out, for each degree of freedom that the runs excite."""
     found: dict[str, tuple[list[Trial], list[Trial]]] = {}
     for settings, trial in flown:
         dof = str(trial.meta.get("dof", ""))
@@ -162,7 +163,7 @@ def _identified(dof: str, used: Sequence[Trial], held: Sequence[Trial], common: 
 
 
 def _left_out(dof: str, flown: Sequence[tuple[FlySettings, Trial]], directory: Path) -> list[str]:
-    """Return a remark on other motions than *dof* in the runs, which a model of one degree of freedom omits."""
+    """Return a remark on motions other than *dof* in the runs, which a model of one degree of freedom omits."""
     swung = [trial for settings, trial in flown if settings.kind.identifies and trial.meta.get("dof") == dof]
     moved = moved_besides(swung, {dof})
     if not moved:
@@ -177,10 +178,10 @@ def _left_out(dof: str, flown: Sequence[tuple[FlySettings, Trial]], directory: P
 
 
 def _limited(trial: Trial) -> list[str]:
-    """Return a remark where an actuator gave clearly less than commanded: it was at a limit."""
+    """Return a remark if an actuator delivered clearly less than commanded, because it was at a limit."""
     return [
-        f"of {asked:.0%} {force} commanded, {came:.0%} reached the output: it is at a limit"
-        f"{' (less --throttle leaves thrusters range to steer)' * (force == 'N')}. "
+        f"{force} was limited: {asked:.0%} commanded, {came:.0%} at the output"
+        f"{' (a lower --throttle leaves the thrusters more range to steer)' * (force == 'N')}. "
         "Figures and model use the actual output"
         for force, (asked, came) in limited_orders(trial).items()
     ][:1]

@@ -1,4 +1,4 @@
-"""``fly``: manoeuvres of the table on a vehicle, one or a plan of them, from the announcement to the records."""
+"""``fly``: fly one manoeuvre or a plan of several on a vehicle, from the announcement to the records."""
 
 from __future__ import annotations
 
@@ -50,21 +50,21 @@ from gcs_autotune.workflow.settings import CommonSettings
 __all__ = ["PLAN_FILE", "fly", "fly_plan"]
 
 PLAN_FILE = "plan.toml"
-"""A flown plan's name in its run directory."""
+"""File name of the plan in the run directory."""
 BACK, LOOKING = 45.0, 6.0
-"""Chosen [s]: coming back after a run that a trial plans itself, and looking whether it is calm."""
+"""Seconds for the return after a self-planned run, and for the check for calm water. Project choice."""
 _FIGURES = ("CRUISE_THROTTLE", "CRUISE_SPEED", "ATC_STR_RAT_FF", "ATC_SPEED_P")
-"""Parameters that show how a boat moves."""
+"""Parameters that describe how a boat moves."""
 SHOWN_FIRST = "heading"
-"""The axis whose telemetry comes first on a slow link: most manoeuvres steer."""
+"""The axis whose telemetry has priority on a slow link, because most manoeuvres steer."""
 _POINTS = 400
-"""Chosen: points of a predicted track that are passed on; a screen shows no more."""
+"""Most points of a predicted track passed on to the observer; a screen cannot show more. Project choice."""
 
 
 def fly(
     settings: FlySettings, operator: Operator, observer: Observer, when: str, *, only_preview: bool = False
 ) -> FlightResult:
-    """Fly one manoeuvre; see :func:`fly_plan`."""
+    """Fly one manoeuvre; arguments and errors as for :func:`fly_plan`."""
     return fly_plan(FlightPlan.of(settings), settings.common, operator, observer, when, only_preview=only_preview)
 
 
@@ -77,19 +77,20 @@ def fly_plan(
     *,
     only_preview: bool = False,
 ) -> FlightResult:
-    """Preview, announce, ask, fly, read: the run directory has ``trials/``, figures, models and ``report.html``.
+    """Preview, announce, ask, fly and evaluate. The run directory receives ``trials/``, figures, models and
+    ``report.html``.
 
-    No parameter is written. The vehicle is left as before on every ending. Runs that ``common.resume`` has are not
-    flown again.
+    No parameter is written. However the flight ends, the vehicle is restored. Runs already contained in
+    ``common.resume`` are not flown again.
 
     Raises
     ------
     WrongVehicle
-        It lacks what a manoeuvre drives, or is not the one of the earlier flight.
+        It does not have an actuator that a manoeuvre needs, or is not the vehicle of the earlier flight.
     PreconditionFailed
         A predicted track leaves the envelope.
     OperatorStopped, GuardTripped, NotAchieved, LinkError
-        What ended it early; the records are on disk.
+        The cause of an early end; the records are on disk.
     """
     record, log = RunDirectory(common.directory), MissionLog(observer)
     earlier = Earlier(common, plan.names if plan.until is None else (), alike=plan.until is None)
@@ -111,7 +112,7 @@ def fly_plan(
 class _Flight:
     """One flight on one vehicle; ``runs`` in their order, with their records once flown.
 
-    ``steps``: the story of a trial that plans itself.
+    ``steps``: the steps of a self-planned trial.
     """
 
     def __init__(self, plan: FlightPlan, earlier: Earlier) -> None:
@@ -131,7 +132,7 @@ class _Flight:
         """Report what this flight would do on the vehicle of *visit*."""
         mission = self._declared(visit, only_preview=True)
         for text in mission.needs:
-            visit.log.say(f"it would {text}")
+            visit.log.say(f"the flight would {text}")
 
     def _declared(self, visit: Visit[MissionLog], *, only_preview: bool) -> Mission:
         self._visit = visit
@@ -161,12 +162,15 @@ class _Flight:
         )
 
     def _preview_runs(self, *, only_preview: bool) -> Mapping[str, float]:
-        """Check that the vehicle can fly all of it, and preview each run; return the parameters that were used."""
+        """Check that the vehicle can fly every run, and preview each. Return the parameters used."""
         plan, log, craft = self._plan, self._visit.log, self._visit.craft
         held = craft.parameters.read_existing(_FIGURES)
         self._earlier.verify_same_vehicle(craft, held)
         if plan.min_depth is not None and craft.firmware.floats:
-            raise WrongVehicle(f"the plan requires a depth of {plan.min_depth:g} m, but this vehicle floats")
+            raise WrongVehicle(
+                f"the plan requires a depth of {plan.min_depth:g} m, but this vehicle floats. Remove min-depth from "
+                "the plan"
+            )
         if plan.until is not None:
             check_identifiable(plan.until, plan.runs[0].kind, craft.firmware)
         if plan.again is not None:
@@ -186,7 +190,7 @@ class _Flight:
         return held
 
     def _report_preview(self, run: FlightRun, of: str, only_preview: bool) -> None:
-        """Report the preview *of* a run; one that must not be flown is rejected unless it is *only_preview*.
+        """Report the preview *of* a run. Reject a run that must not be flown, unless *only_preview* is set.
 
         Raises
         ------
@@ -197,17 +201,17 @@ class _Flight:
         log.say(f"{of} (the manoeuvre alone): {seen.told()}")
         self._report_track(run)
         if seen.trouble and not assumed and not only_preview:
-            raise PreconditionFailed(f"not flown, since the {of} ends early: {seen.trouble}. Nothing was armed")
+            raise PreconditionFailed(f"not flown: in the {of} the run ends early: {seen.trouble}. Nothing was armed")
         if run.why_not and not only_preview:
             raise PreconditionFailed(run.why_not)
         if run.why_not:
-            log.say(f"it would be rejected: {run.why_not}")
+            log.say(f"this run would be rejected: {run.why_not}")
         if seen.trouble:
             by = ", with assumed parameters" if assumed else ""
-            log.say(f"the {of} ends early{by}: {seen.trouble}")
+            log.say(f"in the {of} the run ends early{by}: {seen.trouble}")
 
     def _report_track(self, run: FlightRun) -> None:
-        """Tell the observer where the run is expected to go from where the vehicle is now."""
+        """Send the observer the predicted track of the run, from the vehicle's present position."""
         seen, now = run.preview, self._visit.craft.observe()
         ahead, abeam = (seen.trial[name].values for name in ("x", "y"))
         some = np.unique(np.linspace(0, len(ahead) - 1, _POINTS).astype(int))
@@ -215,12 +219,13 @@ class _Flight:
         self._visit.log.note(PredictedTrack(run.name, now.x, now.y, now.psi, *track, seen.told(), seen.trouble))
 
     def _planned_from(self, first: FlightRun, until: Precision) -> FlightRun:
-        """Set up what chooses the runs, and return the first: the usual one, or what helps after those known.
+        """Set up the planner and return its first run: the default one, or the most informative one given earlier
+        runs.
 
         Raises
         ------
         UsageError
-            The runs flown before have the required precision already, or nothing that may be flown helps.
+            The earlier runs already reach the required precision, or no permitted manoeuvre improves it.
         """
         craft, known = self._visit.craft, self._plan.known
         overhead = BACK if craft.firmware.needs_way else 0.0
@@ -238,7 +243,7 @@ class _Flight:
 
     @property
     def _left(self) -> list[FlightRun]:
-        """The runs that are still to be flown."""
+        """Runs that are still to be flown."""
         return [run for run in self.runs if run.trial is None and not self._earlier.has(run.name)]
 
     def _checks_of(self, runs: Sequence[FlySettings]) -> list[str]:
@@ -250,23 +255,23 @@ class _Flight:
 
     @property
     def _checked(self) -> list[str]:
-        """The degrees of freedom whose actuators are checked before."""
+        """Degrees of freedom whose actuators are checked before the runs."""
         return self._checks_of([run.settings for run in self._left])
 
     def _steered(self, checked: Sequence[str]) -> list[str]:
-        """Return ``yaw`` where it is not among those *checked*, but is steered while they are driven."""
+        """Return ``yaw`` if it is not *checked* itself but is steered while the others are driven."""
         firmware, servos = self._visit.craft.firmware, self._visit.craft.servos
         meanwhile = any(steered_meanwhile(dof, firmware, servos) for dof in checked)
         return ["yaw"] if meanwhile and "yaw" not in checked else []
 
     @property
     def _looped(self) -> list[str]:
-        """The degrees of freedom that the autopilot's own loops move."""
+        """Degrees of freedom that the autopilot's own loops control."""
         axes = {run.settings.kind.axis for run in self._left} - {""}
         return sorted(axis_kind(axis).dof for axis in axes)
 
     def _whole(self, diving: float) -> Excursion:
-        """Return all that is left to fly, from arming until the vehicle is restored, *diving* [s] included."""
+        """Return the excursion of the remaining runs, from arming to restoring, including *diving* [s]."""
         each = [run.excursion for run in self._left]
         check = sum(seconds for name, seconds in each[0].stages if name == STAGE) if each else 0.0
         looking = LOOKING * self._plan.calm * len(each)
@@ -276,7 +281,7 @@ class _Flight:
         return replace(worst_of(each), seconds=seconds, stages=stages) if each else Excursion(0.0, 0.0)
 
     def _stages(self) -> list[Leg]:
-        """Return the stages of the runs and of what lies between them, as the worst craft takes them."""
+        """Return the stages of the runs and those between the runs, with the times of the slowest assumed craft."""
         legs: list[Leg] = []
         for run in self._left:
             taken = dict(run.excursion.stages)
@@ -287,7 +292,7 @@ class _Flight:
         return legs
 
     def _continues(self, whole: Excursion) -> list[str]:
-        """Return in words what may follow the runs of the plan, which take the *whole* excursion."""
+        """Return a sentence on what may follow the runs of the plan, which take the *whole* excursion."""
         until = self._plan.until
         if self._plan.again is not None and self._left:
             run = self._left[0]
@@ -297,8 +302,8 @@ class _Flight:
         if until is None:
             return []
         return [
-            f"then fly the most informative runs, each previewed and inside the same limits, until {until.title} "
-            f"is known, for at most {until.seconds / 60.0:.0f} min of runs"
+            f"then fly the most informative runs, each previewed and within the same limits, until {until.title} "
+            f"is reached, for at most {until.seconds / 60.0:.0f} min of runs"
         ]
 
     def _movements(self) -> str:
@@ -311,16 +316,16 @@ class _Flight:
         return f"{len(left)} run{'s' * (len(left) != 1)}{done}: {', '.join(run.name for run in left)}{back}"
 
     def _needs(self, whole: Excursion) -> list[str]:
-        """Return in words the space, the time and the depth that the *whole* excursion needs."""
+        """Return a sentence on the space, time and depth that the *whole* excursion needs."""
         if not self._left:
             return []
         first, least = self._left[0], self._plan.min_depth
         plant = first.preview.craft
-        needs = [whole_of(whole, first.envelope, plant.source + ", the worst case of several" * plant.assumed)]
+        needs = [whole_of(whole, first.envelope, plant.source + " (worst case of several)" * plant.assumed)]
         return needs + ([f"dive to {least + DEEPER:g} m before each run"] if least is not None else [])
 
     def _prepare(self) -> None:
-        """Keep the plan, and what an earlier flight has of it, in the run directory."""
+        """Store the plan, and what an earlier flight completed of it, in the run directory."""
         self._has_begun = True
         if self._plan.text:
             (self._visit.record.path / PLAN_FILE).write_text(self._plan.text, encoding="utf-8")
@@ -331,7 +336,7 @@ class _Flight:
                 self.runs[i] = replace(run, trial=trial)
 
     def _fly(self) -> None:
-        """Fly what is left of the plan, from the sign check on."""
+        """Fly what is left of the plan, starting with the sign check."""
         visit, left, checked = self._visit, self._left, self._checked
         craft, firmware = visit.craft, visit.craft.firmware
         runner = visit.runner(replace(visit.common.envelope, area=self._previewer.area), visit.keep)
@@ -357,7 +362,7 @@ class _Flight:
             self.runs[self.runs.index(run)] = flown
 
     def _chosen(self, runner: ManoeuvreRunner) -> Iterator[FlightRun]:
-        """Yield the runs that follow from the records of those before them, where the plan has such."""
+        """Yield the further runs that are chosen from the records of earlier ones, if the plan requests this."""
         think = partial(run_in_background, self._visit.craft, self._visit.worker, runner.bear)
         next_run = self._next_planned if self._planner is not None else self._next_again
         while (run := next_run(think)) is not None:
@@ -366,13 +371,13 @@ class _Flight:
             yield run
 
     def _next_planned(self, think: Callable[..., Any]) -> FlightRun | None:
-        """Return the run that a trial which plans itself flies next, chosen on all that was flown before it."""
+        """Return the next run of a self-planned trial, chosen from all earlier runs."""
         assert self._planner is not None
         flown = [run.trial for run in self.runs if run.trial is not None]
         return self._planner.next_run([*self._plan.known, *flown], think, self._previewer.run_of)
 
     def _next_again(self, think: Callable[..., Any]) -> FlightRun | None:
-        """Return the run that follows from the record of the last one; None for nothing."""
+        """Return the run that follows from the record of the last one; None if there is none."""
         last = self.runs[-1]
         if self._plan.again is None or last.trial is None:
             return None
@@ -382,12 +387,12 @@ class _Flight:
         run = self._previewer.run_of(settings)
         trouble = run.why_not or ("" if run.preview.craft.assumed else run.preview.trouble)
         if trouble:
-            self._visit.log.say(f"not repeated: {trouble}")
+            self._visit.log.say(f"the run is not repeated: {trouble}")
             return None
         return run
 
     def _come_back(self, runner: ManoeuvreRunner, run: FlightRun, home: Observation) -> None:
-        """Bring a boat back to where it began, or report why not; other craft stay about where they are."""
+        """Return a boat to its start, or report why not. Other craft stay near theirs."""
         if not self._visit.craft.firmware.needs_way or run.settings.kind.tied:
             return
         free = replace(run.envelope, heading_excursion=math.inf)
@@ -395,7 +400,7 @@ class _Flight:
         self._visit.log.say(f"{COMING_BACK}: {flown.reason}")
 
     def _make_conditions(self, runner: ManoeuvreRunner) -> None:
-        """Dive and look for calm water where the plan requires it."""
+        """Dive and check for calm water if the plan requires it."""
         least = self._plan.min_depth
         if least is not None and not self._visit.craft.observe().z >= least:
             _dive(runner, Dive(DiveSettings(least + DEEPER, enough=least)))
@@ -403,7 +408,7 @@ class _Flight:
             runner.fly(CalmCheck(), LOOKING_OUT)
 
     def _way_on(self, error: BaseException) -> str:
-        """Return how much of a plan that an *error* ended early is flown, and the command that flies the rest."""
+        """Return how much of a plan was flown before an *error* ended it, and the command that flies the rest."""
         flown = sum(run.trial is not None for run in self.runs)
         if not self._has_begun or not self._plan.text or flown == len(self.runs):
             return ""
@@ -414,9 +419,9 @@ class _Flight:
         )
 
 
-COMPLETE = "every run is complete: nothing is armed or moved; figures and models are computed again"
+COMPLETE = "every run is complete. Nothing is armed or moved; figures and models are computed again"
 LOOKING_OUT = "checking for calm water"
-"""A stage between two runs, as :data:`COMING_BACK`."""
+"""Name of a stage between two runs, like :data:`COMING_BACK`."""
 
 
 def _dive(runner: ManoeuvreRunner, dive: Dive | None) -> None:
@@ -425,7 +430,7 @@ def _dive(runner: ManoeuvreRunner, dive: Dive | None) -> None:
 
 
 def _checks(dofs: Sequence[str]) -> str:
-    """Return in words how the actuators of *dofs* are checked; those with the same check are named together."""
+    """Return a sentence on how the actuators of *dofs* are checked, grouped by check."""
     alike: dict[str, list[str]] = {}
     for dof in dofs:
         alike.setdefault(excitation_of(dof).check, []).append(dof)

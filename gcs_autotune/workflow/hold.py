@@ -15,6 +15,7 @@ import numpy as np
 
 from gcs_autotune.control import (
     LINE_LAWS,
+    POSITION_LAWS,
     DirectLine,
     LineQuestion,
     OwnDesign,
@@ -24,7 +25,7 @@ from gcs_autotune.control import (
     design_own,
     uncertainty_of,
 )
-from gcs_autotune.design.actuator import Actuator
+from gcs_autotune.design import Actuator
 from gcs_autotune.errors import PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.identify import fit_axis, save_model
 from gcs_autotune.link import Journal
@@ -32,6 +33,7 @@ from gcs_autotune.manoeuvres import (
     MANOEUVRES,
     FollowLine,
     KeepDistance,
+    KeepPosition,
     KeepSetPoint,
     Manoeuvre,
     Step,
@@ -45,9 +47,11 @@ from gcs_autotune.report import (
     HeldDistance,
     HeldLine,
     HeldLoop,
+    HeldPosition,
     distance_figures,
     figures_on,
     hold_document,
+    position_figures,
     to_html,
 )
 from gcs_autotune.workflow.announcement import battery, how_long, room
@@ -89,7 +93,9 @@ class HoldSettings:
     seconds : how long it holds after a step [s].
     offset, length : of a line: metres to starboard of the craft, and metres along it.
     guidance : the law that follows a line, a name in ``LINE_LAWS``. approach : largest angle to it [rad].
-    apart : distance between the two rangefinders ahead [m]. distance_step : step away from a wall [m].
+    apart : distance between the two rangefinders ahead [m].
+    distance_step : step away from a wall, or of a position [m].
+    law : the law that holds a position, a name in ``POSITION_LAWS``.
     """
 
     what: str
@@ -101,6 +107,7 @@ class HoldSettings:
     approach: float = math.radians(45.0)
     apart: float = 0.2
     distance_step: float = 0.3
+    law: str = "sliding"
 
 
 def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: str = "") -> Held:
@@ -351,6 +358,73 @@ class HoldDistance(Task):
         return HeldDistance(surge, yaw, trial, distance_figures(trial))
 
 
+class HoldPosition(Task):
+    """Hold a position and a heading, and step away from both and back."""
+
+    def check(self, context: TuneContext) -> None:
+        """Raise for a craft that does not thrust sideways, or reports no position."""
+        lookup(POSITION_LAWS, self.settings.law, "position law")
+        craft = context.craft
+        if "Y" not in craft.firmware.channels or not craft.servos.driving("Y"):
+            raise WrongVehicle("holding a position needs thrusters that push sideways. Use heading or depth")
+        now = craft.observe()
+        if not (math.isfinite(now.x) and math.isfinite(now.y)):
+            raise PreconditionFailed("hold position needs a position (DVL, USBL or GPS), but the vehicle reports none")
+
+    def movements(self, context: TuneContext) -> str:
+        """Return the relays and the step in words."""
+        s = self.settings
+        return (
+            f"relays ahead and sideways, then a step of {s.distance_step:g} m ahead and to starboard with a turn of "
+            f"{math.degrees(self.step(context)):.0f} deg, and back ({s.law} control)"
+        )
+
+    def legs(self, context: TuneContext) -> list[Leg]:
+        """Return the relays and the step."""
+        relay = pace_of("rov").relay
+        return [
+            Leg("relay ahead", relay),
+            Leg("relay sideways", relay),
+            Leg("holding the position", 3.0 * DISTANCE_LEG),
+        ]
+
+    def fly(self, context: TuneContext, prepared: Prepared) -> HeldPosition:
+        """Identify surge and sway, and hold the position."""
+        s = self.settings
+        yaw = prepared.design(context, self.step(context))
+        surge, sway = (
+            self._along(context, prepared, force, dof, where)
+            for force, dof, where in (("X", "surge", "ahead"), ("Y", "sway", "sideways"))
+        )
+        make = POSITION_LAWS[s.law](surge, sway, yaw)
+        slowest = min(d.wanted.omega_0 for d in (surge, sway, yaw))
+        duration = max(2.0 * SETTLED_TIMES / slowest, DISTANCE_LEG)
+        outputs = (_plain, _plain, prepared.known.actuator.output_for)
+        turn = self.step(context)
+        keep = KeepPosition(make, s.distance_step, turn, duration, DISTANCE_LEG, outputs, "own-position")
+        trial = context.fly(keep, "holding the position")
+        return HeldPosition(s.law, (surge, sway, yaw), trial, position_figures(trial))
+
+    def _along(self, context: TuneContext, prepared: Prepared, force: str, dof: str, where: str) -> OwnDesign:
+        """Fly a relay of one *force*, identify *dof* and return the design of its loop."""
+        make = MANOEUVRES["relay"].of(force).make
+        assert make is not None
+        relay = make({"throttle": 0.0, "keep-still": 1.0})
+        relay.name = f"relay-{dof}"
+        trial = context.fly(relay, f"relay {where}")
+        fit = context.run_in_background(fit_axis, [trial], dof=dof)
+        design = context.run_in_background(
+            design_own,
+            replace(fit.model, delay=fit.model.delay + prepared.link),
+            uncertainty_of(fit.model, fit.craft_covariance),
+            step=self.settings.distance_step,
+            limits=(-RANGE, RANGE),
+            kind=self.settings.tune.model,
+        )
+        context.log.say(_told(design))
+        return design
+
+
 DISTANCE_RELAY = 130.0
 """Expected time of the relay on the distance [s]: a VideoRay of 16 s period (Miskovic2010, section 7.6)."""
 DISTANCE_LEG = 30.0
@@ -368,6 +442,7 @@ TASKS: Mapping[str, Callable[[HoldSettings], Task]] = {
     "depth": HoldSetPoint,
     "line": HoldLine,
     "distance": HoldDistance,
+    "position": HoldPosition,
 }
 """What can be held -> its task; one class and one line add another."""
 

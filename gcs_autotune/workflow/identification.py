@@ -1,4 +1,4 @@
-"""Identifying on the water: self-oscillations, or two runs of throttle steps, and the model that fits both."""
+"""Identify a craft during a run, from self-oscillations or from two runs of throttle steps, and fit its model."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ __all__ = ["Identified", "again_with_step", "delay_of", "identify"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
-    """The model of one axis.
+    """The identified model of one axis.
 
     Attributes
     ----------
-    runs : what it was fitted to.
+    runs : the runs it was fitted to.
     curved : the same model with the thrust curve or dead zone that the record requires, or None.
     short : whether the experiments ended early without an assessment of the gains.
     """
@@ -57,12 +57,13 @@ def identify(
     turns_first: bool = True,
     early: bool = False,
 ) -> Identified:
-    """Fly the experiments of the axis and fit it; errors as those of flying and of ``fit_axis`` or ``fit_surge``.
+    """Fly the experiments of the axis and fit its model. Errors are those of flying and of ``fit_axis`` or
+    ``fit_surge``.
 
-    step : flown before under the autopilot's own loop, if any; it separates a dead zone from a thrust curve.
+    step : an earlier step under the autopilot's own loop, if any; it separates a dead zone from a thrust curve.
     rule : ends relays once the gains are known; without it they end when five periods agree.
-    turns_first : turn a boat around before the first of them, too.
-    early : omit a boat's throttle steps on the way back where they add no information.
+    turns_first : turn a boat around before the first relay too.
+    early : omit a boat's throttle steps on the return run if they add no information.
     """
     if context.axis.excitation.by_throttle and context.craft.firmware.needs_way:
         return _by_throttle_steps(context, turns_first=turns_first, early=early)
@@ -75,7 +76,7 @@ def identify(
 
 
 def delay_of(settings: TuneSettings) -> float | Literal["auto"]:
-    """Return the delay [s] to identify with: that of the settings, else it is estimated."""
+    """Return the delay [s] used for identification: the one in the settings, otherwise an estimate."""
     return "auto" if settings.delay is None else settings.delay
 
 
@@ -104,10 +105,10 @@ def _by_relays(context: TuneContext, step: Trial | None, *, turns_first: bool) -
 
 
 def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Identified:
-    """Fly one relay until the gains are known from it and *step*; fly another size only if that is impossible.
+    """Fly one relay until the gains are known from it and *step*. Fly another amplitude only if that is impossible.
 
-    An actuator that is dead or weak for small commands needs two sizes, fitted together with *step*. If that leaves too
-    much unexplained, the experiments are flown again in full.
+    An actuator with a dead or weak range at small commands needs two amplitudes, fitted together with *step*. If this
+    leaves too much unexplained, the experiments are flown again in full.
     """
     s, log, craft, dof = context.settings, context.log, context.craft, context.axis.dof
     throttle, relays, excitation = context.throttle, Relays.of(s, dof, craft, context.throttle), context.axis.excitation
@@ -142,22 +143,24 @@ def _by_short_relays(context: TuneContext, step: Trial, rule: KnownDesign) -> Id
 
 
 BENT_UNEXPLAINED = 10.0
-"""Most of the motion that a model with a bent or dead actuator may leave unexplained [percent]. Chosen; a whole record
-of a BlueROV2 leaves 7."""
+"""Largest unexplained part of the motion [percent] for a model with a thrust curve or dead zone.
+
+A complete record of a BlueROV2 leaves 7 unexplained. Project choice.
+"""
 
 
 def again_with_step(context: TuneContext, found: Identified, step: Trial) -> Identified:
     """Return *found* with the thrust curve that *step* shows, flown about the speed that *found* predicts.
 
-    The oscillations are of one size each, larger than the outputs of such a step, which alone shows small outputs. A
-    boat's steering is left out: it depends on the throttle, which the autopilot changes. For its surge the step is the
-    way back.
+    Each oscillation has one amplitude, larger than the outputs of the step. So only the step shows small outputs. A
+    boat's steering is not treated this way, because it depends on the throttle, which the autopilot changes. For a
+    boat's surge the step replaces the return run.
     """
     if found.short and context.axis.excitation.by_throttle:
         return _with_step_back(context, found, step)
     if context.axis.excitation.by_throttle or context.axis.needs_speed:
         return found
-    context.log.say("identifying, with the step")
+    context.log.say("identifying from the experiments and the step")
     return _with_curve(context, found.fit, found.runs, step, with_band=True)
 
 
@@ -179,9 +182,10 @@ def _plain(context: TuneContext, trials: list[Trial]) -> AxisFit:
 
 
 def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) -> Identified:
-    """Fly throttle steps out and back: between them a current shows.
+    """Fly throttle steps out and back; the difference between them shows a current.
 
-    *early*: not back where the way out is explained; the step, flown on the way back, shows the current, too.
+    *early*: no throttle steps on the return run if the outward run is explained. The step flown on the return run then
+    shows the current.
     """
     s, log = context.settings, context.log
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
@@ -204,16 +208,18 @@ def _by_throttle_steps(context: TuneContext, *, turns_first: bool, early: bool) 
 
 
 def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Identified:
-    """Return the surge model of the way out and the *step* on the way back; else fly throttle steps back, too.
+    """Return the surge model of the outward run and the *step* of the return run, or fly throttle steps back too.
 
-    These two do not suffice where they show a current, or leave the form of drag or thrust open.
+    The two are not sufficient if they show a current or do not determine the form of drag or thrust.
     """
     log, s, first = context.log, context.settings, found.runs[0]
     fitted = partial(fit_surge, structure=s.structure, delay=delay_of(s))
     along = context.run_in_background(set_on_the_way_back, found.fit, first, step)
     if along is not None and along.is_none:
-        log.say(f"the speed back is equal within {max(2.0 * abs(along.set), 0.01):.2f} m/s: no significant current")
-        log.say("identifying, with the step")
+        log.say(
+            f"the speeds there and back agree within {max(2.0 * abs(along.set), 0.01):.2f} m/s: no significant current"
+        )
+        log.say("identifying from the experiments and the step")
         both = context.run_in_background(_or_none, fitted, [first, step])
         told = both is not None and not any(doubt.slug in UNKNOWN_YET for doubt in both.doubts)
         if both is not None and told and both.unexplained < BY_ITSELF:
@@ -227,7 +233,7 @@ def _with_step_back(context: TuneContext, found: Identified, step: Trial) -> Ide
 
 
 def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Trial]) -> AxisFit | None:
-    """Return the fit of *trials*, or None if they do not suffice and more must be flown."""
+    """Return the fit of *trials*, or None if they are not sufficient and more must be flown."""
     try:
         return fitted(trials)
     except AutotuneError:
@@ -235,4 +241,4 @@ def _or_none(fitted: Callable[[Sequence[Trial]], AxisFit], trials: Sequence[Tria
 
 
 UNKNOWN_YET = ("thrust-curve-unknown", "second-drag-undecided")
-"""Doubts that require throttle steps back from a boat that flew only the way out."""
+"""Doubts that require throttle steps on the return run of a boat that flew only the outward run."""

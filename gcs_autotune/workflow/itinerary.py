@@ -1,7 +1,7 @@
-"""The stages of a mission in their order with their times: announced before, updated while it runs.
+"""The stages of a mission in their order, with their times; announced before the run and updated during it.
 
-Times are of the vehicle. The time of a step is known. That of a self-oscillation depends on the craft: it is estimated
-from craft that steer in the same way, and then from the first one flown.
+Times are vehicle times. The duration of a step is known. That of a self-oscillation depends on the craft. It is first
+estimated from craft that steer in the same way, and then from the first one flown.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TURNING", "Itinerary", "Leg", "MissionLog", "Pace", "legs_of_experiment", "legs_of_tune", "pace_of"]
 
-TURNING = "turning about"
+TURNING = "turning around"
 DIVE, HOLD = 20.0, 10.0
-"""Seconds of a dive, and of holding still before a step that is flown by the clock."""
+"""Seconds of a dive, and of the hold before a step that is flown for a fixed time."""
 SETTLE, GAINS = 6.0, ("present", "new")
-"""Seconds before a turn-rate step that accompanies a heading step, and the gains it is flown with."""
+"""Seconds before a turn-rate step that accompanies a heading step, and the names of the gains it is flown with."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How long [s] stages take that have no fixed duration.
+    """Duration [s] of stages that have no fixed length.
 
     Attributes
     ----------
     check, turn : the sign check, turning around.
     relay, level : a self-oscillation and a throttle level until they are steady.
-    known, answered : the same where they end early: the gains are known, the boat has responded.
-    rests : holding before a step until the craft is at rest.
+    known, answered : their durations if they end early, once the gains are known or the boat has responded.
+    rests : the hold before a step until the craft is at rest.
     settles, moving : half of a step until the craft settles at its target, and that in a speed or a turn rate.
     under_way : whether it is a boat, which turns around between stages.
     """
@@ -57,18 +57,22 @@ _PACES: Mapping[SteeredBy, Pace] = {
     "thrusters": Pace(9.0, 11.0, 35.0, 10.0, 9.0, 5.0, 5.0, 10.0, 5.0),
     "rov": Pace(6.0, 0.0, 22.0, 10.0, 6.0, 7.0, 6.0, 8.0, 5.0, under_way=False),
 }
-"""Chosen: times of simulated craft (Charlie; a BlueBoat; a BlueROV2, a VideoRay). Before a craft has moved its speed of
-response is unknown, but craft that thrusters turn are small and quick."""
+"""Stage durations of simulated craft (Charlie; a BlueBoat; a BlueROV2, a VideoRay).
+
+Before a craft has moved, its speed of response is unknown. Craft that thrusters turn are small and quick. Project
+choice.
+"""
 
 
 _RESTLESS = 110.0
-"""Chosen [s]: a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone."""
+"""Duration [s] of a self-oscillation of a craft that does not come to rest, such as an ROV with a dead zone. Project
+choice."""
 
 
 def pace_of(steered_by: SteeredBy, *, restless: bool = False) -> Pace:
     """Return the pace of a craft by what turns it.
 
-    restless : where it comes to no rest.
+    restless : whether the craft does not come to rest.
     """
     pace = _PACES[steered_by]
     return replace(pace, relay=max(pace.relay, _RESTLESS)) if restless else pace
@@ -76,10 +80,10 @@ def pace_of(steered_by: SteeredBy, *, restless: bool = False) -> Pace:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One stage: its name for the sequencer, its seconds, and those of turning around before it.
+    """One stage: its name for the sequencer, its seconds, and the seconds of turning around before it.
 
-    Stages of one ``kind`` take the same time: the first one flown gives the estimate of the others. A stage that was
-    not planned is of the kind its name ends with.
+    Stages of one ``kind`` take the same time, so the first one flown gives the estimate for the others. The name of an
+    unplanned stage ends with its kind.
     """
 
     stage: str
@@ -89,7 +93,7 @@ class Leg:
 
     @property
     def total(self) -> float:
-        """Seconds with the turning about."""
+        """Seconds of the stage, including the turn before it."""
         return self.seconds + self.before
 
 
@@ -105,8 +109,8 @@ def legs_of_tune(
 ) -> tuple[Leg, ...]:
     """Return the stages of a tune.
 
-    moving : the loop controls a velocity. given : no experiments are flown. dives : an ROV dives first.
-    beside : a turn-rate step accompanies that in heading.
+    moving : the loop controls a velocity. given : whether no experiments are flown. dives : whether an ROV dives first.
+    beside : whether a turn-rate step accompanies the heading step.
     """
     turn = pace.turn
     step = _step_seconds(settings, pace, moving=moving)
@@ -140,7 +144,7 @@ def legs_of_experiment(dof: str, pace: Pace, *, dives: bool) -> tuple[Leg, ...]:
 
 
 def _first(pace: Pace, *, dives: bool, steers: bool) -> list[Leg]:
-    """Return the sign check, of what *steers* meanwhile as well, and the dive."""
+    """Return the first stages: the sign check, also of the actuator that *steers* during the run, and the dive."""
     return [Leg(STAGE, pace.check * (2.0 if steers else 1.0))] + [Leg("diving", DIVE)] * dives
 
 
@@ -151,8 +155,11 @@ def _swings(dof: str, pace: Pace) -> list[Leg]:
 
 
 def _known(pace: Pace) -> list[Leg]:
-    """Return the self-oscillations that end once the gains are known: one under way, two of a craft at rest, whose
-    thrusters mostly have a dead band."""
+    """Return the self-oscillations that end once the gains are known.
+
+    There is one for a craft under way. There are two for a craft at rest, because its thrusters usually have a dead
+    band.
+    """
     legs = _two("self-oscillation", pace.known)
     return legs[:1] if pace.under_way else legs
 
@@ -162,7 +169,7 @@ def _two(kind: str, seconds: float) -> list[Leg]:
 
 
 def _step_seconds(settings: TuneSettings, pace: Pace, *, moving: bool) -> float:
-    """Return seconds of holding, the step and the step back."""
+    """Return the seconds of the hold, the step and the step back."""
     each = settings.step_duration
     if each is None:
         kind = axis_kind(settings.axis)
@@ -173,9 +180,9 @@ def _step_seconds(settings: TuneSettings, pace: Pace, *, moving: bool) -> float:
 
 
 class Itinerary:
-    """The present place in the stages, by the *stage* of each tick; one that was not planned is inserted.
+    """The progress through the stages, updated by the *stage* of each tick. An unplanned stage is inserted.
 
-    turn : seconds of a turn about that was not planned.
+    turn : seconds of an unplanned turn.
     """
 
     def __init__(self, legs: Sequence[Leg], turn: float = 0.0) -> None:
@@ -187,11 +194,11 @@ class Itinerary:
 
     @property
     def seconds(self) -> float:
-        """How long all of it takes."""
+        """Total duration in seconds."""
         return sum(leg.total for leg in self.legs)
 
     def told(self) -> str:
-        """Return the stages with their times, in words."""
+        """Return a sentence with the stages and their times."""
         turns = [leg.before for leg in self.legs if leg.before > 0.0]
         pieces = [f"{leg.stage} {leg.seconds:.0f} s" for leg in self.legs]
         if turns:
@@ -200,7 +207,7 @@ class Itinerary:
         return ", ".join(pieces)
 
     def at(self, progress: Progress) -> Progress:
-        """Return *progress* with the number of its stage, the time since the start and what is left."""
+        """Return *progress* with the number of its stage, the time since the start and the time left."""
         t = progress.t
         if not math.isfinite(self._began):
             self._began = t
@@ -236,7 +243,7 @@ class Itinerary:
         self._flown = True
 
     def _enter(self, index: int) -> None:
-        """Begin a leg; the duration of the last one updates the estimate for others of its kind."""
+        """Begin a stage. The duration of the previous one updates the estimate for others of its kind."""
         if 0 <= self._now < index:
             past = self.legs[self._now]
             took = self._t - self._leg_began - past.before
@@ -254,11 +261,11 @@ class MissionLog:
         self.itinerary: Itinerary | None = None
 
     def update(self, progress: Progress) -> None:
-        """Forward the tick."""
+        """Forward the tick, with the stage if there is an itinerary."""
         self._observer.update(progress if self.itinerary is None else self.itinerary.at(progress))
 
     def say(self, text: str) -> None:
-        """Forward the sentence."""
+        """Forward the message."""
         self._observer.say(text)
 
     def note(self, fact: Fact) -> None:
@@ -266,10 +273,10 @@ class MissionLog:
         self._observer.note(fact)
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """Announce, before anything moves, what will be done."""
+        """Announce what the mission will do, before anything moves."""
         self.note(Intentions(intentions))
         for text in intentions:
             self.say(f"will {text}")
 
     def abort(self, error: BaseException) -> None:
-        """Record what ended the mission early."""
+        """Record the reason why the mission ended early."""

@@ -1,6 +1,6 @@
-"""Compile what a tune will compute, in the process that will compute it, before arming.
+"""Compile the functions that a tune will use, in the process that will run them, before arming.
 
-The compiled parts are kept on disk; only the first run after an installation needs up to a minute for them.
+The compiled functions are stored on disk, so only the first run after an installation needs up to a minute for them.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from gcs_autotune.workflow.worker import Worker
 __all__ = ["await_warmup", "jit_warmup", "warm_up"]
 
 _PATIENCE = 2.0
-"""Seconds after which the reason for the delay is reported."""
+"""Waiting time [s] after which the reason for the delay is reported."""
 _LOCK_STEPPED = ("sitl:", "memory")
-"""How the URIs begin, that of a ``MemoryLink`` too, of vehicles whose time stands still while we compute."""
+"""Prefixes of the URIs of vehicles whose time stands still during computations; one is that of a ``MemoryLink``."""
 _MODEL = (1.0, 0.5)
-"""Gain and drag [1/s] of the simulated craft: any."""
+"""Gain and drag [1/s] of the simulated craft; any values would do."""
 
 
 @contextmanager
 def jit_warmup(connection: str, dofs: Iterable[str], laws: Iterable[str]) -> Iterator[Worker]:
-    """Yield a worker at which identification in *dofs* and the control laws named *laws* are being made ready.
+    """Yield a worker that compiles the identification of *dofs* and the control laws named *laws*.
 
-    Nothing is done where *connection* (a URI) is to a simulated vehicle whose time stands still meanwhile.
+    Nothing is done if *connection* (a URI) leads to a simulated vehicle whose time stands still during computations.
     """
     with Worker(apart=not connection.startswith(_LOCK_STEPPED)) as worker:
         if worker.apart:
@@ -48,7 +48,7 @@ def jit_warmup(connection: str, dofs: Iterable[str], laws: Iterable[str]) -> Ite
 
 
 def await_warmup(craft: MavlinkCraft, worker: Worker, observer: Observer) -> None:
-    """Wait until the *worker* is ready, and report why if that takes long; the craft is only monitored."""
+    """Wait until the *worker* is ready, and report the reason if this takes long. The craft is only monitored."""
     if not worker.apart or isinstance(craft.clock, ManualClock):
         return  # in simulated time nobody waits: what is computed is computed at once
     told: Deadline | None = Deadline.after(craft.clock, _PATIENCE)
@@ -56,7 +56,7 @@ def await_warmup(craft: MavlinkCraft, worker: Worker, observer: Observer) -> Non
     def tell() -> None:
         nonlocal told
         if told is not None and told.expired:
-            observer.say("preparing; the first time after installation this takes up to a minute")
+            observer.say("compiling. The first time after installation this takes up to a minute")
             told = None
 
     finish(craft, worker, tell)
@@ -65,7 +65,7 @@ def await_warmup(craft: MavlinkCraft, worker: Worker, observer: Observer) -> Non
 def warm_up(dofs: Sequence[str], laws: Sequence[str]) -> None:
     """Run identification in *dofs* and the control laws named *laws* once, on a simulated craft.
 
-    Several *dofs* without a law are those of a coupled form.
+    Several *dofs* without a law belong to a coupled form.
     """
     if len(dofs) > 1 and not laws:
         with suppress(AutotuneError):  # as below

@@ -55,11 +55,11 @@ from gcs_autotune.workflow.tune_log import TuneLog
 __all__ = ["LineSettings", "tune_line"]
 
 SECONDS, LEAST_LEG, MOST_LEG = 25.0, 30.0, 120.0
-"""Length of a leg at the working speed [s], and its limits [m]. Chosen: a slow boat is on its line by half of it."""
+"""Length of a leg at the working speed [s], and its limits [m]. Project choice: a slow boat is on its line by then."""
 BEYOND = 20.0
-"""Free water around the course [s at the working speed]. Chosen: an untuned Charlie goes 19 m beyond a corner."""
+"""Free water around the course [s at the working speed]. Project choice: Charlie goes 19 m beyond a corner."""
 LATE, LATEST = 1.4, 3.0
-"""Expected and longest duration of a flight, relative to its way at the working speed. Chosen."""
+"""Expected and longest duration of a flight, relative to its way at the working speed. Project choice."""
 FULL = 0.9
 """Largest steering output that corners may need [fraction of full]."""
 NEEDED = ("PSC_POS_P", "PSC_VEL_P", "WP_RADIUS", "WP_SPEED")

@@ -38,7 +38,7 @@ Log = TypeVar("Log", bound=MissionLog)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visit(Generic[Log]):
-    """What a job has at hand once it is connected to its vehicle; ``worker`` computes while the link is served."""
+    """The resources of a job once it is connected to its vehicle; ``worker`` computes while the link is served."""
 
     common: CommonSettings
     operator: Operator
@@ -52,12 +52,12 @@ class Visit(Generic[Log]):
         beside(self.craft, partial(self.record.keep, trial))
 
     def runner(self, envelope: Envelope, keep: Callable[[Trial], None], *, gains: bool = False) -> ManoeuvreRunner:
-        """Return what flies manoeuvres here; arguments as those of :class:`.ManoeuvreRunner`."""
+        """Return the runner that flies manoeuvres on this vehicle; arguments as for :class:`.ManoeuvreRunner`."""
         ask = partial(ask_now, self.craft, self.operator, self.log)
         return ManoeuvreRunner(self.craft, envelope, self.log, keep, self.common.patience, ask, gains=gains)
 
     def agrees(self, question: str) -> bool:
-        """Return whether the operator agrees; for a simulated vehicle there is no question."""
+        """Return whether the operator agrees. A simulated vehicle needs no confirmation."""
         return agreed(self.craft, self.operator, self.log, question)
 
 
@@ -72,7 +72,10 @@ def visiting(
     dofs: tuple[str, ...] = (),
     laws: tuple[str, ...] = (),
 ) -> Iterator[Visit[Log]]:
-    """Connect to the vehicle; *dofs* and *laws* are compiled for meanwhile, and on a slow link *axis* comes first."""
+    """Connect to the vehicle and compile for *dofs* and *laws* in the background.
+
+    On a slow link *axis* has priority.
+    """
     with (
         jit_warmup(common.connection.uri, dofs, laws) as worker,
         connect_craft(common, operator, log, record, axis) as craft,
@@ -81,7 +84,7 @@ def visiting(
 
 
 def _nothing() -> None:
-    """Do nothing."""
+    """Do nothing: the default for the optional steps of a mission."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,14 +94,14 @@ class Mission:
     Attributes
     ----------
     itinerary : its stages with their times.
-    modes : flight modes it uses; none: there is nothing to arm and to fly, for the reason ``movements``.
-    movements, needs : what moves; space, time and battery, in words.
-    fly : flies it; called armed, with the open journal.
-    writes : what may be written, in words.
+    modes : flight modes it uses; if empty, nothing is flown, for the reason in ``movements``.
+    movements, needs : sentences on what moves, and on the space, time and battery needed.
+    fly : flies the mission; called when armed, with the open journal.
+    writes : sentence on what may be written.
     held : parameters (name -> value) that a run which resumes this one must find; None: it cannot be resumed.
     prepare : called once the operator has agreed, before anything is armed.
     finish : called on every ending once the vehicle is restored.
-    way_on : how to continue after an error ended it early, in words; empty where nothing can be used again.
+    way_on : sentence on how to continue after an error; empty if no trial can be reused.
     """
 
     itinerary: Itinerary
@@ -116,12 +119,13 @@ class Mission:
 def run_mission(
     visit: AbstractContextManager[Visit[Log]], declare: Callable[[Visit[Log]], Mission], log: MissionLog
 ) -> RunLog:
-    """Carry out the mission that *declare* returns for the vehicle of *visit*; return the vehicle's own log of it.
+    """Carry out the mission that *declare* returns for the vehicle of *visit*. Return the vehicle's onboard log of
+    it.
 
     Raises
     ------
     AutotuneError
-        What ended it early. By then the vehicle is as before, or ``NotAsFound`` states what is not.
+        The cause of an early end. By then the vehicle is restored, or ``NotAsFound`` lists what could not be restored.
     """
     mission: Mission | None = None
     try:
@@ -156,7 +160,7 @@ def _carry_out(mission: Mission, visit: Visit[Log]) -> None:
 
 
 def _announce(mission: Mission, visit: Visit[Log]) -> None:
-    """State what will be done, and ask.
+    """Announce what will be done and ask for confirmation.
 
     Raises
     ------
@@ -181,9 +185,9 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
 
 @contextmanager
 def _armed(visit: Visit[Log]) -> Iterator[Journal]:
-    """Arm, and restore everything on the way out; the journal is on disk before anything is armed, moved or written.
+    """Arm, and restore everything on exit. The journal is on disk before anything is armed, moved or written.
 
-    It is settled only when the vehicle was left as before, else ``gcs-autotune restore`` has work to do.
+    It is closed only when the vehicle was restored. Otherwise ``gcs-autotune restore`` has to be run.
 
     Raises
     ------
@@ -202,8 +206,8 @@ def _armed(visit: Visit[Log]) -> Iterator[Journal]:
                 forget_run(record.journal)
         except PreconditionFailed as error:  # a disk that is full by now does no harm
             log.say(
-                f"everything is restored, but the journal could not record it ({error}). Run `gcs-autotune restore` to "
-                f"check"
+                f"everything is restored, but this could not be written to the journal ({error}). Run `gcs-autotune "
+                "restore` to check"
             )
 
     def open_journal(found: Observation) -> Journal:

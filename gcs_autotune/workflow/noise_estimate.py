@@ -1,4 +1,4 @@
-"""The noise with which a step is measured, from the signal of an undisturbed craft."""
+"""Measurement noise of a step, estimated from the signal of an undisturbed craft."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from gcs_autotune.workflow.experiments import noise_in
 __all__ = ["jitter_in", "noise_behind", "noise_while_held"]
 
 _WINDOW = 2.0
-"""Length of a window [s]: a controlled craft then moves as a polynomial, but sensor noise does not. Our choice."""
+"""Length of a window [s], short enough that a controlled craft moves as a polynomial while sensor noise does not.
+Project choice."""
 _LEAST_SAMPLES = 6
 _TREND = 2
-"""Order of the polynomial that counts as motion."""
+"""Order of the polynomial that is subtracted as motion."""
 
 
 def noise_behind(step: Trial, fit: AxisFit, moving: bool, resolution: float) -> float:
@@ -36,8 +37,8 @@ def noise_while_held(step: Trial, resolution: float = 0.0) -> float:
     """Return the standard deviation [rad or m] of the stepped signal about its motion, as the median of windows.
 
     A polynomial is subtracted from each window. The few windows with the steps, or with a jump out of a dead band, do
-    not change the median. The residual of a model is not used, because a poor model would make a poor step look good.
-    A single short hold is not used, because its noise estimate is 20 % off, and so is then the ITAE of a good step.
+    not change the median. The residual of a model is not used, because a poor model would make a poor step look good. A
+    single short hold is not used either: its noise estimate would be 20 % off, and with it the ITAE of a good step.
 
     The result is at least the noise of rounding to *resolution* [rad or m]. It is infinite if the record has too few
     samples per window.
@@ -61,8 +62,10 @@ def noise_while_held(step: Trial, resolution: float = 0.0) -> float:
 
 
 def jitter_in(step: Trial, resolution: float = 0.0) -> float:
-    """Return the standard deviation [rad or m] of what changes from sample to sample: the noise that moves an actuator.
+    """Return the standard deviation [rad or m] of the sample-to-sample changes, the part of the noise that moves an
+    actuator.
 
-    Slow oscillation of the craft or drift of the estimate is left out. At least the noise of rounding to *resolution*.
+    Slow oscillation of the craft and drift of the estimate are excluded. The result is at least the noise of rounding
+    to *resolution*.
     """
     return max(noise_in(step, str(step.meta["signal"])), resolution / math.sqrt(12.0))

@@ -1,4 +1,4 @@
-"""The nominal plant that a manoeuvre is previewed on: from a model file, the vehicle's own figures, or assumptions."""
+"""The nominal plant for previewing a manoeuvre, from a model file, the vehicle's own figures or assumptions."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from gcs_autotune.workflow.flight_plan import FlySettings
 __all__ = ["AssumedCraft", "assumed_crafts", "assumed_plant", "motion_of", "nominal_plant"]
 
 _UNTUNED = 0.2
-"""ATC_STR_RAT_FF as ArduRover sets it: that of no craft in particular."""
+"""ArduRover's default of ATC_STR_RAT_FF. It does not describe any particular craft."""
 
 
 @dataclass(frozen=True, slots=True)
 class AssumedCraft:
-    """An assumed craft: how it turns and how fast it goes.
+    """An assumed craft, described by its turning and its speed.
 
     Attributes
     ----------
@@ -49,10 +49,13 @@ USUAL: Mapping[str, AssumedCraft] = {
     "thrusters": AssumedCraft(lag=0.7, gains=1.6),
     "rov": AssumedCraft(lag=0.25, gains=1.0),
 }
-"""Chosen for craft without any figures: the middle of boats of 1 to 3 m, and of published ROVs.
+"""Assumed values for craft without any figures: the middle of boats of 1 to 3 m and of published ROVs. Project
+choice.
 
 Yaw rates of ROVs: AutoMarine 0.9, Falcon 1.3, VideoRay 1.6, BlueROV2 3.9 rad/s (Miskovic2010, tables 7.1, 7.9 to 7.11;
-Benzon2022, table A1). ArduSub's parameters limit what its loops command; they do not show what its thrusters give."""
+Benzon2022, table A1). ArduSub's parameters limit the commands of its loops. They do not show the thrust of its
+thrusters.
+"""
 _KIN: Mapping[str, tuple[AssumedCraft, ...]] = {
     "rudder": (AssumedCraft(radius=6.7, lag=3.7), AssumedCraft(radius=3.0, lag=1.0)),
     "thrusters": (AssumedCraft(radius=4.0, lag=1.0, gains=2.0), AssumedCraft(radius=2.5, lag=0.5, gains=1.4)),
@@ -62,22 +65,29 @@ _KIN: Mapping[str, tuple[AssumedCraft, ...]] = {
         AssumedCraft(rate=1.6, lag=0.3, ahead=1.8, gains=1.3),
     ),
 }
-"""Chosen: slow and quick craft of each kind, and a fast and heavy ROV, which coasts furthest. A boat that steers by two
-thrusters turns in less space than one with a rudder."""
+"""Slow and quick craft of each kind, and a fast and heavy ROV, which coasts furthest.
+
+A boat that steers by two thrusters turns in less space than one with a rudder. Project choice.
+"""
 TIED = 1e9
-"""Inertia and drag of a craft that is tied up."""
+"""Inertia and drag of a craft that is tied up, large enough to prevent motion."""
 _FULL_SPEED: Mapping[str, float] = {"Y": 1.0, "Z": 1.5}
-"""Chosen [m/s]: speed at full output to the side, and up and down, of an unknown craft. The vertical one is above that
-of
-ROVs of up to 100 kg (0.6 to 1.3): too small a prediction would end at a limit."""
+"""Speed [m/s] of an unknown craft at full sideways and full vertical output.
+
+The vertical one is above that of ROVs of up to 100 kg (0.6 to 1.3). Too small a value would predict too little travel,
+and the run would end at a limit. Project choice.
+"""
 _SIDEWAYS = 0.3
-"""Chosen [s]: time constant of such a craft to the side, and up and down (0.1 to 0.6)."""
+"""Time constant [s] of an unknown craft sideways and vertically; known craft have 0.1 to 0.6. Project choice."""
 _BY_SQUARE = 0.7
-"""Chosen: share of quadratic drag in an ROV's yaw drag at full output, between Falcon (none) and VideoRay and
-AutoMarine
-(all of it; Miskovic2010, 7.2 to 7.4). Such a craft turns slowly at small outputs and takes long to come to rest."""
+"""Fraction of quadratic drag in an ROV's yaw drag at full output.
+
+It lies between Falcon (none) and VideoRay and AutoMarine (all of it; Miskovic2010, 7.2 to 7.4). Such a craft turns
+slowly at small outputs and takes long to come to rest. Project choice.
+"""
 _WEIGHT = 0.03
-"""Chosen [of full output]: weight in water, or buoyancy, of an unknown ROV (0.02 to 0.03)."""
+"""Weight in water or buoyancy of an unknown ROV [fraction of full output]; known ROVs have 0.02 to 0.03. Project
+choice."""
 _WAYS: Mapping[str, str] = {"X": "ahead", "Y": "to the side", "Z": "up or down"}
 
 
@@ -87,7 +97,7 @@ def motion_of(file: ModelFile, dof: str, full_scale: float | None) -> SingleDof:
     Raises
     ------
     UsageError
-        It has none, or its input is an angle or a force and its value at full output is unknown.
+        The model does not contain it, or its input is an angle or a force of unknown value at full output.
     """
     reduction = reduce(file.model, dof, file.inputs, names=file.names, covariance=file.covariance)
     unit = reduction.model.input_unit
@@ -104,12 +114,14 @@ def nominal_plant(
     speed: float,
     like: AssumedCraft | None = None,
 ) -> NominalPlant:
-    """Return the nominal plant: from the model of *settings*, from the vehicle's own figures, else an assumed one.
+    """Return the nominal plant: from the model of *settings*, else from the vehicle's own figures, else an assumed
+    one.
 
-    Its cruise shows how far it goes straight ahead. Its feed-forward gain shows its turning only roughly: the rate loop
-    works with far less rudder than a turn takes, and tunes keep it within ArduRover's range. So the turning is assumed.
+    The vehicle's cruise speed shows how far it goes straight ahead. Its feed-forward gain is only a rough measure of
+    its turning: the rate loop uses far less rudder than a turn, and tunes keep the gain within ArduRover's range. So
+    the turning is assumed.
 
-    *like*: which assumed craft; None: the usual one.
+    *like*: the assumed craft; None: the usual one.
     """
     if settings.kind.tied:
         return NominalPlant(SingleDof("yaw", "1", TIED, TIED), 0.0, "a craft that is tied up")
@@ -117,13 +129,13 @@ def nominal_plant(
     yaw, words, others = assumed.yaw, assumed.source, dict(assumed.others)
     drives = settings.kind.drives
     if settings.kind.axis:
-        words = f"an assumed well damped {settings.kind.axis} loop"
+        words = f"an assumed, well damped {settings.kind.axis} loop"
     along = [f for f in _WAYS if drives == {f}]
     if along:
         (force,) = along
         cruise = force == "X" and speed and throttle
         words = (
-            f"its cruise of {speed:g} m/s at {throttle:.0%} throttle"
+            f"its cruise speed of {speed:g} m/s at {throttle:.0%} throttle"
             if cruise
             else f"an assumed {others[force].steady_velocity(1.0):.2g} m/s {_WAYS[force]} at full output "
             "(more accurate with a --model file)"
@@ -156,7 +168,7 @@ def assumed_plant(
     speed: float,
     like: AssumedCraft | None = None,
 ) -> NominalPlant:
-    """Return an assumed plant with the vehicle's own figures as far as there are any; *like* None: the usual craft."""
+    """Return an assumed plant that uses the vehicle's own figures where available; *like* None: the usual craft."""
     under_way = firmware is not None and firmware.needs_way
     like = like or USUAL["rudder" if under_way else "rov"]
     gain = present.get("ATC_STR_RAT_FF", 0.0)
@@ -177,7 +189,7 @@ def assumed_plant(
 
 
 def assumed_crafts(steered_by: SteeredBy) -> tuple[AssumedCraft, ...]:
-    """Return the craft to assume for one without figures, the usual one first."""
+    """Return the craft to assume for a vehicle without figures, the usual one first."""
     known = (USUAL[steered_by], *_KIN[steered_by])
     return known if steered_by != "rov" else (*known, *(replace(like, sinks=False) for like in known))
 
@@ -191,7 +203,7 @@ def _by_the_square(dof: str, full_speed: float) -> SingleDof:
 def _lively(dof: str, full_speed: float, lag: float, share: float = 0.5) -> SingleDof:
     """Return a motion that reaches *full_speed* [m/s, rad/s] at full output with the time constant *lag* [s].
 
-    share : of quadratic drag in its drag at full speed.
+    share : fraction of quadratic drag in the drag at full speed.
     """
     linear, square = (1.0 - share) / full_speed, share / full_speed**2
     return SingleDof(dof, "1", (linear + 2.0 * square * full_speed) * lag, linear, square)

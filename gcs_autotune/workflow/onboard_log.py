@@ -1,4 +1,4 @@
-"""Fetch a log from the vehicle's SD card: a requested one, or that of the run just flown."""
+"""Download a log from the vehicle's SD card: a requested one, or the one of the run just flown."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ from gcs_autotune.workflow.study import study_of
 __all__ = ["RunLog", "fetch_onboard_log", "log_of_run"]
 
 _EVERY = 5.0
-"""Chosen: seconds between two progress messages."""
-_BY_HAND = "use `gcs-autotune logs fetch` to fetch it later"
+"""Seconds between two progress messages. Project choice."""
+_BY_HAND = "Use `gcs-autotune logs fetch` to fetch it later"
 
 
 def fetch_onboard_log(
     connection: Connection, number: int | None, operator: Operator, observer: Observer
 ) -> tuple[tuple[OnboardLog, ...], OnboardLog | None, bytes]:
-    """Return the logs there are, the one fetched and its bytes: *number*, the newest when None, none when 0.
+    """Return the list of logs, the one downloaded and its bytes. *number*: which log; None: the newest; 0: none.
 
     Raises
     ------
     UsageError
-        There is no such log. NoReply: the vehicle does not send it. OperatorStopped: the operator did.
+        There is no such log. NoReply: the vehicle does not send it. OperatorStopped: the operator stopped the download.
     """
     with connect(connection, operator, observer) as session:
         logs = list_logs(session)
@@ -52,8 +52,8 @@ def fetch_onboard_log(
         chosen = next((log for log in reversed(logs) if number in (None, log.number)), None)
         if chosen is None:
             have = ", ".join(str(log.number) for log in logs) or "none"
-            raise UsageError(f"there is no such onboard log. Available: {have}")
-        observer.say(f"fetching log {chosen.number}, {chosen.size} bytes")
+            raise UsageError(f"the vehicle has no onboard log of this number. Available: {have}")
+        observer.say(f"fetching log {chosen.number} ({chosen.size} bytes)")
         return logs, chosen, fetch_log(session, chosen, _teller(session.clock, observer))
 
 
@@ -71,17 +71,17 @@ def _teller(clock: Clock, observer: Observer) -> Callable[[int, int], None]:
 
 @dataclass(slots=True)
 class RunLog:
-    """The onboard log of one run; ``path`` once it is fetched."""
+    """The onboard log of one run; ``path`` is set once it is downloaded."""
 
     record: RunDirectory
     observer: Observer
     path: Path | None = None
 
     def identify(self, fits: Sequence[AxisFit], when: str) -> None:
-        """Identify from it what the telemetry was identified for, and report both models together.
+        """Identify from the log what the telemetry was identified for, and report both models together.
 
-        Writes ``fit-onboard.json`` and ``onboard.html`` to the run directory. A log without information is reported;
-        the run has not failed.
+        Writes ``fit-onboard.json`` and ``onboard.html`` to the run directory. A log that is not informative is
+        reported; the run still counts as complete.
         """
         if self.path is None:
             return
@@ -104,10 +104,10 @@ class RunLog:
 def log_of_run(
     wanted: bool, craft: MavlinkCraft, record: RunDirectory, operator: Operator, observer: Observer
 ) -> Iterator[RunLog]:
-    """Fetch the log that the vehicle wrote of the run within, once everything is restored, if it is *wanted*.
+    """Download the onboard log of the run inside the context, once everything is restored, if it is *wanted*.
 
-    Nothing is fetched while anything is to be restored, after a STOP, or over a failing link: then it is reported how
-    to fetch it later. A STOP during the download ends only the download.
+    Nothing is downloaded before the vehicle is restored, after a STOP, or over a failing link. A message then shows how
+    to download it later. A STOP during the download ends only the download.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def log_of_run(
         yield kept
     except AutotuneError as error:
         if wanted and isinstance(error, (OperatorStopped, LinkError)):
-            observer.say(f"the onboard log was not fetched; {_BY_HAND}")
+            observer.say(f"the onboard log was not fetched. {_BY_HAND}")
         elif wanted:
             _fetch(kept, craft, operator, before)
         raise
@@ -131,7 +131,7 @@ def log_of_run(
 def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
     if craft.armed:
         raise PreconditionFailed(
-            "--fetch-log: the vehicle is already armed and stays armed, but sends its logs only disarmed. Disarm it "
+            "--fetch-log: the vehicle is armed and stays armed, but it sends its logs only when disarmed. Disarm it "
             "first, or omit --fetch-log. Nothing was moved"
         )
     try:
@@ -139,13 +139,12 @@ def _logs_before(craft: MavlinkCraft) -> tuple[OnboardLog, ...]:
     except NoReply as error:
         raise PreconditionFailed(
             f"--fetch-log: {error}. Check that an SD card is fitted and LOG_BACKEND_TYPE is not 0, or omit "
-            f"--fetch-log. "
-            "Nothing was armed"
+            "--fetch-log. Nothing was armed"
         ) from error
 
 
 def _fetch(kept: RunLog, craft: MavlinkCraft, operator: Operator, before: Sequence[OnboardLog]) -> None:
-    """Fetch the log that is new, or has grown; a failure is only reported, since the run is complete."""
+    """Download the log that is new or has grown. A failure is only reported, since the run is complete."""
     session, say = craft.session, kept.observer.say
     sizes = {log.number: log.size for log in before}
     tell = _teller(session.clock, kept.observer)
@@ -165,12 +164,12 @@ def _fetch(kept: RunLog, craft: MavlinkCraft, operator: Operator, before: Sequen
                     "card"
                 )
                 return
-            say(f"fetching log {log.number} from the vehicle, {log.size} bytes; a STOP ends only this download")
+            say(f"fetching log {log.number} from the vehicle ({log.size} bytes). A STOP ends only this download")
             data = fetch_log(session, log, go_on)
     except _Enough:
-        say(f"the onboard log was not fetched completely; {_BY_HAND}")
+        say(f"the onboard log was not fetched completely. {_BY_HAND}")
     except AutotuneError as error:
-        say(f"the onboard log was not fetched: {error}; {_BY_HAND}")
+        say(f"the onboard log was not fetched: {error}. {_BY_HAND}")
     else:
         path = kept.record.path / f"onboard-{log.number}.bin"
         try:
@@ -183,4 +182,4 @@ def _fetch(kept: RunLog, craft: MavlinkCraft, operator: Operator, before: Sequen
 
 
 class _Enough(Exception):
-    """The operator does not want to wait for the log."""
+    """Raised when the operator does not wait for the log."""

@@ -1,8 +1,8 @@
-"""Runs of this machine whose journal is open: still going on, or cut off and not restored yet.
+"""Runs of this computer whose journal is open: still running, or interrupted and not restored yet.
 
 A journal may lie anywhere (``--out``), so each open one is noted in the user's state folder, one small file per
 journal: ``$XDG_STATE_HOME/gcs-autotune/open`` (``~/.local/state`` without that variable). Journals in ``runs`` of the
-working folder are looked at as well.
+working folder are read as well.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ __all__ = ["OpenRun", "forget_run", "note_run", "open_runs", "refuse_open_runs"]
 
 
 SIMULATED = ("sitl:", "memory")
-"""Beginnings of links whose vehicle ended with the program: there is nothing to restore on it."""
+"""Prefixes of simulated links. Their vehicle ended with the program, so nothing on it has to be restored."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpenRun:
-    """A run directory whose journal is open; ``is_going_on``: another program writes it now."""
+    """A run directory whose journal is open; ``is_going_on``: another program is still running it."""
 
     path: Path
     state: JournalState
@@ -51,14 +51,14 @@ def _note_of(journal: Path) -> Path:
 
 
 def note_run(journal: Path) -> None:
-    """Note that *journal* is open; a state folder that cannot be written does not prevent flying."""
+    """Register *journal* as open. A state folder that cannot be written does not prevent flying."""
     with suppress(OSError):
         _noted().mkdir(parents=True, exist_ok=True)
         _note_of(journal).write_text(str(journal.absolute()), encoding="utf-8")
 
 
 def forget_run(journal: Path) -> None:
-    """Remove the note of *journal*, because its run is settled."""
+    """Remove the entry of *journal*, because its run is closed."""
     with suppress(OSError):
         _note_of(journal).unlink(missing_ok=True)
 
@@ -72,7 +72,7 @@ def _journals() -> Iterator[Path]:
 
 
 def open_runs() -> list[OpenRun]:
-    """Return every run of this machine with an open journal, and remove the notes of missing and settled journals."""
+    """Return every run of this computer with an open journal. Remove the entries of missing and closed journals."""
     found: dict[Path, OpenRun] = {}
     for path in _journals():
         try:
@@ -89,12 +89,12 @@ def open_runs() -> list[OpenRun]:
 
 
 def refuse_open_runs(craft: MavlinkCraft) -> None:
-    """Reject a vehicle on which another run of this machine is open.
+    """Reject a vehicle on which another run of this computer is open.
 
     Raises
     ------
     PreconditionFailed
-        One is: still going on, or cut off and not restored.
+        Such a run is still going on, or was interrupted and not restored.
     """
     vehicle = craft.session.vehicle
     if vehicle is None or craft.session.transport.is_simulated:
@@ -102,14 +102,14 @@ def refuse_open_runs(craft: MavlinkCraft) -> None:
     other = craft.other_stations.at_work
     if other:
         raise PreconditionFailed(
-            f"another computer is running gcs-autotune on this vehicle: {other}. Wait for its end, or "
+            f"another computer is running gcs-autotune on this vehicle: {other}. Wait until that run ends, or "
             "stop it there. Nothing was armed or written"
         )
     for run in open_runs():
         if difference(run.state.vehicle, run.state.fingerprint, vehicle, craft.parameters):
             continue
         cure = (
-            "Wait for its end, or stop it with Ctrl-C there"
+            "Wait until it ends, or stop it there with Ctrl-C"
             if run.is_going_on
             else f"Run `gcs-autotune restore {run.path}` first"
         )

@@ -1,4 +1,4 @@
-"""The operator: may stop everything, and is asked before writes."""
+"""The operator, who can stop everything and is asked before writes."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ class Operator(Protocol):
     """A person who can stop the work and answer a question."""
 
     def stop_requested(self) -> bool:
-        """Whether Ctrl-C (or its like) was pressed."""
+        """Return whether Ctrl-C or its equivalent was pressed."""
         ...
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Return the answer to a yes/no question; *while_waiting* is called meanwhile to keep the link alive."""
+        """Return the answer to a yes/no question.
+
+        Call *while_waiting* repeatedly until then, to keep the link active.
+        """
         ...
 
 
 class Unattended:
-    """No operator: every question is answered beforehand (``--yes``)."""
+    """No operator: ``--yes`` answers every question in advance."""
 
     answered_beforehand = True
 
@@ -29,14 +32,14 @@ class Unattended:
         self.answer = answer
 
     def stop_requested(self) -> bool:
-        """Never."""
+        """Return False, because there is no operator who could request a stop."""
         return False
 
     def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
-        """Return the answer of ``--yes``."""
+        """Return the answer set by ``--yes``."""
         return self.answer
 
 
 def answers_questions(operator: Operator) -> bool:
-    """Whether *operator* answers a question now; with ``--yes`` there is no operator."""
+    """Return whether *operator* can answer a question now. With ``--yes`` there is no operator."""
     return not getattr(operator, "answered_beforehand", False)

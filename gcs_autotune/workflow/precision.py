@@ -1,4 +1,4 @@
-"""The precision that a trial which plans itself is to reach: ``N_r 5%, Y_v 10%``."""
+"""The precision that a self-planned trial has to reach, for example ``N_r 5%, Y_v 10%``."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from gcs_autotune_files import Refused, number, shown
 __all__ = ["Precision", "precision_of"]
 
 FORMS_FLOWN = ("horizontal",)
-"""Coupled forms that trials are planned for: their inputs are the forces that a flight records."""
+"""Coupled forms for which trials can be planned: their inputs are the forces that a flight records."""
 MOST_PERCENT = 100.0
 _ITEM = re.compile(r"\s*([A-Za-z][A-Za-z_0-9|]*)\s*[= ]\s*([0-9.]+)\s*%\s*")
 
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """The required precision: parameter -> standard error over value, of a ``form``, within ``seconds`` of runs.
+    """The required precision of a ``form``, to be reached within ``seconds`` of runs.
 
-    ``typed``: the user's name of a parameter, if the fit has another one.
+    It maps a parameter to its standard error divided by its value. ``typed`` contains the user's name of a parameter if
+    the fit uses another one.
     """
 
     wanted: Mapping[str, float]
@@ -34,46 +35,45 @@ class Precision:
 
     @property
     def dofs(self) -> tuple[str, ...]:
-        """The degrees of freedom of the form."""
+        """Degrees of freedom of the form."""
         return (self.form,) if self.form in DOFS else tuple(FORMS[self.form].dofs)
 
     def reached(self, relative: Mapping[str, float]) -> bool:
-        """Whether the relative standard errors are as small as required."""
+        """Return whether the relative standard errors are as small as required."""
         return all(relative[name] <= share for name, share in self.wanted.items())
 
     def told(self, relative: Mapping[str, float]) -> str:
-        """Return where each stands, in words."""
+        """Return a sentence with the present precision of each parameter."""
         return ", ".join(
             f"{self.called(n)} {_shown(relative[n])} (required {_shown(share)})" for n, share in self.wanted.items()
         )
 
     def called(self, name: str) -> str:
-        """Return a parameter by the user's name and the fit's."""
+        """Return the text that names a parameter as the user and the fit do."""
         return f"{self.typed[name]} = {name}" if name in self.typed else name
 
     @property
     def title(self) -> str:
-        """The required precision, in words."""
+        """Text of the required precision."""
         return ", ".join(f"{self.called(n)} to {_shown(share)}" for n, share in self.wanted.items())
 
 
 def precision_of(text: str, form: str, seconds: float) -> Precision:
-    """Read ``N_r 5%, Y_v 10%``; without a *form* it is the smallest that has all of these parameters.
+    """Parse a precision such as ``N_r 5%, Y_v 10%``. Without a *form*, choose the smallest one with all these
+    parameters.
 
     A derivative of one degree of freedom may be called by its SNAME name or by the fit's (``N_r``, ``beta_r``).
 
     Raises
     ------
     UsageError, UnknownName
-        It cannot be read, or no form, or not this *form*, has such a parameter.
+        The text cannot be read, or no form, or not this *form*, has such a parameter.
     """
     asked: dict[str, float] = {}
     for item in text.split(","):
         found = _ITEM.fullmatch(item)
         if found is None:
-            raise UsageError(
-                f"{shown(item.strip())} is not a parameter with a precision. Write e.g. --until 'N_r 5%, Y_v 10%'"
-            )
+            raise UsageError(f"{shown(item.strip())} is not NAME PERCENT. Write e.g. --until 'N_r 5%, Y_v 10%'")
         try:
             asked[found[1]] = number(found[2]) / 100.0
         except Refused as error:
@@ -102,7 +102,7 @@ def _asked(typed: Mapping[str, str], asked: Mapping[str, float], form: str, seco
 
 
 def _names(form: str) -> Mapping[str, str]:
-    """Return the names by which a form's parameters may be called -> what its fit calls them."""
+    """Return a table from the names by which a form's parameters may be called to the names in its fit."""
     if form not in DOFS:
         return {n: n for n in FORMS[form].free}
     nu = DOFS[form].velocity

@@ -1,7 +1,7 @@
-"""Checks before anything oscillates: the vehicle is ready and under way, the actuator acts in the right direction.
+"""Checks before any oscillation: the vehicle is ready and under way, and the actuator acts in the right direction.
 
-A freshly booted ArduRover passes its checks after half a minute, and takes GUIDED (while armed) only when its estimator
-has a position, most of a minute after boot: measured 23 s and 42 s on ArduPilot's own simulator.
+A freshly booted ArduRover passes its checks after half a minute. It accepts GUIDED (while armed) only when its
+estimator has a position, most of a minute after boot. On ArduPilot's own simulator these times were 23 s and 42 s.
 """
 
 from __future__ import annotations
@@ -52,28 +52,39 @@ __all__ = [
 ]
 
 CHECKED = {"N": "yaw", "X": "surge", "Z": "heave"}
-"""Force -> degree of freedom whose actuator is checked before it is driven."""
+"""For each force, the degree of freedom whose actuator is checked before the force is applied."""
 STAGE = "sign check"
 LEAST_SPEED = 0.25
-"""Chosen [m/s]: about the error of a GPS speed; below it the autopilot's scaling by speed is a lottery."""
+"""Speed [m/s] about equal to the error of a GPS speed.
+
+Below it the autopilot's scaling by speed is unreliable. Project choice.
+"""
 PULSES = (0.15, 0.3, 0.6)
-"""Sizes of the check, fractions of full output. Chosen: the first is beyond a transmitter's dead zone (0.06), the last
-is half a relay."""
+"""Pulse amplitudes of the check [fraction of full output].
+
+The first is beyond a transmitter's dead zone (0.06); the last is half the amplitude of a relay. Project choice.
+"""
 LEAST = 0.15
-"""Least motion that counts, relative to the least hysteresis of a relay on the signal. Chosen."""
+"""Smallest motion that counts as a response, relative to the smallest hysteresis of a relay on the signal. Project
+choice."""
 TURNED, TURNED_BY_ONE = math.radians(60.0), math.radians(20.0)
-"""Chosen: a boat whose rudder is off centre turns less than the first while thrust is tried; one of several thrusters
-that is dead turns a craft by more than the second."""
+"""Heading change under thrust alone above which the thrust check fails, for one thruster and for several.
+
+A boat whose rudder is off centre turns less than the first. A craft with one dead thruster of several turns by more
+than the second. Project choice.
+"""
 _MANUAL_SCALES = 1
 _CAP = "MOT_THR_MAX"
 _ROUNDING = 0.005
-"""A throttle of so little more than the cap is the cap [fraction of full]."""
+"""Excess of a throttle over the cap that is ignored as rounding [fraction of full output]."""
 
 
 def checked_dof(kind: ManoeuvreKind) -> str:
-    """Return the degree of freedom whose actuator is checked before a manoeuvre of the *kind*; empty for none.
+    """Return the degree of freedom whose actuator is checked before a manoeuvre of this *kind*; empty if there is
+    none.
 
-    Empty, too, for a craft that is tied up or before a wall: that relay itself detects a reversed actuator.
+    It is also empty for a craft that is tied up or in front of a wall, because that relay itself detects a reversed
+    actuator.
     """
     unchecked = kind.tied or kind.needs
     return "" if unchecked else next((CHECKED[force] for force in sorted(kind.drives) if force in CHECKED), "")
@@ -89,13 +100,14 @@ def sign_check_for(
     wanted_speed: float = math.nan,
     most_speed: float = math.inf,
 ) -> SignCheck | ThrustCheck:
-    """Return the check of what moves *dof* (``yaw``, ``heave``, ``surge``).
+    """Return the check of the actuator of *dof* (``yaw``, ``heave``, ``surge``).
 
-    needs_speed : whether the actuator needs speed; None: as every one of such craft. output : of the relay, if given.
+    needs_speed : whether the actuator needs speed to act; None: as usual for such craft. output : the relay amplitude,
+        if supplied.
 
-    A boat that goes faster than *most_speed* [m/s] gets less throttle, until the one for *wanted_speed* is known.
-    A craft that steers at rest is checked at rest, whatever *throttle* it is flown at: many ROVs are unstable on their
-    course, so that they turn under way without steering.
+    If a boat exceeds *most_speed* [m/s], the throttle is reduced until the throttle for *wanted_speed* is known. A
+    craft that can steer at rest is checked at rest, whatever *throttle* is used later. The reason is that many ROVs are
+    unstable on course and turn under way without steering.
     """
     firmware, servos, d = craft.firmware, craft.servos, excitation_of(dof)
     needs_speed = firmware.needs_way if needs_speed is None else needs_speed
@@ -124,7 +136,7 @@ def sign_check_for(
 
 
 def _thrust_check(firmware: Firmware, servos: ServoMap, throttle: float, output: float | None) -> ThrustCheck:
-    """Return the check of what drives the craft ahead: half the throttle that it will work at, then all of it."""
+    """Return the check of forward thrust: half the working throttle first, then all of it."""
     driving = servos.driving("X")
     most = throttle or (PULSES[-1] if output is None else output)
     return ThrustCheck(
@@ -148,27 +160,27 @@ def _outlets(driving: Sequence[tuple[Output, float]]) -> tuple[Outlet, ...]:
 
 
 def _astern(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to change on a craft that goes astern when commanded ahead."""
+    """Return what to change on a craft that moves astern when commanded ahead."""
     if firmware.frame_parameter:
         return cure_of(firmware, list(outputs))
     now = [(f"SERVO{o.channel}_REVERSED", int(o.sign < 0.0)) for o in outputs]
     settings = " and ".join(f"{name} to {1 - value} (it is {value})" for name, value in now)
-    return f"Set {settings}, or reverse the propeller. If the craft visibly went ahead, correct AHRS_ORIENTATION"
+    return f"Set {settings}, or reverse the propeller. If the craft did go ahead, correct AHRS_ORIENTATION"
 
 
 def crooked(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to check on a craft that turns under thrust alone."""
+    """Return what to check on a craft that turns under straight thrust alone."""
     channels = " and ".join(f"SERVO{o.channel}" for o in outputs)
     if firmware.frame_parameter or len(outputs) > 1:
         return (
-            f"one of the thrusters on {channels} is dead or reversed. Find it, and set its "
+            f"one of the thrusters on {channels} is dead or reversed. Identify it, then set its "
             f"{'MOT_n_DIRECTION' if firmware.frame_parameter else 'SERVOn_REVERSED'} or repair it"
         )
-    return f"trim the rudder (its SERVOn_TRIM), and check the direction of the propeller on {channels}"
+    return f"trim the rudder (its SERVOn_TRIM) and check the direction of the propeller on {channels}"
 
 
 def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
-    """Return what to change on a craft that turns away from where it is steered."""
+    """Return what to change on a craft that turns in the wrong direction."""
     channels = [f"SERVO{o.channel}" for o in outputs]
     if firmware.frame_parameter:
         return (
@@ -178,19 +190,20 @@ def cure_of(firmware: Firmware, outputs: Sequence[Output]) -> str:
     if len(outputs) == 1:
         now = int(outputs[0].sign < 0.0)
         return (
-            f"Set {channels[0]}_REVERSED to {1 - now} (it is {now}), or reverse the linkage. If the craft visibly "
-            "turned the right way, correct AHRS_ORIENTATION"
+            f"Set {channels[0]}_REVERSED to {1 - now} (it is {now}), or reverse the linkage. If the craft did "
+            "turn the right way, correct AHRS_ORIENTATION"
         )
     return f"Left and right are swapped: swap {' and '.join(f'{c}_FUNCTION' for c in channels)}"
 
 
 def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], Trial]) -> None:
-    """Fly the check.
+    """Fly the sign check.
 
     Raises
     ------
     PreconditionFailed
-        The actuator is dead, reversed, saturated or too weak, or the boat has no headway; the message has the cure.
+        The actuator is dead, reversed, saturated or too weak, or the boat has no headway; the message states the
+            remedy.
     """
     flown = fly(check, STAGE)
     if flown.ending == "aborted":
@@ -198,7 +211,7 @@ def check_signs(check: SignCheck | ThrustCheck, fly: Callable[[Manoeuvre, str], 
 
 
 def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
-    """Whether a craft is steered, or its heading held, while *dof* is tried: then its steering is checked as well."""
+    """Return whether steering acts or heading is held while *dof* is tried; its actuator is then checked as well."""
     excitation = excitation_of(dof)
     if excitation.turns or not servos.driving("N"):
         return False
@@ -207,9 +220,10 @@ def steered_meanwhile(dof: str, firmware: Firmware, servos: ServoMap) -> bool:
 
 
 def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
-    """Return the speed [m/s] beyond which a boat sent to *speed* gets less throttle; infinite if *throttle* is set.
+    """Return the speed [m/s] above which the throttle of a boat sent to *speed* is reduced. Infinite if *throttle* is
+    set.
 
-    limit : the safety limit of the speed.
+    limit : the safety limit for the speed.
     """
     if throttle is not None or not speed > 0.0:
         return math.inf
@@ -217,36 +231,37 @@ def most_speed_of(throttle: float | None, speed: float, limit: float) -> float:
 
 
 TOO_FAST = 1.6
-"""Chosen: a boat that goes so many times its cruise speed at its cruise throttle has a wrong pair of them."""
+"""Ratio of the speed at cruise throttle to the cruise speed above which the two parameters count as inconsistent.
+Project choice."""
 
 
 def check_throttle_is_free(craft: MavlinkCraft, dof: str, throttle: float) -> None:
-    """Check that the autopilot passes the *throttle* [fraction of full] that the speed of a boat is tuned with.
+    """Check that the autopilot does not cap the *throttle* [fraction of full] at which a boat's speed is tuned.
 
-    With a lower cap it is at its limit for most of every manoeuvre, which then identifies nothing.
+    With a lower cap the output is saturated during most of each manoeuvre, and nothing can be identified.
 
     Raises
     ------
     PreconditionFailed
-        It caps it; the message has the numbers and the cure.
+        The autopilot caps it; the message states the numbers and the remedy.
     """
     if not excitation_of(dof).by_throttle or not craft.firmware.needs_way:
         return
     cap = craft.parameters.read_existing([_CAP]).get(_CAP, 100.0) / 100.0
     if 0.0 < cap < throttle - _ROUNDING:
         raise PreconditionFailed(
-            f"{_CAP} is {100.0 * cap:.0f} %, so the autopilot would saturate the throttle steps, which go up to "
+            f"{_CAP} is {100.0 * cap:.0f} %, so the autopilot would limit the throttle steps of up to "
             f"{throttle:.0%}. Use --throttle {cap:.2f}, or set {_CAP} to 100. "
             "Nothing was armed"
         )
 
 
 _PRESSURE_PATIENCE = 2.0
-"""Chosen [s]: a sensor that has not reported a pressure by then, on request, does not report one."""
+"""Time [s] to wait for a requested pressure. After it the sensor counts as missing. Project choice."""
 
 
 def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
-    """Check that the water-pressure sensor reports a depth; it is requested if the vehicle does not send it.
+    """Check that the water-pressure sensor reports a depth. Request the message if the vehicle does not send it.
 
     Raises
     ------
@@ -262,24 +277,24 @@ def check_depth_is_reported(craft: MavlinkCraft, dof: str) -> None:
     pressure = told.get("pressure", math.nan)
     if pressure <= 0.0:
         raise PreconditionFailed(
-            f"the water-pressure sensor reports {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), a negative pressure, so "
-            "the autopilot has no depth. ArduPilot's simulator does this if its --home is higher than 10 m "
-            "above the sea. Start it with an altitude of 0. Nothing was armed"
+            f"the water-pressure sensor reports a negative pressure, {pressure / 100.0:.0f} hPa (SCALED_PRESSURE2), so "
+            "the autopilot has no depth. ArduPilot's simulator does this if its --home is more than 10 m "
+            "above sea level: start it with an altitude of 0. Nothing was armed"
         )
 
 
 def remarks_on(craft: MavlinkCraft) -> list[str]:
-    """Return unusual settings of the vehicle that matter here: arming checks off, manual steering scaling."""
+    """Return remarks on unusual settings of the vehicle: arming checks switched off, scaled manual steering."""
     wanted = ["ARMING_CHECK", *(["MANUAL_OPTIONS"] if craft.firmware.needs_way else [])]
     names, own = read_named(craft.parameters, wanted)
     values, found = names.to_canonical(own), []
     if values.get("ARMING_CHECK") == 0.0:
         name = names.own("ARMING_CHECK")
-        found.append(f"{name} is {own[name]:g}: this vehicle arms without its own checks")
+        found.append(f"{name} is {own[name]:g}: this vehicle arms without the autopilot's own checks")
     if int(values.get("MANUAL_OPTIONS", 0.0)) & _MANUAL_SCALES:
         found.append(
-            "MANUAL_OPTIONS scales the steering by speed in MANUAL too, so relays are smaller than commanded. The "
-            "measured servo output is used"
+            "MANUAL_OPTIONS scales the steering by speed in MANUAL, so relays are smaller than commanded. "
+            "Identification uses the measured servo output"
         )
     return found
 
@@ -287,10 +302,13 @@ def remarks_on(craft: MavlinkCraft) -> list[str]:
 _CHECKS_PATIENCE = 30.0
 _POSITION_PATIENCE = 90.0
 _SILENT = 2.5
-"""Chosen [s]: a vehicle that has not reported on its estimator by then (asked at 2 Hz) does not do so at all."""
+"""Longest time to wait for the estimator's status [s], requested at 2 Hz.
+
+A vehicle that has not sent it by then counts as not reporting it. Project choice.
+"""
 _REPORT = "EKF_STATUS_REPORT"
 _POS_HORIZ_ABS = 1 << 4
-"""ESTIMATOR_POS_HORIZ_ABS, and the same by prediction, of ``flags``."""
+"""Bits of ``flags`` for an absolute horizontal position: ESTIMATOR_POS_HORIZ_ABS, and the predicted one."""
 _PRED_POS_HORIZ_ABS = 1 << 9
 
 
@@ -309,7 +327,7 @@ class _Estimator:
 
     @property
     def has_position(self) -> bool:
-        """Whether it has one; a vehicle that does not report is believed."""
+        """Whether the estimator has a position. True if the vehicle does not report a status."""
         if self.flags is None:
             return self._clock.now() >= self._quiet_until
         return bool(self.flags & (_POS_HORIZ_ABS | _PRED_POS_HORIZ_ABS))
@@ -319,9 +337,9 @@ class _Estimator:
 
 
 def make_ready(craft: MavlinkCraft, observer: Observer) -> None:
-    """Wait, sending neutral overrides, until a disarmed vehicle passes its checks and a boat has a position.
+    """Send neutral overrides until a disarmed vehicle passes its checks and a boat has a position.
 
-    After half a minute the checks are left to arming, which reports why they fail.
+    After half a minute arming is tried anyway, because it reports why the checks fail.
 
     Raises
     ------
@@ -338,7 +356,7 @@ def _await_checks(craft: MavlinkCraft, observer: Observer) -> None:
     deadline, said = Deadline.after(craft.clock, _CHECKS_PATIENCE), False
     while not craft.armed and craft.telemetry.latest.get("prearm_ok", math.nan) == 0.0 and not deadline.expired:
         if not said:
-            observer.say(f"waiting for the vehicle's own checks{_reasons(craft)}")
+            observer.say(f"waiting for the autopilot's arming checks{_reasons(craft)}")
             said = True
         craft.observe()
 
@@ -353,8 +371,8 @@ def _await_position(craft: MavlinkCraft, observer: Observer) -> None:
                 said = True
             if deadline.expired:
                 raise PreconditionFailed(
-                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, and rejects "
-                    f"{craft.firmware.hold_mode} without one. Check GPS (sky view, fix type) and compass, and try again"
+                    f"the vehicle has had no position estimate for {_POSITION_PATIENCE:g} s, which "
+                    f"{craft.firmware.hold_mode} needs. Check GPS (sky view, fix type) and compass, then try again"
                 )
             craft.observe()
     finally:
@@ -367,12 +385,12 @@ def _reasons(craft: MavlinkCraft) -> str:
 
 
 def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
-    """Check that the vehicle has what a manoeuvre drives, and a rudder where an angle is set.
+    """Check that the vehicle has the actuators that a manoeuvre needs, and a rudder if a rudder angle is set.
 
     Raises
     ------
     WrongVehicle
-        It lacks it. UsageError: a rudder angle is set, and there is no rudder.
+        An actuator is missing. UsageError: a rudder angle is set, and there is no rudder.
     """
     kind, firmware = settings.kind, craft.firmware
     if kind.axis and kind.axis not in firmware.axes:
@@ -389,22 +407,22 @@ def check_vehicle_suits(settings: FlySettings, craft: MavlinkCraft) -> None:
     if idle:
         raise WrongVehicle(f"none of this vehicle's outputs drives {' or '.join(idle)}, which {kind.name} needs")
     if "rudder" in settings.options and (craft.servos.skid or not firmware.needs_way):
-        raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering, a normalised output")
+        raise UsageError("this vehicle steers by its thrusters and has no rudder. Use --steering (normalised output)")
 
 
 _MESSAGE_OF: Mapping[str, tuple[str, float]] = {"d": ("DISTANCE_SENSOR", 10.0)}
-"""Signal that not every vehicle reports -> its message, and the requested rate [Hz]."""
+"""For each signal that not every vehicle reports: its message and the requested rate [Hz]."""
 _WAITING = 5.0
-"""Chosen [s]: for the first of them."""
+"""Time [s] to wait for the first of these messages. Project choice."""
 
 
 def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
-    """Request the messages that *kind* is evaluated from, and check that a signal it requires arrives.
+    """Request the messages for evaluating *kind*, and check that each required signal arrives.
 
     Raises
     ------
     PreconditionFailed
-        It does not.
+        A required signal does not arrive.
     """
     if kind.axis:
         craft.rates.request(axis_kind(kind.axis).rates)
@@ -417,7 +435,7 @@ def check_signals(kind: ManoeuvreKind, craft: MavlinkCraft) -> None:
     while not math.isfinite(now.value(kind.needs)):
         if now.t > until:
             raise PreconditionFailed(
-                f"{kind.name} needs a forward rangefinder, but the vehicle reports no distance ({message}, "
-                "orientation 0) in its range. Nothing was armed"
+                f"{kind.name} needs a forward rangefinder, but the vehicle reports no distance within its range "
+                f"({message}, orientation 0). Check the rangefinder. Nothing was armed"
             )
         now = craft.observe()

@@ -1,7 +1,7 @@
-"""How a loop is proved: the step flown before and after, and what the design must know of it.
+"""The proof of a loop: a step flown before and after the change, and the facts that the design needs.
 
-A heading or a depth is stepped from where the craft is. A speed or a turn rate is stepped about what the craft was
-found to keep, so there the experiments come first.
+A heading or depth step starts from the present value. A speed or turn-rate step is flown about the steady value
+measured in the experiments, so there the experiments come first.
 """
 
 from __future__ import annotations
@@ -51,19 +51,22 @@ __all__ = [
 ]
 
 FILTERED = ("surge",)
-"""Degrees of freedom whose velocity is that of a satellite receiver, which is filtered."""
+"""Degrees of freedom whose velocity comes from a satellite receiver, which filters it."""
 SHARE_OF_TOP = 0.4
-"""The speed step goes from 60 % of the working speed up to it."""
+"""Size of the speed step as a fraction of the working speed: it goes from 60 % of that speed up to it."""
 LEAST_NOISES = 8.0
 """Smallest useful step, in standard deviations of the measured noise."""
 SPEED_BAND, RATE_BAND = 0.2, 0.25
-"""Deviation from the held velocity that counts as steady before the step, as a fraction of it. Velocities are noisy."""
+"""Deviation from the held velocity that counts as steady before the step, as a fraction of that velocity.
+
+It is large because velocity signals are noisy.
+"""
 NEAR = 0.9
-"""A step that ends below this fraction of the speed in the experiments sets its cruise pair to its final speed."""
+"""Fraction of the experiment's speed. A step that ends below it sets its cruise parameters to its final speed."""
 SAME_SPEED = 0.02
-"""Relative difference to the measured cruise speed up to which the present one is not changed."""
+"""Relative difference from the measured cruise speed below which the present cruise speed is kept."""
 LEAST_SETTLE = 6.0
-"""Shortest time [s] that a boat gets to reach the turn rate at which its step begins."""
+"""Shortest time [s] for a boat to reach the turn rate at which its step begins."""
 SETTLE_OF_TIME, LEAST_DURATION, MOST_DURATION = 5.0, 8.0, 25.0
 """Duration of a speed step in time constants of the craft, and its limits [s]."""
 SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
@@ -72,21 +75,22 @@ SHORT_OF_TIME, LEAST_SHORT = 3.5, 5.0
 A boat with useful gains is at its target by then. The two steps are compared over the time that both recorded.
 """
 HOLD = 10.0
-"""Hold [s] before the step of a craft that can keep its position, for the integral to settle. Our choice."""
+"""Hold [s] before the step of a craft that can keep its position, for the integral to settle. Project choice."""
 ENOUGH, ENOUGH_AT_REST = 5.0, 6.0
-"""Time on target [s] that ends a half step, under way and at rest. Our choice.
+"""Time on target [s] that ends a half step, under way and at rest. Project choice.
 
-A craft that drifts slowly because its thrusters have a dead band drifts for longer than this.
+A slow drift due to a dead band of the thrusters lasts longer than this.
 """
 LEAST = 3.0
-"""Shortest duration [s] of each of these waits, even if craft and output are at rest. Our choice."""
+"""Shortest duration [s] of each of these waits, even if craft and output are at rest. Project choice."""
 OF_TIME_BESIDE = 3.0
 """Duration of the additional turn-rate step of a heading tune, in time constants of the craft."""
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """The model of the craft with normalised outputs, its actuator, and the noise of its velocity (SI)."""
+    """Known properties of the craft: its model with normalised outputs, its actuator, and the noise of its velocity
+    (SI)."""
 
     model: SingleDof
     actuator: Actuator
@@ -94,10 +98,11 @@ class Known:
 
 
 def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
-    """Return what experiments, or a model file, show of *axis* before the loop itself is flown.
+    """Return what experiments or a model file show about *axis* before the loop itself is flown.
 
-    The noise is that between neighbouring samples: what a model leaves unexplained is more than noise. Speeds over
-    ground are filtered by the receiver, so that neighbouring samples share their noise: there it is the residual.
+    The noise is the difference between neighbouring samples, because the residual of a model includes more than noise.
+    A receiver filters speeds over ground, so neighbouring samples have correlated noise. For these the residual is
+    used.
     """
     if isinstance(source, Identified):
         fit, curved = source.fit, source.curved
@@ -116,23 +121,26 @@ def known_of(source: Identified | SuppliedModel, axis: Axis) -> Known:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """One step: ``settings`` as flown, ``design_speed`` [m/s] for the law (None: the measured one), and what was
-    ``measured`` (parameter -> value)."""
+    """One proof step.
+
+    ``settings``: the step as flown. ``design_speed`` [m/s]: the speed for the control law; None: the measured one.
+    ``measured``: parameter -> measured value.
+    """
 
     settings: StepSettings
     design_speed: float | None
     measured: Mapping[str, float]
 
     def step(self, name: str) -> Step:
-        """Return the manoeuvre."""
+        """Return the manoeuvre that flies the step."""
         return Step(self.settings, name)
 
     def after(self, before: Trial) -> Proof:
-        """Return the proof whose next step is held for as long as *before* was.
+        """Return the proof for the new gains, whose hold before the step lasts as long as *before* did.
 
-        What the integral has come to when the step begins is part of what is measured: 3 s of hold instead of 12 s
-        double the error over time of a BlueROV2's heading step. So it is held at least as long, and longer where it is
-        not at rest by then.
+        The controller's integral at the start of the step affects the measurement: a hold of 3 s instead of 12 s
+        doubles the ITAE of a BlueROV2's heading step. So the hold lasts at least as long as before, and longer if the
+        craft is not at rest by then.
         """
         s, targets = self.settings, [mark.t for mark in before.marks if mark.kind == "target"]
         held = targets[1] - targets[0] if len(targets) > 1 else s.hold
@@ -141,7 +149,7 @@ class Proof:
 
 
 def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
-    """Return the heading or depth step, at *speed* [m/s]."""
+    """Return the heading or depth step, flown at *speed* [m/s]."""
     d = axis.kind
     step = StepSettings(
         signal=d.excitation.signal,
@@ -157,26 +165,26 @@ def proof_about_rest(settings: TuneSettings, axis: Axis, speed: float) -> Proof:
 
 
 def _enough(settings: TuneSettings, seconds: float) -> float:
-    """Return the *seconds* after which a wait may end early: never with Miskovic2010's stop rule."""
+    """Return the *seconds* after which a wait may end early, or never with Miskovic2010's stop rule."""
     return math.inf if not settings.ends_early else seconds
 
 
 def proof_of_velocity(
     dof: str, settings: TuneSettings, throttle: float, speed: float, known: Known, present: Mapping[str, float]
 ) -> Proof:
-    """Return the step of a loop on the velocity of *dof* (``surge``, ``yaw``); errors as those of its own."""
+    """Return the step of a loop that controls the velocity of *dof* (``surge``, ``yaw``); errors as for each loop."""
     if excitation_of(dof).by_throttle:
         return proof_of_speed(settings, throttle, known, present)
     return proof_of_turn_rate(settings, speed, known)
 
 
 def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, present: Mapping[str, float]) -> Proof:
-    """Return the speed step about what the boat keeps at *throttle* [fraction], and that pair.
+    """Return the speed step about the steady speed at *throttle* [fraction], and the pair of throttle and speed.
 
     Raises
     ------
     PreconditionFailed
-        The boat hardly moves, or below the autopilot's WP_SPEED a step is hidden by the noise.
+        The boat hardly moves, or a step below the autopilot's WP_SPEED is too small for the noise.
     """
     model = known.model
     force = float(known.actuator.static(np.array([pulse_of(throttle, present)]))[0])
@@ -187,7 +195,7 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
     size = abs(settings.step) if settings.step is not None else SHARE_OF_TOP * top
     if not (math.isfinite(kept) and top > size > LEAST_NOISES * known.noise_std):
         raise PreconditionFailed(
-            f"a speed step of {size:.2f} m/s up to {top:.2f} m/s is hidden by the noise of "
+            f"a speed step of {size:.2f} m/s up to {top:.2f} m/s is too small for the speed noise of "
             f"{known.noise_std:.3f} m/s. Use a larger --throttle or --step, or raise WP_SPEED ({limit:g} m/s)"
         )
     drag = model.beta + 2.0 * model.beta_quadratic * (top - size)
@@ -204,9 +212,9 @@ def proof_of_speed(settings: TuneSettings, throttle: float, known: Known, presen
 
 
 def _cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) -> dict[str, float]:
-    """Return the whole percent of throttle nearest to *throttle* and the speed the boat keeps at it.
+    """Return the whole percent nearest to *throttle*, and the speed the boat holds at it.
 
-    The speed is the steady one of the model. The present pair stays if it is the same.
+    The speed is the model's steady speed. The present pair is kept if it is the same.
     """
     percent = float(max(round(100.0 * throttle), 1))
     force = float(known.actuator.static(np.array([pulse_of(percent / 100.0, present)]))[0])
@@ -220,7 +228,7 @@ def _cruise_pair(known: Known, throttle: float, present: Mapping[str, float]) ->
 def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, beside: bool = False) -> Proof:
     """Return the turn-rate step, from one side to the other, at *speed* [m/s].
 
-    beside : it accompanies a heading tune, is shorter, and ignores size and time of *settings*.
+    beside : whether it accompanies a heading tune. It is then shorter and ignores size and time of *settings*.
 
     Raises
     ------
@@ -235,7 +243,7 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, be
         size = abs(settings.step) if settings.step is not None else size
     if not size > LEAST_NOISES * known.noise_std:
         raise PreconditionFailed(
-            f"a turn-rate step of {math.degrees(size):.1f} deg/s is hidden by the noise. Use a larger --step"
+            f"a turn-rate step of {math.degrees(size):.1f} deg/s is smaller than the noise. Use a larger --step"
         )
     step = StepSettings(
         "r",
@@ -252,26 +260,26 @@ def proof_of_turn_rate(settings: TuneSettings, speed: float, known: Known, *, be
 
 
 STRAIGHT = 0.2
-"""A curvature of the thrust curve below this is not reported."""
+"""Curvature of the thrust curve below which it is not reported."""
 
 
 def reduction_of(fit: AxisFit) -> Reduction | None:
-    """Return the model of a surge fit with its thrust curve; None when it has none."""
+    """Return the model of a surge fit including its thrust curve; None if the fit has no curve."""
     if CURVE not in fit.extra:
         return None
     square = square_of(fit)
     curve = Remark(
         "quadratic-actuator",
         fit.model.axis.force,
-        f"thrust depends by {square:.0%} on the square of the throttle; the margins cover both ends of the step",
-        f"MOT_THST_EXPO about {min(max(square, -1.0), 1.0):.2f} would linearise it (then tune again)",
+        f"{square:.0%} of the thrust grows with the square of the throttle. The margins cover both ends of the step",
+        f"MOT_THST_EXPO about {min(max(square, -1.0), 1.0):.2f} would linearise the thrust. Then tune again",
     )
     remarks = (curve,) if abs(square) > STRAIGHT else ()
     return Reduction(fit.model, fit.model.axis.force, fit.craft_covariance, Actuator(square=square), remarks=remarks)
 
 
 def reduction_with_curve(found: Fit[Model], axis: Axis) -> Reduction:
-    """Return what a loop of *axis* is designed with when the curve is known."""
+    """Return the model that a loop of *axis* is designed with if the thrust curve is known."""
     model, units, covariance = design_input_of(found)
     return reduce(model, axis.dof, units, law=axis.law, names=tuple(found.parameters), covariance=covariance)
 

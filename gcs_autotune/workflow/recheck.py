@@ -1,5 +1,8 @@
-"""``recheck``: is the old tune still good? Two relays on the set-point are flown, and flown again at half their size
-where they do not show it; the result stands beside that of the last tune of the same vehicle."""
+"""``recheck``: test whether the gains of an earlier tune are still good.
+
+Two relays on the set-point are flown. If they do not show the loop, they are flown again at half their size. The result
+is compared with that of the last tune of the same vehicle.
+"""
 
 from __future__ import annotations
 
@@ -28,19 +31,21 @@ from gcs_autotune_files import read
 __all__ = ["LastTune", "Recheck", "last_tune", "recheck", "verdict_of"]
 
 AFTER = "parameters_after.json"
-"""The vehicle's parameters at the end of a tune."""
+"""Name of the file with the vehicle's parameters at the end of a tune."""
 SMALLER, LARGER = 0.5, 2.0
-"""Sizes of the second flight, relative to the first: larger if a dead band or noise hid the loop."""
+"""Sizes of the second flight relative to the first. It is larger if a dead band or noise masked the response."""
 MORE = 0.1
-"""Increase of the overshoot since the tune that counts as worse. Chosen."""
+"""Increase of the overshoot since the tune that counts as worse. Project choice."""
 SLOWER = 1.5
-"""Factor on rise and settling time since the tune that counts as slower. Chosen."""
+"""Factor on rise and settling time since the tune that counts as slower. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class LastTune:
-    """The last tune of the vehicle that is on disk: its ``directory``, ``when``, the ``numbers`` of the step that its
-    gains flew, and those ``gains``."""
+    """The last tune of the vehicle stored on disk.
+
+    ``directory`` and ``when`` identify it. ``numbers`` are those of the step flown with its ``gains``.
+    """
 
     directory: Path
     when: str
@@ -48,13 +53,16 @@ class LastTune:
     gains: Mapping[str, float]
 
     def changed(self, present: Mapping[str, float]) -> tuple[str, ...]:
-        """Return the gains that have another value at *present*."""
+        """Return the gains whose values in *present* differ."""
         return tuple(n for n, v in self.gains.items() if n in present and not same_float32(v, present[n]))
 
 
 def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool]) -> LastTune | None:
-    """Return the last tune of *axis* below *runs* that kept gains, of a vehicle that *is_same* (SETTING_OUT's content)
-    says is this one; None where there is none. Folders that hold something else are passed over."""
+    """Return the last tune of *axis* below *runs* that kept its gains; None if there is none.
+
+    *is_same* decides from the content of SETTING_OUT whether a tune is of this vehicle. Folders with other content are
+    skipped.
+    """
     found = []
     for summary in runs.glob(f"*/{SUMMARY}"):
         try:
@@ -77,13 +85,14 @@ def last_tune(runs: Path, axis: str, is_same: Callable[[Mapping[str, Any]], bool
 
 
 class Recheck:
-    """What follows the first flight: read its loop, and fly again with other sizes where it does not show.
+    """The rule for a second flight: evaluate the loop from the first, and fly again with other sizes if necessary.
 
-    ``tune`` is the last tune of the vehicle, ``changed`` the gains that are others since. ``factor`` is that of the
-    sizes of a second flight, 0 without one. ``sheet`` was read off the flight ``shown``; ``why`` there is none.
+    ``tune``: the last tune of the vehicle. ``changed``: the gains changed since. ``factor``: size of the second flight
+    relative to the first; 0: none. ``sheet``: the figures computed from the flight ``shown``. ``why``: the reason if
+    there are none.
     """
 
-    words = "fly once more at half or twice these sizes if the first relays do not determine the damping of the loop"
+    words = "if these relays do not determine the damping of the loop, fly again at half or twice their size"
 
     def __init__(self, axis: AxisKind, runs: Path, observer: Observer) -> None:
         self._axis, self._runs, self._observer = axis, runs, observer
@@ -95,7 +104,7 @@ class Recheck:
         self.shown: Trial | None = None
 
     def meet(self, craft: MavlinkCraft) -> None:
-        """Find the last tune of this vehicle, and whether its gains are still in place."""
+        """Find the last tune of this vehicle, and determine whether its gains are still set."""
         here = craft.session.vehicle
         assert here is not None
 
@@ -108,11 +117,14 @@ class Recheck:
             return
         present = craft.parameters.read_existing(list(self.tune.gains))
         self.changed = self.tune.changed(present)
-        others = f"; since then {', '.join(self.changed)} changed" if self.changed else "; its gains are unchanged"
+        others = f". Changed since: {', '.join(self.changed)}" if self.changed else ". Its gains are unchanged"
         self._observer.say(f"the last {self._axis.name} tune is {self.tune.directory}{others}")
 
     def another(self, run: FlySettings, trial: Trial, think: Callable[..., Any]) -> FlySettings | None:
-        """Return the next run, or None if the last one was sufficient; *think* computes while the link is served."""
+        """Return the next run, or None if the last one was sufficient.
+
+        *think* runs a computation while the link is served.
+        """
         sheet, why = think(partial(read_loop, trial))
         if not self.factor or (sheet is not None and _is_informative(sheet)):  # else the first one says more
             self.sheet, self.why, self.shown = sheet, why, trial
@@ -130,12 +142,12 @@ class Recheck:
             return None
         self.factor = factor
         half = "half of" if factor < 1.0 else "twice"
-        self._observer.say(f"these sizes do not determine the damping of the loop: flying again at {half} them")
+        self._observer.say(f"the relays do not determine the damping of the loop: flying again at {half} their size")
         return other
 
 
 def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
-    """Return the figures of a flight, or why there are none."""
+    """Return the figures of a flight, or the reason why there are none."""
     try:
         (sheet,) = ship_figures(trial)
     except NotInformative as error:
@@ -144,7 +156,7 @@ def read_loop(trial: Trial) -> tuple[Sheet | None, str]:
 
 
 def _is_informative(sheet: Sheet) -> bool:
-    """Return whether a verdict on the loop is possible: its damping is known."""
+    """Return whether the loop can be judged, that is, whether its damping is known."""
     numbers = {f.slug: f.reading for f in sheet.figures}
     if "oscillation" in numbers:
         return True
@@ -173,7 +185,7 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
     note: tuple[str, ...] = ()
     if check.factor:
         changed = "halved" if check.factor < 1.0 else "doubled"
-        note = (f"The first sizes gave no clear result, so they were {changed} and flown again.",)
+        note = (f"The first relays gave no clear result, so their sizes were {changed} and flown again.",)
     if check.changed:
         note = (*note, f"Gains changed since the tune: {', '.join(check.changed)}.")
     if sheet is not None and "oscillation" in told:
@@ -195,35 +207,35 @@ def verdict_of(axis: str, check: Recheck) -> LoopCheck:
         return verdict("poorly damped", text, "bad", note)
     if over + over_std > LARGE_OVERSHOOT:
         shown = f"{100.0 * over:.0f} +- {100.0 * over_std:.0f} %"
-        text = f"Undecided: a step overshoots by {shown}; the limit is {100.0 * LARGE_OVERSHOOT:.0f} %."
+        text = f"Undecided: a step overshoots by {shown}. The limit is {100.0 * LARGE_OVERSHOOT:.0f} %."
         return verdict("undecided", text, "neutral", note)
     if zeta < POORLY_DAMPED:
-        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}; the minimum is {POORLY_DAMPED}."
+        text = f"Undecided: the damping ratio is {zeta:.2f} +- {zeta_std:.2f}. The minimum is {POORLY_DAMPED}."
         return verdict("undecided", text, "neutral", note)
     if then is None:
-        well = " well" if zeta - zeta_std > WELL_DAMPED else ""
-        text = f"Good: the {axis} loop is damped{well}. There is no earlier tune to compare it with."
+        well = " well" if zeta - zeta_std > WELL_DAMPED else " sufficiently"
+        text = f"Good: the {axis} loop is{well} damped. There is no earlier tune to compare with."
         return verdict("good", text, "good", note)
     return verdict("good", f"Good: the {axis} loop is as good as after its tune.", "good", note)
 
 
 def _worse(now: LoopNumbers, std: float, then: LoopNumbers | None) -> str:
-    """Return in words what is worse than at the tune; empty if nothing is."""
+    """Return a sentence on what is worse than at the tune; empty if nothing is."""
     if then is None:
         return ""
     if now.overshoot - std > max(then.overshoot, 0.0) + MORE:
-        return f"a step overshoots by {100.0 * now.overshoot:.0f} %, before by {100.0 * then.overshoot:.0f} %"
+        return f"a step overshoots by {100.0 * now.overshoot:.0f} % (after the tune: {100.0 * then.overshoot:.0f} %)"
     if now.settling > SLOWER * then.settling and now.rise > SLOWER * then.rise:
-        return f"a step settles in {now.settling:.1f} s, before in {then.settling:.1f} s"
+        return f"a step settles in {now.settling:.1f} s (after the tune: {then.settling:.1f} s)"
     return ""
 
 
 def recheck(
     plan: FlightPlan, axis: AxisKind, operator: Operator, observer: Observer, when: str, runs: Path
 ) -> LoopCheck:
-    """Fly the one run of *plan* and judge the loop of *axis*; ``report.html`` and ``recheck.json`` are written.
+    """Fly the one run of *plan* and judge the loop of *axis*. Write ``report.html`` and ``recheck.json``.
 
-    *runs*: where earlier tunes lie. Errors are those of :func:`gcs_autotune.workflow.fly.fly_plan`.
+    *runs*: the folder with earlier tunes. Errors are those of :func:`gcs_autotune.workflow.fly.fly_plan`.
     """
     common, check = plan.runs[0].common, Recheck(axis, runs, observer)
     plan = replace(plan, title=f"recheck {axis.name}", again=check)

@@ -1,4 +1,4 @@
-"""The run directory: everything a run leaves on disk, written as it happens."""
+"""The run directory: all files that a run writes, saved as the run proceeds."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ JOURNAL = "journal.jsonl"
 """The journal's name in a run directory."""
 
 SUMMARY = "summary.json"
-"""File with the ending of a run in a few words; that of a tune contains more."""
+"""Name of the file with a short summary of how a run ended. That of a tune contains more."""
 PROPOSED = "proposed.param"
-"""The gains that a run proposed and did not write."""
+"""Name of the file with gains that a run proposed but did not write."""
 
 
 class RunDirectory:
     """``trials/NN-name.csv`` (+ ``.json``), ``telemetry.tlog``, ``journal.jsonl``, parameters, model, report.
 
-    It is made by :meth:`make`, when there is a link that has something to leave in it.
+    :meth:`make` creates it once the link is open.
 
     Raises
     ------
     UsageError
-        When the directory could not be made, or already holds a run.
+        The directory cannot be created, or already contains a run.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,12 +44,12 @@ class RunDirectory:
         check_run_folder(path)
 
     def make(self) -> None:
-        """Make the directory.
+        """Create the directory.
 
         Raises
         ------
         UsageError
-            It cannot be made.
+            It cannot be created.
         """
         try:
             (self.path / "trials").mkdir(parents=True)
@@ -60,23 +60,26 @@ class RunDirectory:
         self.is_made = True
 
     def discard(self) -> None:
-        """Remove the directory of a run that was rejected before anything was flown; one with trials stays."""
+        """Delete the directory of a run that was rejected before anything was flown.
+
+        A directory with trials is kept.
+        """
         if self.is_made and not any((self.path / "trials").iterdir()):
             shutil.rmtree(self.path, ignore_errors=True)
             self.is_made = False
 
     @property
     def tlog(self) -> Path:
-        """Everything sent and received."""
+        """Path of the telemetry log with everything sent and received."""
         return self.path / "telemetry.tlog"
 
     @property
     def journal(self) -> Path:
-        """What was changed on the vehicle and is not yet restored."""
+        """Path of the journal with what was changed on the vehicle and is not restored yet."""
         return self.path / JOURNAL
 
     def keep(self, trial: Trial) -> None:
-        """Write a trial; one with a lead-in is also written whole, in a second file.
+        """Write a trial. A trial with a lead-in is also written in full, to a second file.
 
         Raises
         ------
@@ -93,7 +96,8 @@ class RunDirectory:
             raise self._unwritable(error) from error
 
     def save_parameters(self, name: str, values: Mapping[str, float]) -> Path:
-        """Write ``parameters_<name>.json`` and the same as ``.param`` (``NAME,VALUE``); return the latter.
+        """Write ``parameters_<name>.json`` and a ``.param`` file (``NAME,VALUE``) with the same content; return the
+        path of the latter.
 
         Raises
         ------
@@ -111,7 +115,7 @@ class RunDirectory:
     def save_proposed(
         self, values: Mapping[str, float], types: Mapping[str, int], vehicle: tuple[int, int], comment: str
     ) -> None:
-        """Write gains that are not proved yet: ``proposed.param`` and, for QGroundControl, ``.params``.
+        """Write gains that are not proved yet, as ``proposed.param`` and, for QGroundControl, ``.params``.
 
         Raises
         ------
@@ -123,7 +127,7 @@ class RunDirectory:
         save_qgc_params(path.with_suffix(".params"), values, types, vehicle, comment=comment)
 
     def save_json(self, name: str, content: Mapping[str, object]) -> None:
-        """Write *content* as the file *name*; errors likewise."""
+        """Save *content* as JSON in the file *name*; errors as for :meth:`save_parameters`."""
         try:
             (self.path / name).write_text(json_text(content), encoding="utf-8")
         except OSError as error:
@@ -131,12 +135,12 @@ class RunDirectory:
 
     @contextmanager
     def summarised(self, title: str, when: str) -> Iterator[None]:
-        """Write title and ending of the run within to ``summary.json``, which lists of runs show.
+        """Write the title and ending of the run inside the context to ``summary.json``, which lists of runs show.
 
         Raises
         ------
         BadFile
-            It came to a good end, and that cannot be written (a full disk).
+            The run succeeded but the file cannot be written (a full disk).
         """
         about = {"title": title, "when": when}
         try:

@@ -1,10 +1,10 @@
-"""Restore a vehicle to its state before an interrupted run, from the run's journal.
+"""Restore a vehicle to its state before an interrupted run, using the run's journal.
 
-A mode, armed state or value that the journal does not explain, nor a failsafe or restart of the vehicle, belongs to
-another operator. It is left as it is unless a person decides otherwise.
+Some changes of mode, armed state or parameters are explained neither by the journal nor by a failsafe or restart. These
+belong to another operator and stay unless the user decides otherwise.
 
-Restoring may itself be cut off at any moment and run again: every step looks first and does only what is still to do,
-and the journal is settled last.
+The restore itself may be interrupted at any moment and repeated. Each step checks first and does only what is left to
+do. The journal is closed last.
 """
 
 from __future__ import annotations
@@ -46,36 +46,39 @@ __all__ = ["is_settled", "link_of", "restore_parameters", "restore_run", "save_p
 
 
 _PATIENCE = 30.0
-"""Seconds to wait for a silent vehicle. Chosen."""
+"""Time [s] to wait for a silent vehicle. Project choice."""
 _FRESH = 3.5
-"""Chosen [s]: three heartbeats."""
+"""Age [s] up to which a state counts as current: three heartbeats. Project choice."""
 _ANY_WAY = 2.0
-"""Difference of the delays of two stamps [s]. Chosen."""
+"""Tolerated difference [s] between the delays of two time stamps. Project choice."""
 _BOOT_SLACK = 30.0
-"""Difference of two clocks including a slow disk [s]; no autopilot is power-cycled faster. Chosen."""
+"""Tolerated difference [s] between two clocks, including a slow disk.
+
+No autopilot is power-cycled faster. Project choice.
+"""
 _ARMED, _MISSION = "armed state", "mission"
 _NEUTRAL = 0.03
-"""Fraction of full output that still counts as neutral. Chosen."""
+"""Fraction of full output that still counts as neutral. Project choice."""
 
 
 def link_of(run: Path | None) -> str:
-    """Return the connection string in the journal of *run* (directory, a file in one, None: newest).
+    """Return the connection string in the journal of *run* (a directory or a file in it; None: the newest run).
 
     Raises
     ------
     UsageError
-        There is no journal to tell.
+        There is no journal to read it from.
     """
     folder = run if run is None or run.is_dir() or run.name == JOURNAL else run.parent
     path = _journal_of(folder) if folder is None or folder.name == JOURNAL or (folder / JOURNAL).exists() else None
     link = Journal.read(path).link if path is not None else ""
     if not link:
-        raise UsageError("no journal with the vehicle's link. Use --connect URI")
+        raise UsageError("no journal states the vehicle's link. Use --connect URI")
     return link
 
 
 def is_settled(run: Path | None) -> bool:
-    """Return whether *run* (directory or journal; None: the newest unfinished) restored its vehicle.
+    """Return whether *run* (a directory or journal; None: the newest unfinished run) restored its vehicle.
 
     Raises
     ------
@@ -93,11 +96,11 @@ def _is_finished(path: Path) -> bool:
 def restore_run(
     connection: Connection, run: Path | None, operator: Operator, observer: Observer
 ) -> Mapping[str, tuple[float, float]]:
-    """Finish the clean-up of *run* (directory or journal; None: the newest unfinished).
+    """Complete the clean-up of *run* (a directory or journal; None: the newest unfinished run).
 
-    Disarms a vehicle that was disarmed, restores and verifies each changed parameter, restores the mode, checks that
-    the outputs are neutral, and settles the journal. Returns name -> (present, old) of what was restored. The operator
-    is asked about changes that another operator has made since; ``--yes`` does not answer that.
+    Disarms a vehicle that was disarmed before the run. Restores and verifies each changed parameter, restores the mode,
+    checks that the outputs are neutral, and closes the journal. Returns name -> (present, old) of what was restored.
+    The operator is asked about changes that another operator has made since; ``--yes`` does not answer that.
 
     Raises
     ------
@@ -108,10 +111,10 @@ def restore_run(
     WrongVehicle
         The vehicle on this link is not the one of the journal; nothing is written.
     OperatorStopped
-        The answer was no, or Ctrl-C; what is not done yet stays open.
+        The answer was no, or Ctrl-C was pressed. The journal stays open for what is not done yet.
     NotAsFound
-        Something could not be put back, or belongs to another operator and nobody could be asked; the journal stays
-        open for another try.
+        Something could not be restored, or belongs to another operator and there was no operator to ask. The journal
+            stays open for another try.
     """
     path = _journal_of(run)
     if path is None or _is_finished(path):
@@ -119,7 +122,7 @@ def restore_run(
     journal = Journal.resume(path)
     try:
         state = Journal.read(path)
-        observer.say(f"journal {path}: {_owed(state)} still to be restored on {state.vehicle.get('firmware', '?')}")
+        observer.say(f"journal {path}: {_owed(state)}")
         with connect(connection, operator, observer) as session:
             changes = _Restoring(session, state, operator, observer, journal).run()
         journal.close()
@@ -130,12 +133,16 @@ def restore_run(
 
 
 def _owed(state: JournalState) -> str:
-    owed = [*state.debts, *(["the mission"] * (state.mission is not None))]
-    return ", ".join(owed) or "no parameter, possibly the mode or the armed state"
+    """Return in words what is still to be restored."""
+    firmware = state.vehicle.get("firmware", "?")
+    owed = [*state.debts, *(["the mission"] if state.mission is not None else [])]
+    if owed:
+        return f"still to be restored on {firmware}: {', '.join(owed)}"
+    return f"all parameters are restored on {firmware}. The mode or the armed state may still need restoring"
 
 
 class _Restoring:
-    """One restore over one session."""
+    """The steps of one restore, within one session."""
 
     def __init__(
         self, session: Session, state: JournalState, operator: Operator, observer: Observer, journal: Journal
@@ -179,7 +186,9 @@ class _Restoring:
         if not self._differences and (self._disarms or self._changes_mode):
             self._left |= self._state_changed_by_others((), armed_by_us=False)
         if not self._differences and (self._disarms or self._changes_mode):
-            self._observer.say(f"the vehicle is in {self._command().mode} now, possibly after a restart: trying again")
+            self._observer.say(
+                f"the vehicle is in {self._command().mode} now, possibly after a restart: restoring it again"
+            )
             self._put_back_state()
         for name, value in self._state.debts.items():
             if name in decided and name in self._left:
@@ -204,9 +213,8 @@ class _Restoring:
         if undecided:
             shown = "; ".join(f"{what}: {why}" for what, why in undecided.items())
             raise NotAsFound(
-                f"left unchanged, since another operator may have set it: {shown}. "
-                "Run `gcs-autotune restore` without --yes "
-                "to decide each",
+                f"left unchanged, since another operator may have set it: {shown}. Run `gcs-autotune restore` "
+                "without --yes to decide each",
                 differences=undecided,
             )
         if self._state.armed and not self._session.armed:
@@ -237,7 +245,8 @@ class _Restoring:
         self._try(_MISSION, partial(write_mission, self._session, mission))
 
     def _put_back_state(self) -> None:
-        """Disarm a vehicle that was disarmed, restore the mode, check that the outputs are neutral."""
+        """Disarm a vehicle that was disarmed before the run, restore the mode and check that the outputs are
+        neutral."""
         if self._disarms:
             self._try("armed state", self._command().disarm)
         if self._changes_mode:
@@ -263,9 +272,10 @@ class _Restoring:
         return any(same_float32(held, value) for value in self._state.written.get(name, ()))
 
     def _state_changed_by_others(self, left_in: Sequence[str], *, armed_by_us: bool) -> dict[str, str]:
-        """Return which of mode and armed state was set neither by us, who *left_in* a mode, nor by the vehicle itself.
+        """Return which of mode and armed state were changed by another operator.
 
-        A vehicle that another operator has put into a mode that drives it stays armed: that operator needs it so.
+        The run itself *left_in* a mode. Changes by the vehicle itself do not count. A vehicle that another operator has
+        put into a driving mode stays armed, because that operator needs it armed.
         """
         if self._commands is None or self._firmware is None:
             return {}
@@ -278,14 +288,14 @@ class _Restoring:
         if restarted:
             outcomes.append(self._booted_mode())
         if self._is_in_another_mode and mode not in (*left_in, *outcomes):
-            left["mode"] = f"its mode is {mode}, set by neither the run nor a failsafe"
+            left["mode"] = f"its mode is {mode}, which neither the run nor a failsafe set"
         drives = "mode" in left and mode not in self._firmware.stops_in
         if self._state.armed is False and self._session.armed and (drives or restarted or not armed_by_us):
             left[_ARMED] = f"it is armed in {mode}" + ("" if drives else ", and not by the run")
         return left
 
     def _acting(self) -> list[SetFailsafe]:
-        """Return the failsafes that act once we are silent."""
+        """Return the failsafes that act when this program sends nothing more."""
         heard = self._heard("RC_CHANNELS")
         has_receiver = heard is not None and heard.chancount > 0
         return [f for f in self._failsafes if not (f.by_overrides and has_receiver)]
@@ -296,7 +306,7 @@ class _Restoring:
         return self._firmware.mode_name(int(self._parameters.read_existing([name]).get(name, without)))
 
     def _has_restarted(self) -> bool:
-        """Return whether the vehicle has restarted since our last order, or since the last check."""
+        """Return whether the vehicle has restarted since the last command or the last check."""
         before, now = self._boot, self._time_since_boot()
         if now is None:
             return False
@@ -313,7 +323,7 @@ class _Restoring:
         return None if heard is None else heard.time_boot_ms * 1e-3
 
     def _heard(self, name: str) -> Message | None:
-        """Return a message *name*, requested up to three times; None if none came."""
+        """Return a message *name*, requested up to three times; None if it did not arrive."""
         heard: list[Message] = []
         stop = self._session.listen(name, heard.append)
         try:
@@ -335,7 +345,9 @@ class _Restoring:
         for what, why in asked.items():
             known = {"mode": f"go to {self._state.mode}", _ARMED: "disarm", _MISSION: "upload the old mission"}
             undo = known.get(what) or f"write {changes[what][1]:g}"
-            if self._operator.ask(f"{what}: {why}. Another operator may have set it. Overrule: {undo}?", self._serve):
+            if self._operator.ask(
+                f"{what}: {why}. Another operator may have set it. Change it anyway ({undo})?", self._serve
+            ):
                 del self._left[what]
         return set(asked)
 
@@ -343,7 +355,7 @@ class _Restoring:
         self._session.pump()
 
     def _wanted(self, changes: Mapping[str, tuple[float, float]]) -> list[str]:
-        """Return in words what is to be restored."""
+        """Return a sentence on what is to be restored."""
         wanted = ["disarm"] * self._disarms
         wanted += [f"write {n} {old:g} -> {new:g}" for n, (old, new) in changes.items()]
         if self._owes_mission and _MISSION not in self._left:
@@ -357,7 +369,7 @@ class _Restoring:
         return self._commands
 
     def _try(self, what: str, act: Callable[[], object]) -> None:
-        """Do it; wait once for a silent vehicle; record failures."""
+        """Run one restore step. Wait once for a silent vehicle and record failures."""
         for _ in range(2):
             try:
                 act()
@@ -375,7 +387,7 @@ class _Restoring:
                 return
 
     def _check_neutral(self) -> None:
-        """Check the measured outputs: a vehicle that was disarmed moves no actuator."""
+        """Check from the measured outputs that a vehicle which was disarmed drives no actuator."""
         assert self._firmware is not None
         outputs = read_outputs(self._session, read_servo_map(self._parameters, self._firmware))
         off = {name: force for name, force in outputs.items() if not abs(force) <= _NEUTRAL}
@@ -389,7 +401,7 @@ def _items(told: Sequence[Mapping[str, float]]) -> tuple[MissionItem, ...]:
 
 
 def _seconds_since(stamp: str) -> float:
-    """Return the seconds since the time *stamp* of a journal; 0 without one."""
+    """Return the seconds since the time *stamp* of a journal entry; 0 without a stamp."""
     try:
         return (datetime.now(UTC) - datetime.fromisoformat(stamp)).total_seconds()
     except (ValueError, TypeError):
@@ -401,8 +413,8 @@ def _check_identity(session: Session, state: JournalState, parameters: Parameter
     strange = difference(state.vehicle, state.fingerprint, session.vehicle, parameters)
     if strange:
         raise WrongVehicle(
-            f"the journal is of another vehicle than the one on this link ({strange}). Nothing was written. Use the "
-            "right --connect. For the same hull with another board use `gcs-autotune params restore` with the run's "
+            f"the vehicle on this link is not the one recorded in the journal ({strange}). Nothing was written. "
+            "Check --connect. If the autopilot board was replaced, run `gcs-autotune params restore` with the run's "
             "parameters_before.param"
         )
 
@@ -420,8 +432,11 @@ def _journal_of(run: Path | None) -> Path | None:
 def save_parameters(
     connection: Connection, path: Path, operator: Operator, observer: Observer
 ) -> tuple[int, int | None]:
-    """Write the vehicle's whole parameter list to *path*; return how many there are, and how many of them are not the
-    firmware's defaults (None where it does not tell these)."""
+    """Save the vehicle's complete parameter list to *path*.
+
+    Return the number of parameters, and how many differ from the firmware's defaults (None if the vehicle does not
+    report these).
+    """
     with connect(connection, operator, observer) as session:
         told = len(session.notes)
         found = Parameters(session).read_whole()
@@ -444,7 +459,7 @@ def restore_parameters(
     OperatorStopped
         The answer was no; nothing was written.
     NotAsFound
-        Some could not be put back; the message names them, the others are back.
+        Some could not be restored. The message lists them; the others are restored.
     """
     wanted = load_params(path)
     with connect(connection, operator, observer) as session:

@@ -1,4 +1,4 @@
-"""Resuming a run that ended early: its completed trials are used if nothing has changed since.
+"""Resume a run that ended early. Its completed trials are reused if nothing has changed since.
 
 A trial is valid for one vehicle with one set of parameters. So the board (or the fingerprint), the firmware and the
 parameters must be the recorded ones; axis and settings must be those of that run. The sign check and the dive, which
@@ -24,9 +24,9 @@ from gcs_autotune.workflow.settings import CommonSettings, TuneSettings
 __all__ = ["USED_AGAIN", "Earlier", "note_setting_out", "same_options", "way_on"]
 
 SETTING_OUT = "setting_out.json"
-"""File of a run directory with the settings, vehicle and parameters that the run started with."""
+"""File of a run directory with the settings, vehicle and parameters at the start of the run."""
 USED_AGAIN = ("step-before", "relay-1", "relay-2", "throttle-1", "throttle-2")
-"""Trials that a later run may use."""
+"""Trials that a later run may reuse."""
 _SHAPING = (
     *("axis", "step", "step_duration", "relay_output", "relay_hysteresis", "throttle", "speed", "control_rate"),
     *("full_scale", "stop_rule"),
@@ -42,7 +42,7 @@ def _shape(settings: CommonSettings) -> dict[str, Any]:
 def note_setting_out(
     record: RunDirectory, settings: CommonSettings, craft: MavlinkCraft, own: Mapping[str, float]
 ) -> None:
-    """Write down, before anything moves, what a run that goes on from this one must find the same."""
+    """Save, before anything moves, the state that a run resuming this one must match."""
     vehicle = craft.session.vehicle
     record.save_json(
         SETTING_OUT,
@@ -56,26 +56,27 @@ def note_setting_out(
 
 
 def same_options(error: BaseException) -> str:
-    """Return a text on the options to continue with after *error*. A limit that ended the run must be changed."""
+    """Return a sentence on the options to continue with after *error*. A limit that ended the run must be changed."""
     tripped = error.guard if isinstance(error, GuardTripped) else ""
     option = next((guard.option for guard in GUARDS if guard.name == tripped), "")
-    return f"with another --{option}, otherwise the same options" if option else "with the same options"
+    return f"change --{option} and keep the other options" if option else "use the same options"
 
 
 def way_on(settings: TuneSettings, finished: list[str], error: BaseException) -> str:
-    """Return how to continue after *error* from the *finished* trials of a run; empty if none can be used again."""
+    """Return a sentence on how to continue after *error* from the *finished* trials of a run; empty if none can be
+    reused."""
     kept = [name for name in USED_AGAIN if name in finished]
     if not kept:
         return ""
     link, run = shlex.quote(settings.connection.uri), shlex.quote(str(settings.directory))
     return (
-        f"of this run only {', '.join(kept)} can be used again. To continue from there, "
+        f"these records of the run can be used again: {', '.join(kept)}. To continue from there, "
         f"{same_options(error)}: gcs-autotune tune {settings.axis} --connect {link} --resume {run}"
     )
 
 
 class _SetOut(Struct, frozen=True):
-    """What :func:`note_setting_out` writes."""
+    """The record that :func:`note_setting_out` writes."""
 
     settings: dict[str, float | str | bool | None] = {}
     vehicle: dict[str, int | str | None] = {}
@@ -84,7 +85,7 @@ class _SetOut(Struct, frozen=True):
 
 
 class Earlier:
-    """The completed trials called *names* of an earlier run (``settings.resume``); none without it.
+    """Completed trials called *names* of an earlier run (``settings.resume``); none without such a run.
 
     alike : whether the settings must be the same, since its trials replace those of this run.
 
@@ -107,7 +108,9 @@ class Earlier:
             return
         path = self._run / SETTING_OUT
         if not path.exists():
-            raise UsageError(f"{self._run} cannot be resumed: it has no {SETTING_OUT}")
+            raise UsageError(
+                f"{self._run} cannot be resumed: it contains no {SETTING_OUT}. Start again without --resume"
+            )
         self._told = conformed(load_json(path, "the start settings of a run"), _SetOut, path)
         if alike:
             self._check_settings(_shape(settings))
@@ -127,8 +130,10 @@ class Earlier:
         then = self._told.settings
         other = [name for name, value in wanted.items() if then.get(name) != value]
         if other:
-            shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} there, {wanted[name]} here" for name in other)
-            raise UsageError(f"{self._run} was flown with other settings ({shown}). Use the same, or omit --resume")
+            shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} then, {wanted[name]} now" for name in other)
+            raise UsageError(
+                f"{self._run} was flown with other settings ({shown}). Use the same settings, or omit --resume"
+            )
 
     @property
     def names(self) -> list[str]:
@@ -136,20 +141,20 @@ class Earlier:
         return [name for name in self._names if name in self._trials]
 
     def take(self, name: str) -> Trial | None:
-        """Return the trial of that *name*, if it was flown to its end, and give it out no more."""
+        """Return the completed trial of that *name*, and do not return it a second time."""
         return self._trials.pop(name, None)
 
     def has(self, name: str) -> bool:
-        """Whether :meth:`take` would return one."""
+        """Return whether :meth:`take` would return a trial."""
         return name in self._trials
 
     def verify_same_vehicle(self, craft: MavlinkCraft, own: Mapping[str, float]) -> None:
-        """Check that vehicle and parameters are those of that run (*own*: name -> value now).
+        """Check that the vehicle and its parameters match those of the earlier run (*own*: name -> present value).
 
         Raises
         ------
         WrongVehicle, PreconditionFailed
-            It is another, or has other parameters.
+            It is another vehicle, or its parameters differ.
         """
         if self._run is None:
             return
@@ -158,7 +163,7 @@ class Earlier:
         then = self._told.vehicle
         strange = difference(then, self._told.fingerprint, here, craft.parameters)
         if not strange and then.get("version") != here.version:
-            strange = f"its firmware is {then.get('version') or 'unknown'} there, {here.version or 'unknown'} here"
+            strange = f"its firmware was {then.get('version') or 'unknown'} then and is {here.version or 'unknown'} now"
         if strange:
             raise WrongVehicle(f"{self._run} was flown by another vehicle ({strange}). Start again without --resume")
         held = self._told.parameters
@@ -166,8 +171,8 @@ class Earlier:
         if other:
             shown = ", ".join(f"{n} {held.get(n)} then, {own.get(n)} now" for n in sorted(other))
             raise PreconditionFailed(
-                f"the vehicle has other parameters than when {self._run} was flown ({shown}), so its "
-                "experiments are not valid now. Start again without --resume, or restore the parameters"
+                f"the vehicle's parameters have changed since {self._run} was flown ({shown}), so its "
+                "experiments are not valid now. Restore the parameters, or start again without --resume"
             )
 
 

@@ -1,9 +1,8 @@
-"""Manoeuvres as jobs fly them: which must succeed, turning around between two, and waiting after a silence.
+"""Fly the manoeuvres of a job: retry after a silence, turn around between stages, and check success.
 
-During a silence a failsafe, or another station, may have disarmed the vehicle or changed its mode. Where a failsafe
-does exactly this after such a silence, the operator is asked whether to continue; ``--yes`` does not answer this
-question. A vehicle that was armed at the start is not armed again. A vehicle that has restarted ends the run: its
-estimator and message rates are lost.
+During a silence a failsafe or another station may have disarmed the vehicle or changed its mode. If a failsafe explains
+the change, the operator is asked whether to continue. ``--yes`` does not answer this question. A vehicle that was armed
+at the start is not armed again. A vehicle that has restarted ends the run: its estimator and message rates are lost.
 """
 
 from __future__ import annotations
@@ -48,11 +47,11 @@ __all__ = ["MOST", "ManoeuvreRunner", "Patience"]
 
 
 class ManoeuvreRunner:
-    """Flies manoeuvres on *craft* inside *envelope*; ``keep`` gets every record, as the sequencer's does.
+    """Flies manoeuvres on *craft* inside *envelope*; ``keep`` receives every record, as for the sequencer.
 
-    What a silence of up to *patience* [s] interrupts is flown again from its beginning, after a dive again where the
-    craft has come up; *ask* whether to go on where mode or armed state changed meanwhile (never, by default).
-    *gains*: gains will rest on what is flown, so that nothing more is once two sensors contradict each other.
+    A manoeuvre interrupted by a silence of up to *patience* [s] is flown again from its beginning. The craft dives
+    again first if it has risen. *ask* is called to confirm if mode or armed state changed during the silence; by
+    default it returns no. *gains*: gains depend on the records, so the run stops if two sensors contradict each other.
     """
 
     def __init__(
@@ -75,9 +74,9 @@ class ManoeuvreRunner:
         self._last: Trial | None = None
         self._spoilt = 0
         self.contradicted = False
-        """Whether sensors contradicted each other in a manoeuvre that more depends on."""
+        """Whether sensors contradicted each other in a manoeuvre that later stages depend on."""
         self.too_fast = ""
-        """Why the autopilot may drive too fast, in words, where that is known."""
+        """Sentence on why the autopilot may drive too fast; empty if unknown."""
         self._sequencer = Sequencer(craft, envelope, observer, self._keeping(keep))
 
     def _keeping(self, keep: Callable[[Trial], None]) -> Callable[[Trial], None]:
@@ -93,12 +92,12 @@ class ManoeuvreRunner:
         return self._envelope.speed_limit
 
     def fly(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Trial:
-        """Fly *manoeuvre*, which must come to a good end; errors as those of the sequencer.
+        """Fly *manoeuvre*, which must succeed; other errors as for the sequencer.
 
         Raises
         ------
         NotAchieved
-            It did not.
+            The manoeuvre did not succeed.
         """
         if isinstance(manoeuvre, Dive):
             self._dive = deepcopy(manoeuvre)
@@ -110,7 +109,7 @@ class ManoeuvreRunner:
     def attempt(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope | None = None) -> Trial:
         """Fly *manoeuvre* and return it, however it ended.
 
-        One that a silence interrupts is flown again; so is one that came to no good end while this computer paused.
+        It is flown again if a silence interrupts it, or if it fails while this computer paused.
         """
         again = deepcopy(manoeuvre)
         while True:
@@ -129,9 +128,9 @@ class ManoeuvreRunner:
             manoeuvre = deepcopy(again)
 
     def check_steering(self, check: SignCheck | ThrustCheck, envelope: Envelope) -> None:
-        """Check what steers the craft while another degree of freedom is tried.
+        """Check the steering of the craft while another degree of freedom is tested.
 
-        A craft that turns by itself, or that hardly answers, is reported here. The tune of its own axis refuses it.
+        A craft that turns by itself or hardly responds is only reported here. A tune of the steering axis rejects it.
 
         Raises
         ------
@@ -145,17 +144,17 @@ class ManoeuvreRunner:
             wrong = seen is not None and (seen.is_reversed or seen.unheeded is not None)
             if wrong or self.contradicted:
                 raise
-            self._observer.say(f"steering, which is held during this: {error}")
+            self._observer.say(f"steering check: {error}")
 
     def _is_spoilt_by_us(self, begun: float, reason: str) -> bool:
-        """Whether this computer left the vehicle without commands for long since link time *begun* [s].
+        """Return whether this computer paused and left the vehicle without commands since link time *begun* [s].
 
-        Then the craft did not follow our commands, and the *reason* for which it ended shows nothing about it.
+        In that case the craft did not follow our commands, and the *reason* for its ending is not its own.
 
         Raises
         ------
         PreconditionFailed
-            It did so again and again.
+            This happened too many times in one run.
         """
         pause = self._craft.longest_pause(begun)
         if pause < LEFT_ALONE:
@@ -163,12 +162,13 @@ class ManoeuvreRunner:
         self._spoilt += 1
         told = f"this computer paused for {pause:.1f} s without sending commands, so the vehicle released the overrides"
         if self._spoilt > MOST_SPOILT:
-            raise PreconditionFailed(f"{reason}. But {told}. Close other programs or use a faster computer")
-        self._observer.say(f"{reason}. But {told}")
+            raise PreconditionFailed(f"{reason}. The cause: {told}. Close other programs or use a faster computer")
+        self._observer.say(f"{reason}. The cause: {told}")
         return True
 
     def _explain(self, error: AutotuneError) -> None:
-        """Raise why a limit tripped, where the record shows what works the wrong way or contradicts itself."""
+        """Raise an error that explains why a limit tripped, if the record shows a reversed output or contradicting
+        sensors."""
         if not isinstance(error, GuardTripped) or self._last is None:
             return
         if error.guard == "speed" and self.too_fast:
@@ -181,7 +181,8 @@ class ManoeuvreRunner:
             raise PreconditionFailed(f"{self._last.name}: {found}. {tripped(error)}") from error
 
     def _check_sensors_agree(self, manoeuvre: Manoeuvre) -> None:
-        """Check that the sensors agree about what was just flown; where only a record is needed, report what does not.
+        """Check that the sensors agree in the record just flown. If only a record is needed, only report a
+        disagreement.
 
         Raises
         ------
@@ -193,7 +194,7 @@ class ManoeuvreRunner:
             return
         if self._gains or manoeuvre.purpose == "check" or not manoeuvre.in_manual:
             self.contradicted = True
-            raise PreconditionFailed(f"{manoeuvre.name}: {found}. The run ends here")
+            raise PreconditionFailed(f"{manoeuvre.name}: {found}. The run was ended")
         self._observer.say(f"{manoeuvre.name}: {found}")
 
     def bear(self, error: AutotuneError) -> bool:
@@ -204,16 +205,17 @@ class ManoeuvreRunner:
         return True
 
     def _come_down(self, before: Manoeuvre) -> None:
-        """Dive again *before* a manoeuvre that is flown at depth, where the craft has come up."""
+        """Dive again *before* a manoeuvre at depth if the craft has risen."""
         if self._dive is not None and not isinstance(before, Dive) and self._craft.observe().z < SHALLOW:
             self._sequencer.fly(deepcopy(self._dive), "diving")
 
     def turn_around(self, throttle: float, ahead: float = math.inf, *, last: bool = False) -> bool:
-        """Turn a boat around when the space requires it, and return whether; other craft stay where they are.
+        """Turn a boat around if the space requires it, and return whether it did. Other craft stay where they are.
 
-        It turns to the side of the start: the other one takes more space.
+        It turns towards the start, because a turn to the other side takes more space.
 
-        ahead : how long [s] the next stage takes; infinite: turn in any case. last : it is the last one.
+        ahead : how long [s] the next stage takes; infinite: turn in any case. last : whether the next stage is the last
+            one.
         """
         if not self._craft.firmware.needs_way:
             return False
@@ -222,31 +224,31 @@ class ManoeuvreRunner:
             return False
         turn = TurnAboutSettings(throttle)
         turn = replace(turn, output=self._sequencer.home_side(now) * turn.output)
-        self.attempt(TurnAbout(turn), "turning about", replace(self._envelope, heading_excursion=math.inf))
+        self.attempt(TurnAbout(turn), "turning around", replace(self._envelope, heading_excursion=math.inf))
         return True
 
     def come_to_rest(self, stage: str, axis: AxisKind) -> None:
         """Bring a craft that can stay where it is to rest, as the beginning of *stage*, a step of *axis*.
 
-        A boat floats on.
+        A boat is left drifting.
         """
         if not self._craft.firmware.floats:
             self.attempt(ComeToRest(axis.stepped, axis.excitation.names.force), stage)
 
 
 LEFT_ALONE = 0.5
-"""Seconds of the vehicle's time after which ArduRover without a receiver assumes that its pilot is lost (mid-2025
-builds)."""
+"""Time [s] without commands after which ArduRover without a receiver assumes that its pilot is lost (mid-2025 builds).
+It is vehicle time."""
 MOST_SPOILT = 2
-"""Chosen: manoeuvres of one run that are flown again because this computer paused."""
+"""Most manoeuvres of one run that are repeated because this computer paused. Project choice."""
 MOST = 5
-"""Most interruptions in one run; a link that breaks more often is not usable for a tune. Chosen."""
+"""Most interruptions in one run; a link that breaks more often is not usable for a tune. Project choice."""
 _PROMPT = 0.8
-"""Chosen [s]: a link that answers within this carries commands in time."""
+"""Response time [s] of a link up to which its commands count as timely. Project choice."""
 _INTERRUPTIONS = ("pause", "failsafe", "mode", "armed", "late")
-"""Guards after which a run may go on, where :class:`Patience` finds that it may."""
+"""Guards after which a run may continue if :class:`Patience` permits it."""
 _LATELY = 10.0
-"""Chosen [s]: a silence that ended longer ago is not the cause of what happens now."""
+"""Age [s] above which a past silence is not considered the cause of a present event. Project choice."""
 _HERE = 1.0
 
 
@@ -256,7 +258,7 @@ class Patience:
     Parameters
     ----------
     seconds : longest silence to wait for; 0 for none.
-    say : where to report. ask : asks whether the vehicle may be armed again.
+    say : receives the reports. ask : asks whether the vehicle may be armed again.
     """
 
     def __init__(
@@ -276,7 +278,7 @@ class Patience:
         OperatorStopped
             Ctrl-C while waiting.
         TelemetryFault
-            The autopilot has restarted meanwhile.
+            The autopilot restarted during the silence.
         """
         if self._seconds <= 0.0 or self._borne >= MOST or not self._is_interruption(error):
             return False
@@ -299,7 +301,7 @@ class Patience:
         return isinstance(error, LinkLost) or (isinstance(error, GuardTripped) and error.guard in _INTERRUPTIONS)
 
     def _is_back(self) -> bool:
-        """Wait for the vehicle, as long as was stated."""
+        """Wait for the vehicle, for the time announced."""
         session = self._craft.session
         if session.liveness.actual_silence <= _HERE:
             return session.liveness.longest(_LATELY) <= self._seconds
@@ -322,7 +324,7 @@ class Patience:
         if change is not None and not self._may_undo(change):
             return False
         if not craft.armed:
-            self._say("arming it again, as announced")
+            self._say("arming the vehicle again, as announced")
             craft.arm()
         craft.neutral()
         session = craft.session  # where our commands came late: until they do not
@@ -330,7 +332,7 @@ class Patience:
         return craft.telemetry.watchdog.fault is None
 
     def _may_undo(self, change: Intervention) -> bool:
-        """Whether the operator, asked now, agrees to undo this change, and nothing more has happened until then."""
+        """Return whether the operator agrees to undo this change, and nothing more has happened until then."""
         craft = self._craft
         seen = craft.mode, craft.armed
         if not change.may_go_on or (self._found_armed and not craft.armed):

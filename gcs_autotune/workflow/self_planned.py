@@ -1,5 +1,8 @@
-"""A trial that plans itself: after each run the model is identified, and the manoeuvre with the most information per
-minute is flown next, until the required precision is reached (Goodwin1977, chapter 6)."""
+"""A trial that plans itself (Goodwin1977, chapter 6).
+
+After each run the model is identified. The manoeuvre with the most information per minute is flown next, until the
+required precision is reached.
+"""
 
 from __future__ import annotations
 
@@ -45,21 +48,27 @@ GRID: Mapping[str, tuple[float, ...]] = {
     "heading": (math.radians(10.0), math.radians(20.0)),
     "duration": (20.0, 40.0, 80.0),
 }
-"""Option of a manoeuvre -> the sizes that are considered (SI); other options have their defaults."""
+"""For each option of a manoeuvre, the sizes that are considered (SI). Other options have their defaults."""
 THROTTLES = (0.0, 0.5)
-"""Chosen: thrust ahead that is considered for a craft that steers at rest."""
+"""Forward thrust [fraction] considered for a craft that steers at rest. Project choice."""
 SHORT = 20.0
-"""Chosen [s]: a first run up and down, or sideways, of an unknown craft: it stays within a metre or two."""
+"""Duration [s] of a first vertical or sideways run of an unknown craft.
+
+It stays within a metre or two. Project choice.
+"""
 SHORT_S = 30.0
-"""Chosen [s]: a first S; half as long as one flown alone, since the chosen runs after it have more information."""
+"""Duration [s] of a first S.
+
+It is half as long as an S flown alone, because the runs chosen after it are more informative. Project choice.
+"""
 LONGEST = 240.0
-"""Chosen [s]: a manoeuvre that takes longer is not considered; two shorter ones allow a choice in between."""
+"""Longest manoeuvre [s] considered. Two shorter ones allow a choice in between. Project choice."""
 OVERHEAD = 5.0
-"""Chosen [s]: additional time of each run, without a boat's return."""
+"""Additional time [s] of each run, without a boat's return. Project choice."""
 LEAST_IMPROVEMENT = 0.05
-"""Chosen: a run that reduces the sum of the logarithmic errors by less brings no improvement."""
+"""Smallest reduction of the sum of the logarithmic errors that counts as an improvement. Project choice."""
 MAX_UNSUCCESSFUL = 2
-"""Chosen: the trial ends after so many runs without improvement."""
+"""Number of runs without improvement after which the trial ends. Project choice."""
 
 
 # --- what may be flown --------------------------------------------------------------------------------------
@@ -67,7 +76,7 @@ MAX_UNSUCCESSFUL = 2
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A manoeuvre of one size that may be flown next."""
+    """A candidate for the next run: a manoeuvre of one size."""
 
     settings: FlySettings
     throttle: float
@@ -75,7 +84,7 @@ class Offer:
 
     @property
     def title(self) -> str:
-        """Its name and size in words."""
+        """Name and size of the manoeuvre as text."""
         sizes = []
         for name, value in self.settings.options.items():
             if name == "steering":
@@ -90,11 +99,11 @@ class Offer:
         return f"{self.settings.kind.name}{force}" + (f" ({', '.join(sizes)})" if sizes else "")
 
     def make(self) -> Manoeuvre:
-        """Return it."""
+        """Return the manoeuvre."""
         return self.settings.make(self.throttle, keep_still=self.keep_still)
 
     def as_preset(self, dofs: Sequence[str]) -> Preset:
-        """Return it as a candidate for a model of *dofs*."""
+        """Return the offer as a candidate for a model of *dofs*."""
         forces = sorted(self.settings.kind.drives | ({"X"} if self.throttle else set()))
         made, told = self.make(), {DOFS[dof].position for dof in dofs}
         by_the_clock = isinstance(made, OpenLoopProgramme) and not made.held & told
@@ -119,7 +128,8 @@ def offers_for(
 ) -> list[Offer]:
     """Return every manoeuvre of the table that excites the form, in the sizes of :data:`GRID`.
 
-    *cruise* is a boat's throttle; *options* (SI) hold for all that take them, in place of the sizes there.
+    *cruise* is a boat's throttle. *options* (SI) apply to all manoeuvres that have them, in place of the sizes in the
+    table.
     """
     typed = options or {}
     forces = {DOFS[dof].force for dof in precision.dofs}
@@ -163,10 +173,11 @@ def _sizes(kind: ManoeuvreKind, typed: Mapping[str, float]) -> list[dict[str, fl
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An offer by its number, the relative standard errors expected after it, its seconds and its extent.
+    """A candidate for the next run: an offer by its number, the relative standard errors expected after it, and its
+    seconds.
 
-    ``room``, ``depth`` [m] and ``turned`` [rad] of the simulated run; ``gain``: reduction of the errors still too
-    large, in the sum of their natural logarithms.
+    ``room``, ``depth`` [m] and ``turned`` [rad] are those of the simulated run. ``gain``: reduction of the errors still
+    too large, as the sum of their natural logarithms.
     """
 
     offer: int
@@ -180,7 +191,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
-    """The present model, and what to fly next, best first.
+    """The present model and the candidates for the next run, best first.
 
     Attributes
     ----------
@@ -198,7 +209,7 @@ class Outlook:
 def look_ahead(
     runs: Sequence[Trial], before: Fit[Model] | None, precision: Precision, offers: Sequence[Offer], overhead: float
 ) -> Outlook:
-    """Identify the form from all *runs* and rank the *offers*; for a process of its own.
+    """Identify the form from all *runs* and rank the *offers*. It runs in a separate process.
 
     Raises
     ------
@@ -238,35 +249,35 @@ def look_ahead(
 
 
 def driven(precision: Precision, firmware: Firmware) -> tuple[str, ...]:
-    """Return the degrees of freedom of the form whose actuator the craft has."""
+    """Return the degrees of freedom of the form for which the craft has an actuator."""
     return tuple(dof for dof in precision.dofs if DOFS[dof].force in firmware.channels)
 
 
 def check_identifiable(precision: Precision, first: ManoeuvreKind, firmware: Firmware) -> None:
-    """Check, before anything moves, that the vehicle can excite the required parameters, and that the *first* run does.
+    """Check, before anything moves, that the vehicle and its *first* run can excite the required parameters.
 
     Raises
     ------
     UsageError
-        It cannot, or another manoeuvre drives it.
+        It cannot, or another manoeuvre excites them.
     """
     asked, able = precision.title, driven(precision, firmware)
     if not able:
         raise UsageError(
             f"{asked}: no actuator drives {' or '.join(precision.dofs)} on this vehicle ({firmware.name} has "
-            f"{', '.join(firmware.channels)}), so no run can identify it. Nothing was flown"
+            f"{', '.join(firmware.channels)}), so no run can identify this parameter. Nothing was flown"
         )
     forces = {DOFS[dof].force for dof in able}
     if not forces & first.drives:
         raise UsageError(
-            f"{asked}: {first.name} drives {' and '.join(sorted(first.drives))} and does not excite it. Omit the "
-            f"manoeuvre, or use one that drives {' or '.join(sorted(forces))}. Nothing was flown"
+            f"{asked}: {first.name} drives {' and '.join(sorted(first.drives))} and does not excite this parameter. "
+            f"Omit the manoeuvre, or use one that drives {' or '.join(sorted(forces))}. Nothing was flown"
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialStep:
-    """One run of a self-planned trial: the reason for it, the precision after it, why it was the last."""
+    """One run of a self-planned trial: why it was chosen, the precision after it, and why it was the last one."""
 
     run: str
     why: str
@@ -277,14 +288,14 @@ class TrialStep:
 
 
 Think = Callable[..., Outlook]
-"""Computes the first argument, called with the others, while the link is served."""
+"""Function that runs its first argument with the other arguments while the link is served."""
 
 
 class SelfPlanner:
-    """Decides after each run what is flown next; ``steps`` is the record of it.
+    """Decides after each run what is flown next; ``steps`` records the decisions.
 
-    *overhead*: additional seconds of each run (a boat's return). *options* hold for every run that takes them. *known*:
-    number of runs before the *first*, which is then chosen too.
+    *overhead*: additional seconds of each run (a boat's return). *options* apply to every run that has them. *known*:
+    number of earlier runs; if there are any, the *first* run is chosen too.
     """
 
     def __init__(
@@ -312,7 +323,7 @@ class SelfPlanner:
     def next_run(
         self, runs: Sequence[Trial], think: Think, run_of: Callable[[FlySettings], FlightRun]
     ) -> FlightRun | None:
-        """Return what to fly after *runs*; None if the precision is reached, or no run helps or fits any more.
+        """Return what to fly after *runs*. None if the precision is reached, or if no permitted run improves it.
 
         Raises
         ------
@@ -335,7 +346,7 @@ class SelfPlanner:
     def _best(
         self, seen: Outlook, number: int, run_of: Callable[[FlySettings], FlightRun]
     ) -> tuple[FlightRun | None, str]:
-        """Return the best run that stays inside the limits and the time left, and why it is; or why none is."""
+        """Return the best run inside the limits and the time left, with the reason; or the reason why there is none."""
         until = self._until
         if until.reached(seen.relative):
             return None, "the required precision is reached"
@@ -345,8 +356,8 @@ class SelfPlanner:
         best = min(away[:-MAX_UNSUCCESSFUL], default=math.inf)
         if min(away[-MAX_UNSUCCESSFUL:]) > best - _noticed(best):
             return None, (
-                f"not reached: the last {MAX_UNSUCCESSFUL} runs brought no improvement, since the model lacks an "
-                "effect that they contain (see the doubts; gcs-autotune diagnose searches for the cause)"
+                f"not reached: the last {MAX_UNSUCCESSFUL} runs brought no improvement, because the model lacks an "
+                "effect that the runs contain. See the doubts, or run gcs-autotune diagnose"
             )
         if seen.choices is None:
             return self._blindly(number, run_of)
@@ -359,19 +370,22 @@ class SelfPlanner:
         for choice in worth:
             offer = self._offers[choice.offer]
             if choice.seconds > self._left:
-                troubles.append(f"{offer.title} takes longer than the time that --total-time leaves")
+                troubles.append(f"{offer.title} takes longer than the rest of --total-time")
                 continue
             run = run_of(replace(offer.settings, name=f"{number}-{offer.settings.kind.name}"))
             guessed = run.preview.craft.assumed and offer.settings.kind.drives == {"Z"}  # the model knows by now
             trouble = _beyond(choice, run.envelope) or ("" if guessed else run.preview.trouble) or run.why_not
             if not trouble:
                 expected = until.told(choice.relative)
-                return run, f"{offer.title}: expected {expected} in {choice.seconds:.0f} s"
+                return run, f"{offer.title}: expected precision after {choice.seconds:.0f} s: {expected}"
             troubles.append(f"{offer.title}: {trouble}")
         return None, f"not reached: no useful manoeuvre can be flown: {troubles[0]}"
 
     def _blindly(self, number: int, run_of: Callable[[FlySettings], FlightRun]) -> tuple[FlightRun | None, str]:
-        """Return the gentlest run of a manoeuvre not flown yet, for an unstable model, which predicts nothing."""
+        """Return the gentlest run of a manoeuvre that was not flown yet.
+
+        It is used if the model is unstable and therefore cannot predict.
+        """
         for offer in self._offers:
             name = offer.settings.kind.name
             if name in self._tried:
@@ -379,17 +393,19 @@ class SelfPlanner:
             self._tried.append(name)
             run = run_of(replace(offer.settings, name=f"{number}-{name}"))
             if run.preview.seconds <= self._left and not run.preview.trouble and not run.why_not:
-                return run, f"{offer.title}, another manoeuvre, since the model of the runs so far is unstable"
-        return None, "not reached: the model of these runs is unstable, and no other manoeuvre can be flown"
+                return run, (
+                    f"{offer.title}, a manoeuvre not flown yet, because the model of the runs so far is unstable"
+                )
+        return None, "not reached: the model of the runs is unstable and no other manoeuvre can be flown"
 
 
 def _noticed(away: float) -> float:
-    """Return the least improvement that counts at this distance *away* from the required precision."""
+    """Return the smallest improvement that counts at this distance *away* from the required precision."""
     return min(LEAST_IMPROVEMENT, 0.5 * away)
 
 
 def _beyond(choice: Choice, envelope: Envelope) -> str:
-    """Return which safety limit the flight by the identified model comes to, in words; empty for none."""
+    """Return a sentence on the safety limit that the predicted flight would reach; empty if none."""
     if choice.room > envelope.distance_limit:
         return f"it needs {choice.room:.0f} m"
     if choice.depth > envelope.depth_excursion:

@@ -1,4 +1,4 @@
-"""The settings of jobs, on a vehicle and at the desk; SI units and radians."""
+"""Settings of jobs, with or without a vehicle; SI units and radians."""
 
 from __future__ import annotations
 
@@ -20,8 +20,11 @@ __all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "StudySettin
 
 SETTLED = "settled"
 STOP_RULES = ("design", SETTLED)
-"""Criteria by which a relay ends: five periods agree within 10 % (Miskovic2010, 6.7), and with ``design`` also that the
-design is known."""
+"""Criteria that end a relay.
+
+``settled``: five periods agree within 10 % (Miskovic2010, 6.7). ``design``: the gains that the design would propose are
+known as well.
+"""
 
 
 _COMMON_NUMBERS = ("throttle", "speed", "delay", "control_rate", "patience")
@@ -39,7 +42,7 @@ def _check_limits(settings: object, fields: Sequence[str], axis: str = "") -> No
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """How to reach the vehicle; ``opened`` is the link itself where it was opened already.
+    """How to reach the vehicle; ``opened`` is the link object if it is already open.
 
     Raises
     ------
@@ -57,11 +60,11 @@ class Connection:
     opened: Transport | None = None
 
     def __post_init__(self) -> None:
-        """Check that the numbers are in their limits."""
+        """Check that the numbers are within their limits."""
         _check_limits(self, ("baud", "system_id", "source_system", "seed"))
 
     def open(self) -> Transport:
-        """Open the link, or return the one that is open already.
+        """Open the link, or return the one already open.
 
         Raises
         ------
@@ -74,13 +77,13 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class CommonSettings:
-    """What every job on a vehicle needs; SI units and radians. None means: choose for me.
+    """Settings of every job on a vehicle; SI units and radians. None means that the program chooses.
 
     Attributes
     ----------
     connection, directory : how to reach the vehicle, and where the run is recorded.
     throttle, speed : a boat's throttle [fraction] and speed [m/s]; None: its own cruise.
-    structure, delay : what to identify with: the structure of the drag, and the delay [s]; None: both are estimated.
+    structure, delay : structure of the drag, and the delay [s], used for identification; None: estimated.
     control_rate : control ticks per second [Hz]; None: 25, or 10 in simulated time.
     patience : longest silence [s] of the vehicle after which the run continues.
     resume : directory of an earlier run to continue from.
@@ -106,16 +109,16 @@ class CommonSettings:
     envelope: Envelope = field(default_factory=Envelope)
 
     def __post_init__(self) -> None:
-        """Check that the numbers are in their limits."""
+        """Check that the numbers are within their limits."""
         _check_limits(self, _COMMON_NUMBERS)
 
 
 @dataclass(frozen=True, slots=True)
 class SuppliedGains:
-    """Values by the vehicle's own parameter names, the ``file`` they are from, and the ``step`` flown in its run.
+    """Gains by the vehicle's own parameter names, the ``file`` they come from, and the ``step`` flown in its run.
 
-    ``step`` is None where the file does not lie in the directory of a run that has flown one. ``noise``: standard
-    deviation per signal (SI) that the model identified in that run has left, as far as there is one.
+    ``step`` is None if the file is not in the directory of a run that flew a step. ``noise``: residual standard
+    deviation per signal (SI) of the model identified in that run, if there is one.
     """
 
     file: Path
@@ -126,20 +129,21 @@ class SuppliedGains:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TuneSettings(CommonSettings):
-    """One tune, or one experiment, which uses the settings of its first half.
+    """Settings of one tune, or of one experiment, which uses those of its first half.
 
     Attributes
     ----------
     axis : the loop, or the degree of freedom of an experiment.
     step, step_duration : size of the proof [rad, m, m/s or rad/s] and its seconds each way.
-    relay_output, relay_hysteresis : of the relays: fraction of full output, and rad or m.
+    relay_output, relay_hysteresis : amplitude of the relays [fraction of full output] and their hysteresis [rad or m].
     model : family of the reference model. settling_time [s], omega_0 [rad/s] : its speed.
-    given : a model to design from, instead of experiments. full_scale : its input at full output, in its unit.
+    given : a model to design from instead of flying experiments. full_scale : the model's input at full output, in its
+        unit.
     dry_run : whether to write nothing.
     most_relays : most relays flown, 2 or 3; the third only if two do not separate a dead zone from a thrust curve.
     stop_rule : when relays end, one of :data:`STOP_RULES`.
     gains : gains to prove instead of designing any. proving : the command that proves gains of a file under these
-        settings, without the file.
+        settings, without the file name.
     beyond_ranges : whether gains may leave their documented ranges.
 
     Raises
@@ -166,7 +170,7 @@ class TuneSettings(CommonSettings):
     beyond_ranges: bool = False
 
     def __post_init__(self) -> None:
-        """Check that the numbers are in their limits, and that there is such a rule."""
+        """Check that the numbers are within their limits and that the stop rule exists."""
         CommonSettings.__post_init__(self)
         _check_limits(self, _TUNE_NUMBERS, self.axis)
         if self.stop_rule not in STOP_RULES:
@@ -174,18 +178,21 @@ class TuneSettings(CommonSettings):
 
     @property
     def ends_early(self) -> bool:
-        """Whether relays, steps and waits end once they have shown enough; else a boat also turns before each stage."""
+        """Whether relays, steps and waits end once they are informative enough.
+
+        Otherwise a boat also turns before each stage.
+        """
         return self.stop_rule != SETTLED
 
 
 @dataclass(frozen=True, slots=True)
 class StudySettings:
-    """What ``identify`` was asked for; the names as in :func:`gcs_autotune.identify.fit`.
+    """Settings of ``identify``; the names are those of :func:`gcs_autotune.identify.fit`.
 
-    ``effects`` to fit with the model, ``begin`` a model to begin at; ``check`` on data left out; ``choose``: drop the
-    terms of a coupled form these runs do not justify; ``plan_next``: propose manoeuvres of so many seconds;
-    ``profile``: parameters whose intervals are to be found by profile likelihood; ``compare``: a model, or a method
-    whose model of the same runs, what is found is to be compared with.
+    ``effects``: effects to fit with the model. ``begin``: a model to start from. ``check``: validate on held-out data.
+    ``choose``: drop the terms of a coupled form that these runs do not justify. ``plan_next``: propose manoeuvres of
+    this many seconds. ``profile``: parameters whose intervals are computed by profile likelihood. ``compare``: a model,
+    or a method for the same runs, to compare the result with.
     """
 
     dof: str | None = None

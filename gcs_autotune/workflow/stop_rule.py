@@ -1,14 +1,15 @@
-"""The second criterion of the stop rule: a relay ends once the gains that would be designed from it are known.
+"""The second criterion of the stop rule: a relay ends once the gains designed from it are known.
 
 The first one, five periods that agree (Miskovic2010, 6.7), is needed to read a limit cycle by its first harmonic. Here
 the record is fitted exactly, together with the step flown before. So a relay may end as soon as the remaining
-uncertainty of the model hardly changes the gains. After the step, and after each half period from the third on, the
-model is fitted and gains are designed, each time starting from the last ones. Their predicted ITAE is computed over
+uncertainty of the model hardly changes the gains. The model is fitted and gains are designed after the step, and after
+each half period from the third on. Each design starts from the previous gains. Their predicted ITAE is computed over
 the 95 % region of the parameters. The final proposal is a new design.
 
-With a dead zone or a thrust curve, one model does not explain both step and oscillation. Each of two sizes is then
-ended once a model explains it alone; the actuator is identified afterwards. Other bad fits (waves) are left to the
-five periods, and so is a boat that fits badly: waves show in its gentle steps before they show in its oscillations.
+With a dead zone or a thrust curve, one model does not explain both step and oscillation. Each of two relay amplitudes
+then ends once a model explains it alone. The actuator is identified afterwards. For other bad fits (waves) the relay
+ends after the five periods. This includes a boat that fits badly, because waves affect its small steps more than its
+oscillations.
 """
 
 from __future__ import annotations
@@ -36,25 +37,28 @@ from gcs_autotune.workflow.worker import Worker
 __all__ = ["BY_ITSELF", "SPREAD", "UNEXPLAINED", "Assessment", "DesignQuestion", "KnownDesign", "assess"]
 
 UNEXPLAINED = 4.0
-"""Chosen [percent]: a model to design from early leaves at most so much of the motion unexplained."""
+"""Largest unexplained part of the motion [percent] for a model to design from early. Project choice."""
 BY_ITSELF = 6.0
-"""Chosen [percent]: an oscillation of one size that leaves less than this unexplained has no waves in it."""
+"""Unexplained part [percent] below which an oscillation of one amplitude counts as free of waves. Project choice."""
 SPREAD = 0.10
-"""Chosen: gains are known when the worst predicted ITAE is at most by this share above the nominal one."""
+"""Largest relative excess of the worst predicted ITAE over the nominal one at which gains count as known. Project
+choice."""
 MOVED = 2.0
-"""Chosen: a parameter that the last half period changed by so many standard errors is not known yet."""
+"""Change of a parameter over the last half period, in standard errors, above which it is not known yet. Project
+choice."""
 TWICE = 2
-"""The design must be known so many times in a row."""
+"""Number of consecutive assessments in which the design must be known."""
 LEAST_SAMPLES = 2 * MIN_SAMPLES
-"""Least samples of a run: a fit leaves out shorter ones without a message."""
+"""Fewest samples of a run; a fit leaves out shorter runs without a message."""
 LEFT_OUT = "run-left-out"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignQuestion:
-    """What gains are designed for: the ``axis`` with its ``present`` gains and the specification.
+    """The gains to be designed: the ``axis`` with its ``present`` gains, and the specification.
 
-    ``step``: flown before under the autopilot's own loop. ``structure``, ``delay`` [s]: what to identify with.
+    ``step``: an earlier step under the autopilot's own loop. ``structure``, ``delay`` [s]: settings of the
+    identification.
     """
 
     axis: Axis
@@ -67,15 +71,15 @@ class DesignQuestion:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """What is known after a half period.
+    """State of knowledge after a half period.
 
     Attributes
     ----------
-    lacks : what the design still lacks, in words; empty when it is known.
+    lacks : sentence on what the design still lacks; empty if it is known.
     another_size : whether a model explains the run alone but not together with the step.
     refused : whether no gains meet the specification with this model.
     values, stds : the model's parameters and their standard errors.
-    gains : those that would be designed now, with their predicted ITAE and its uncertainty.
+    gains : the gains designed now, with their predicted ITAE and its uncertainty.
     """
 
     lacks: str
@@ -87,17 +91,17 @@ class Assessment:
 
     @property
     def answers(self) -> bool:
-        """Whether the gains are known, or that there are none."""
+        """Whether the gains are known, or known not to exist."""
         return self.refused or not self.lacks
 
     def moved_from(self, last: Assessment) -> bool:
-        """Whether any parameter differs from the *last* one by more than its uncertainty."""
+        """Return whether any parameter differs from that of the *last* assessment by more than its uncertainty."""
         pairs = zip(self.values, last.values, last.stds, strict=True)
         return any(abs(now - then) > MOVED * std for now, then, std in pairs)
 
 
 def assess(question: DesignQuestion, run: Trial | None = None, last: ProvisionalGains | None = None) -> Assessment:
-    """Return what *run* so far and the step, or the step alone, show about the gains.
+    """Return the assessment of the gains from *run* so far and the step, or from the step alone.
 
     last : the gains of the last assessment, to start from.
     """
@@ -116,8 +120,8 @@ def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains 
     if fit is None or fit.unexplained >= UNEXPLAINED:
         alone = None if question.axis.needs_speed or run is None else _fit(question, run)
         by_itself = alone is not None and alone.unexplained < BY_ITSELF
-        much = "not" if fit is None else f"only by {fit.fit_percent:.0f} %"
-        return Assessment(f"one model explains step and oscillation {much}", another_size=by_itself)
+        much = "does not explain" if fit is None else f"explains only {fit.fit_percent:.0f} % of"
+        return Assessment(f"one model {much} step and oscillation", another_size=by_itself)
     covariance, m = fit.craft_covariance, fit.model
     values = (m.alpha, m.beta, m.beta_quadratic, m.delta, m.delay)
     stds = tuple(float(std) for std in np.sqrt(np.maximum(np.diag(covariance), 0.0)))
@@ -133,7 +137,7 @@ def _assess(question: DesignQuestion, run: Trial | None, last: ProvisionalGains 
 
 
 def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
-    """Return the model of all *runs*, None when there is none or when one of them was left out."""
+    """Return the model of all *runs*; None if no fit exists or a run was left out."""
     try:
         fit = fit_axis(runs, dof=question.axis.dof, structure=question.structure, delay=question.delay)
     except AutotuneError:
@@ -142,18 +146,18 @@ def _fit(question: DesignQuestion, *runs: Trial) -> AxisFit | None:
 
 
 class KnownDesign:
-    """Ends relays once the gains of *question* are known; computed at *worker*, so that no tick ever waits for it.
+    """Ends relays once the gains of *question* are known; computed in *worker*, so that no tick waits for it.
 
     Every half period from the third on is assessed, in turn. So a slow computer gives the same result for one record as
-    a fast one, only later. What was flown while a result was awaited does not count (:attr:`counted_to`).
+    a fast one, only later. Samples flown while the decisive result was awaited do not count (:attr:`counted_to`).
 
-    :meth:`start` comes first. *observer* gets the predicted ITAE.
+    Call :meth:`start` first. *observer* receives the predicted ITAE.
 
     Attributes
     ----------
     known : whether the last relay ended because the gains are known.
-    another_size : whether a relay of another size is called for.
-    counted_to : the vehicle's time [s] at the end of the half period that was decisive; NaN when there is none, or when
+    another_size : whether a relay of another amplitude is needed.
+    counted_to : the vehicle's time [s] at the end of the decisive half period; NaN when there is none, or when
         the relay ended with it.
     """
 
@@ -174,7 +178,7 @@ class KnownDesign:
         self.counted_to = math.nan
 
     def __deepcopy__(self, memo: dict[int, Any]) -> KnownDesign:
-        """A relay that is flown again has the same criterion."""
+        """Return itself: a relay that is flown again uses the same criterion."""
         return self
 
     def start(self) -> None:
@@ -182,7 +186,7 @@ class KnownDesign:
         self._ask(None)
 
     def begin(self) -> None:
-        """Forget the oscillations so far: a relay begins, or begins again with another size or hysteresis."""
+        """Discard the oscillations so far, because a relay starts, or restarts with another size or hysteresis."""
         self._stale = self._at_work and self._of_step is not None
         self._reversals = self._times = 0
         self._waiting.clear()
@@ -193,7 +197,7 @@ class KnownDesign:
             self._judged(self._of_step, None)
 
     def update(self, relay: Relay, reversals: int) -> str:
-        """Process one tick of *relay* after so many *reversals*; return why it may end, or an empty text."""
+        """Process one tick of *relay* after this many *reversals*. Return why the relay may end, or an empty text."""
         if reversals >= LEAST_REVERSALS and reversals > self._reversals:
             self._reversals = reversals
             self._waiting.append(self._craft.recorded_so_far(relay.settings).proper)
@@ -210,9 +214,9 @@ class KnownDesign:
                 return why
 
     def conclude(self, run: Trial, awaited: Callable[[], Assessment]) -> Trial:
-        """Return as much of *run*, a relay that has ended, as counts; what is still unanswered is answered first.
+        """Return the part of *run*, a relay that has ended, that counts. Pending assessments are completed first.
 
-        awaited : waits for the worker, watching the craft, and returns its answer.
+        awaited : function that waits for the worker while monitoring the craft, and returns its answer.
         """
         why = ""
         while not (self.known or self.another_size) and (self._at_work or self._waiting):
@@ -245,7 +249,7 @@ class KnownDesign:
         return why
 
     def _judged(self, now: Assessment, run: Trial | None) -> str:
-        """Judge the assessment of *run*, None for that of the step alone."""
+        """Evaluate the assessment of *run*, or of the step alone if None."""
         if self._of_step is None:
             self._of_step = now
         last, self._last = self._last, now
@@ -261,18 +265,21 @@ class KnownDesign:
             return "no gains meet the specification with the present model"
         if self._times >= TWICE and now.gains is not None:
             self.known = True
-            return f"the gains are known. The model's uncertainty changes their ITAE by only {now.gains.spread:.0%}"
+            return (
+                "the gains are known: the model's uncertainty changes their predicted ITAE by only "
+                f"{now.gains.spread:.0%}"
+            )
         if now.another_size:
             self.another_size = True
-            return "the model explains this oscillation but not the step, so small and large commands act differently"
+            return "no single model explains both oscillation and step: small and large commands act differently"
         return ""
 
     def weigh(self, whole: Assessment) -> None:
-        """Process the assessment of a run flown earlier, to its end."""
+        """Process the assessment of a complete run flown earlier."""
         self.known, self.another_size = whole.answers, whole.another_size
 
     def close(self) -> None:
-        """The relay is over; no result is needed any more."""
+        """Cancel pending assessments, because the relay is over."""
         self._waiting.clear()
         if self._at_work:
             self._worker.abandon()

@@ -1,4 +1,4 @@
-"""An identification from end to end: runs, fits by one or all methods, validation, next manoeuvres."""
+"""A complete identification: runs, fits by one or all methods, validation, and recommended manoeuvres."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ from gcs_autotune.workflow.study_sections import (
 __all__ = ["study", "study_of"]
 
 HELD_BACK = 0.3
-"""Share of a single run held out for validation: its end."""
+"""Fraction of a single run, at its end, that is held out for validation."""
 
 MOST_FOLDS = 8
-"""Most runs held out one at a time; more are held out in groups."""
+"""Largest number of runs that are held out one at a time. More runs are held out in groups."""
 
 ALL = "all"
 
@@ -60,24 +60,24 @@ DRAGS: Mapping[str, Structure] = {str(n): n for n in get_args(Structure)}
 
 
 Stage = Callable[[str, int, int], None]
-"""Receives the present step, how many pieces of it are done, and of how many."""
+"""Callback that receives the present step, the number of pieces done, and their total."""
 
 
 def _unheard(stage: str, done: int, total: int) -> None:
-    """Ignore progress."""
+    """Ignore progress: the default callback."""
 
 
 def study(
     runs: Sequence[Trial], unseen: Sequence[Trial], settings: StudySettings, when: str, stage: Stage = _unheard
 ) -> Study:
-    """Identify from *runs* and validate on *unseen* ones; without any, on parts of *runs* held out in turn.
+    """Identify from *runs* and validate on the *unseen* runs; without these, on parts of *runs* held out in turn.
 
-    stage : told how far it is, before each piece of work.
+    stage : receives the progress before each piece of work.
 
     Raises
     ------
     AutotuneError
-        What the method asked for raised; with ``method="all"`` only when every method refused.
+        The requested method failed; with ``method="all"``, every method failed.
     """
     forms = Weighed()
     if not settings.effects and settings.begin is None:
@@ -91,7 +91,7 @@ def study(
     outcomes = [_outcome(name, runs, unseen, settings, pieces, lenient=len(methods) > 1) for name in methods]
     fitted = [o.fit for o in outcomes if o.fit is not None]
     if not fitted:
-        raise UsageError(f"no method could identify these runs. Reason of output-error: {outcomes[0].refusal}")
+        raise UsageError(f"no method could identify these runs. The method output-error reports: {outcomes[0].refusal}")
     outcomes.sort(key=lambda o: o.fit is None)
     if settings.dof is None:
         outcomes[0] = _naming_what_moved_too(outcomes[0], runs)
@@ -130,7 +130,7 @@ def study(
 
 
 def _naming_what_moved_too(answer: MethodOutcome, runs: Sequence[Trial]) -> MethodOutcome:
-    """Return *answer* with a doubt for degrees of freedom that moved but are not in its model."""
+    """Return *answer* with a doubt for each degree of freedom that moved but is not in its model."""
     if not is_of_one_axis(answer.fit):
         return answer
     doubts = (*answer.fit.doubts, *moved_too(runs, (answer.fit.dof,)))
@@ -150,18 +150,18 @@ def study_of(fit: AxisFit, runs: Sequence[Trial], title: str, when: str) -> Stud
 
 
 def _other_model(settings: StudySettings, runs: Sequence[Trial], stage: Stage) -> ModelFile:
-    """Return the model to compare with, fitted to the same runs if a method was named."""
+    """Return the model to compare with. If a method was requested, its model is fitted to the same runs."""
     if isinstance(settings.compare, ModelFile):
         return settings.compare
     method = str(settings.compare)
     lookup(METHODS, method, "identification method")
-    stage(f"{method}: fitting, to compare with", 0, 1)
+    stage(f"fitting {method} for comparison", 0, 1)
     other = fit(runs, structure_of(settings), method, dof=settings.dof, delay=settings.delay, use=settings.use)
     return model_file_of(other)
 
 
 class _Pieces:
-    """Counts the pieces of work of a study for its progress."""
+    """Counts the pieces of work of a study, for the progress report."""
 
     def __init__(self, stage: Stage, total: int) -> None:
         self._stage = stage
@@ -184,7 +184,7 @@ def _checks(runs: Sequence[Trial], unseen: Sequence[Trial]) -> int:
 
 
 def structure_of(settings: StudySettings) -> str | Path | Form | None:
-    """Return the requested structure, with known constants."""
+    """Return the requested structure with the known constants."""
     if not settings.known:
         return settings.structure
     if settings.begin is not None:
@@ -198,7 +198,7 @@ def structure_of(settings: StudySettings) -> str | Path | Form | None:
 
 
 def _methods(settings: StudySettings) -> list[str]:
-    """Return the requested method, or all that fit this kind of model."""
+    """Return the requested method, or all methods for this kind of model."""
     if settings.method != ALL:
         return [settings.method]
     if settings.effects or settings.begin is not None:
@@ -270,7 +270,7 @@ def _check(
     unseen: Sequence[Trial],
     begin: Callable[[], None],
 ) -> tuple[Validation | None, list[str]]:
-    """Return the prediction of held-out data, if there was any, and what could not be validated and why."""
+    """Return the validation on held-out data if there was any, what could not be validated, and why."""
     parts: list[Validation] = []
     objections: list[str] = []
     for model, held in _folds(found, identify, runs, unseen):
@@ -285,7 +285,7 @@ def _check(
 def _folds(
     found: Fit[Model], identify: Callable[[Sequence[Trial]], Fit[Model]], runs: Sequence[Trial], unseen: Sequence[Trial]
 ) -> Iterator[tuple[Callable[[], Any], Sequence[Trial]]]:
-    """Yield a function that fits, and the runs that its model must predict."""
+    """Yield pairs of a fit function and the runs that its model has to predict."""
     if unseen:
         for run in unseen:
             yield (lambda: found.whole_model), [run]
@@ -307,7 +307,7 @@ def _folds(
 
 
 def _with_what_went_before(rest: Trial, run: Trial, model: ExtendedModel) -> Trial:
-    """Return *rest* with the commands of the whole run: backlash, lag and drift continue across the cut."""
+    """Return *rest* with the commands of the whole run, because backlash, lag and drift continue across the cut."""
     commands = {n: run[n] for n in model.base.form.inputs if n in run}
     return replace(rest, channels={**rest.channels, **commands})
 
@@ -324,16 +324,18 @@ def _how(runs: Sequence[Trial], unseen: Sequence[Trial], answer: MethodOutcome) 
 
 def _checked_on(runs: Sequence[Trial], unseen: Sequence[Trial]) -> str:
     if unseen:
-        return f"Predicted from the inputs alone, only the initial state fitted: {', '.join(t.name for t in unseen)}."
+        return (
+            f"Predicted from the inputs alone (only the initial state is fitted): {', '.join(t.name for t in unseen)}."
+        )
     if len(runs) == 1:
         share = round(100 * HELD_BACK)
         return (
-            f"Single run: a second model is identified without its last {share} % and predicts that part "
-            "(the model above uses the whole run)."
+            f"Single run: a second model is identified without its last {share} % and predicts that part. "
+            "The model above uses the whole run."
         )
     return (
-        "Each run is predicted by a model identified from the others (the model above uses all of them). "
-        "Only the initial state is fitted to the predicted run."
+        "Each run is predicted by a model identified from the others. Only the initial state is fitted to the "
+        "predicted run. The model above uses all runs."
     )
 
 

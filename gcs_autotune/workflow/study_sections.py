@@ -1,4 +1,4 @@
-"""Additions of a study to a fit: undetermined parameters, choice of structure, next manoeuvres, Bode plot."""
+"""Optional parts of a study: undetermined parameters, choice of structure, recommended manoeuvres, Bode plot."""
 
 from __future__ import annotations
 
@@ -60,18 +60,18 @@ SHOWN = 6
 """Number of ranked manoeuvres shown."""
 
 WELL_KNOWN = 0.02
-"""Relative standard error below which a parameter needs no further run: any design tolerates more."""
+"""Relative standard error below which a parameter needs no further run. A control design tolerates more."""
 
-ENOUGH = "These runs determine every parameter of this model to 2 % or better; more runs are not necessary"
+ENOUGH = "These runs determine every parameter of this model to 2 % or better. More runs are not necessary"
 
 Rows = tuple[tuple[str, ...], ...]
 Plot: TypeAlias = tuple[str, Callable[[], "Figure"]]
-"""A caption, and the function that draws the figure."""
+"""A caption and the function that plots the figure."""
 
 
 @dataclass(frozen=True, slots=True)
 class Weighed:
-    """Structures compared: rows of ``study_tables.choice_table`` and the verdict."""
+    """A comparison of structures: rows of ``study_tables.choice_table`` and the verdict."""
 
     rows: Rows = ()
     verdict: str = ""
@@ -79,7 +79,7 @@ class Weighed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intervals:
-    """Intervals of parameters: one sentence each, plots with captions."""
+    """Intervals of parameters: a sentence for each, and plots with captions."""
 
     sentences: tuple[str, ...] = ()
     pictures: tuple[Plot, ...] = ()
@@ -95,7 +95,7 @@ class Proposed:
 
 
 def not_distinguished(fit: Fit[Model], runs: Sequence[Trial]) -> tuple[str, ...]:
-    """Return which parameters these runs do not determine, one sentence each."""
+    """Return a sentence for each parameter that these runs do not determine."""
     try:
         doubts = identifiability(fit, runs).doubts
     except AutotuneError:
@@ -109,14 +109,14 @@ def compared(fit: Fit[Model], other: ModelFile, runs: Sequence[Trial]) -> tuple[
     Raises
     ------
     UsageError
-        They have nothing in common that these runs drive, or forces of different units.
+        They have no common axis that these runs excite, or their forces have different units.
     """
     own = model_file_of(fit)
     return compare_models(own.model, other.model, (own.inputs, other.inputs), runs)
 
 
 def profiled(fit: Fit[Model], runs: Sequence[Trial], names: Sequence[str]) -> Intervals:
-    """Return the profile-likelihood intervals of the parameters *names*, and how the estimates are correlated.
+    """Return the profile-likelihood intervals of the parameters *names*, and the correlation of the estimates.
 
     Raises
     ------
@@ -126,11 +126,11 @@ def profiled(fit: Fit[Model], runs: Sequence[Trial], names: Sequence[str]) -> In
     found = [profile(fit, runs, name) for name in names]
     pictures = (
         (
-            "Rise of the deviance with each parameter; the line marks the end of the 95 % interval.",
+            "Deviance (-2 log-likelihood) over each parameter. The line marks the end of the 95 % interval.",
             partial(profile_plot, found),
         ),
         (
-            "Correlation of the estimates; dark squares are strongly correlated pairs.",
+            "Correlation of the estimates. Dark squares are strongly correlated pairs.",
             partial(correlation_plot, identifiability(fit, runs)),
         ),
     )
@@ -138,7 +138,7 @@ def profiled(fit: Fit[Model], runs: Sequence[Trial], names: Sequence[str]) -> In
 
 
 def drags_weighed(fit: AxisFit, runs: Sequence[Trial]) -> Weighed:
-    """Return the drag structures with their errors on held-out data, and the verdict."""
+    """Return the drag structures compared by their errors on held-out data, and the verdict."""
     try:
         choice = weigh_drags(fit, runs)
     except AutotuneError:
@@ -168,10 +168,10 @@ def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySetting
     Raises
     ------
     UsageError
-        No coupled form was asked for.
+        No coupled form was requested.
     """
     if form is None:
-        raise UsageError("--choose drops terms of a coupled model. Use --dof horizontal, 6dof or a form's TOML file")
+        raise UsageError("--choose applies to a coupled model. Use --dof horizontal, 6dof or a form's TOML file")
     form = form.knowing(settings.known).driven_by({name for run in runs for name in run.channels})
     form, _ = scaled_form(form, runs)
     method = settings.method if settings.method in METHODS else "output-error"
@@ -180,7 +180,7 @@ def chosen_form(runs: Sequence[Trial], form: Form | None, settings: StudySetting
 
 
 def forms_weighed(choice: FormChoice) -> Weighed:
-    """Return the forms tried, with their errors on held-out data, and the reason."""
+    """Return the forms compared by their errors on held-out data, and the reason for the choice."""
     least = min((r.bic for r in choice.table if math.isfinite(r.bic)), default=math.nan)
     rows = tuple(
         (
@@ -195,7 +195,7 @@ def forms_weighed(choice: FormChoice) -> Weighed:
 
 
 def next_manoeuvres(fit: Fit[Model], runs: Sequence[Trial], seconds: float) -> Proposed:
-    """Return the recommended manoeuvres, the verdict, and a plot of the improvement by the best one."""
+    """Return the recommended manoeuvres, the verdict, and a plot of the improvement from the best one."""
     proposal = plan_next(fit, runs, seconds=seconds)
     rows = []
     for plan in proposal.plans[:SHOWN]:
@@ -213,7 +213,7 @@ def next_manoeuvres(fit: Fit[Model], runs: Sequence[Trial], seconds: float) -> P
 
 
 def _times(factor: float) -> str:
-    return "becomes visible" if math.isinf(factor) else f"std / {factor:.1f}"
+    return "becomes identifiable" if math.isinf(factor) else f"std / {factor:.1f}"
 
 
 def response_plots(fits: Sequence[Fit[Model]]) -> tuple[Plot, ...]:

@@ -1,4 +1,4 @@
-"""Gains of a file instead of designed ones: those of a dry run, or any others; the proof is the same."""
+"""Gains from a file instead of designed ones, either from a dry run or any others. The proof is the same."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ __all__ = ["changes_of", "load_gains", "step_of"]
 
 
 def load_gains(path: Path, axis: str) -> SuppliedGains:
-    """Read a parameter file, or the run directory whose proposal is meant, for the proof of *axis*.
+    """Read the gains for the proof of *axis* from a parameter file, or from a run directory with a proposal.
 
     Raises
     ------
     BadFile
         Unreadable, or a directory without a proposal.
     UsageError
-        The run flew the step of another axis, or the axis needs the step of a run and there is none: a speed and a
-        turn rate are stepped about what the craft was found to keep.
+        The run flew the step of another axis. Or the axis is a speed or a turn rate and no run with its step exists;
+            such a step is flown about the measured steady value.
     """
     file = path / PROPOSED if path.is_dir() else path
     if path.is_dir() and not file.is_file():
-        raise BadFile(f"{path} has no {PROPOSED}. Use a run that proposed gains without writing them")
+        raise BadFile(f"{path} contains no {PROPOSED}. Use a run that proposed gains without writing them")
     values, flown = load_params(file), _proof_in(file.parent / TRIALS_FOLDER)
     stepped = AXES[axis].stepped
     if flown is not None and flown.meta.get("signal") != stepped:
         raise UsageError(
             f"the run of {file} steps {flown.meta.get('signal')}, but a tune of {axis} steps {stepped}. Use the "
-            "axis of that run"
+            "axis flown in that run"
         )
     if flown is None and AXES[axis].controls_velocity:
         raise UsageError(
-            f"{file} is not in a run with a {axis} step, which sets the step for the proof. "
+            f"{file} is not in a run directory with a {axis} step. That step is needed to test the gains. "
             "Use the directory of a dry run (`tune ... --dry-run`)"
         )
     if flown is None:
@@ -56,7 +56,7 @@ def load_gains(path: Path, axis: str) -> SuppliedGains:
 
 
 def _proof_in(folder: Path) -> Trial | None:
-    """Return the first step flown in a run, None when there is none."""
+    """Return the first step flown in a run; None if there is none."""
     runs = (load_trial(file) for file in sorted(folder.glob("*.csv")))
     return next((run for run in runs if run.purpose == "proof"), None)
 
@@ -71,17 +71,17 @@ def _settings_of(flown: Trial) -> StepSettings:
 
 
 def step_of(given: SuppliedGains, asked: StepSettings) -> StepSettings:
-    """Return the step that the run of *given* has flown; the *asked* one if it has flown none."""
+    """Return the step flown by the run of *given*, or the *asked* one if it flew none."""
     return asked if given.step is None else replace(given.step, speed=asked.speed)
 
 
 def changes_of(context: TuneContext, given: SuppliedGains) -> tuple[Change, ...]:
-    """Return what *given* would change on the vehicle; nothing is written.
+    """Return the changes that *given* would make on the vehicle; nothing is written.
 
     Raises
     ------
     UsageError
-        A parameter that is no gain of this axis, or a value outside the range its vendor documents.
+        A parameter is not a gain of this axis, or a value is outside its documented range.
     """
     names = context.axis.names
     gains = {names.own(g.parameter): g for g in context.axis.gains}

@@ -1,4 +1,4 @@
-"""A model from a file instead of an identified one: check that it is of this axis and explains the motion."""
+"""Use a model from a file instead of an identified one. Check that it has the right axis and explains the motion."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from gcs_autotune.trial import Trial
 __all__ = ["STRANGE", "SuppliedModel", "explained", "supplied_for"]
 
 STRANGE = 50.0
-"""Percent of a flown step that a model of the craft explains at least."""
+"""Smallest part of a flown step [percent] that a model of this craft must explain."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SuppliedModel:
-    """A model file seen from one axis.
+    """A model file as used for one axis.
 
-    ``full_scale`` input [its unit] at full output; ``noise_std`` of what is stepped (SI).
+    ``full_scale``: input at full output [in its unit]. ``noise_std``: noise of the stepped signal (SI).
     """
 
     file: ModelFile
@@ -37,7 +37,7 @@ def supplied_for(file: ModelFile, axis: Axis, full_scale: float | None) -> Suppl
     Raises
     ------
     UsageError
-        It is not of this axis, or its input is in newtons and its value at full output is unknown.
+        The model does not contain this axis, or its input is in newtons and its value at full output is unknown.
     """
     reduction = reduce(file.model, axis.dof, file.inputs, law=axis.law, names=file.names, covariance=file.covariance)
     unit = reduction.model.input_unit
@@ -59,10 +59,9 @@ def _hint(file: ModelFile, channel: str) -> str:
 
 
 def explained(given: SuppliedModel, step: Trial) -> float:
-    """Return how much [%] of a flown step the model explains, only its initial state fitted; NaN if it cannot be
-    computed.
+    """Return how much [%] of a flown step the model explains if only its initial state is fitted.
 
-    step : with the output as a fraction of full, as ``tune`` records it.
+    NaN if it cannot be computed. *step*: with the output as a fraction of full output, as ``tune`` records it.
     """
     r = given.reduction
     flown = r.model.axis.force

@@ -1,6 +1,6 @@
-"""A loop whose gains can be tuned, and the order of every tune: propose, ask, apply, prove, keep or restore.
+"""A loop whose gains can be tuned, and the sequence of every tune: propose, ask, apply, prove, keep or restore.
 
-The gains may be an autopilot's parameters or numbers of a controller of our own.
+The gains may be an autopilot's parameters or numbers of this program's own controllers.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ __all__ = ["GainLoan", "Offer", "ProofResult", "TunableLoop", "TuneObserver", "t
 
 
 class GainLoan(Protocol):
-    """Gains changed for a while: they are restored when the context ends, unless they are kept."""
+    """Temporary change of gains. They are restored when the context ends, unless they are kept."""
 
     def set(self, values: Mapping[str, float]) -> None:
-        """Apply all of *values*, or none and raise."""
+        """Apply all of *values*; on an error apply none and raise it."""
 
     def keep(self) -> object:
-        """Leave the applied values in place for good."""
+        """Keep the applied values permanently."""
 
     def __enter__(self) -> Self:
-        """Begin."""
+        """Start the temporary change."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Restore what was there before, unless it was kept."""
+        """Restore the previous values unless the new ones are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class Offer:
 
     Attributes
     ----------
-    changes : by the names that the operator knows; empty when there is nothing better.
-    refusal : why they are not to be applied; empty when they are.
-    promise : what they are predicted to do, one sentence; empty when nothing predicts it.
+    changes : new values by the operator's names; empty if nothing better was obtained.
+    refusal : reason why they must not be applied; empty if they may.
+    promise : their predicted effect in one sentence; empty if there is no prediction.
     costs : cost of the proof predicted with the present gains, with the new ones, and with the new ones at the worst of
-        the model's confidence region; NaN where nothing predicts it.
+        the model's confidence region; NaN if there is no prediction.
     """
 
     changes: Sequence[Change]
@@ -56,49 +56,55 @@ class Offer:
 
     @property
     def new(self) -> dict[str, float]:
-        """The new values by name."""
+        """New values by name."""
         return {change.parameter: change.new for change in self.changes}
 
 
 @dataclass(frozen=True, slots=True)
 class ProofResult:
-    """The new gains compared with the old ones in the proof; ``remarks`` are for the operator if they are kept."""
+    """Result of the proof: the new gains compared with the old ones.
+
+    ``remarks`` are for the operator if the new gains are kept.
+    """
 
     verdict: Verdict
     remarks: Sequence[str] = ()
 
 
 class TunableLoop(Protocol):
-    """One loop of one craft.
+    """One control loop of one craft.
 
-    A method that flies raises what flying raises; :func:`tune_loop` then restores the gains.
+    A method that flies passes on the errors of flying; :func:`tune_loop` then restores the gains.
     """
 
     @property
     def name(self) -> str:
-        """What the loop controls, one word."""
+        """Name of the controlled quantity, in one word."""
 
     def read(self) -> Mapping[str, float]:
-        """Return the gains that are in place now, and what else the proof depends on, by name."""
+        """Return the present gains by name, and the other values that the proof depends on."""
 
     def lend(self, journal: Journal) -> GainLoan:
-        """Return what applies new gains and restores the present ones; it keeps the *journal* that a crash needs."""
+        """Return the object that applies new gains and restores the present ones.
+
+        It keeps the *journal* for recovery after a crash.
+        """
 
     def experiment(self) -> None:
-        """Fly the proof with the present gains, and what identifies the craft where that is needed."""
+        """Fly the proof with the present gains, and the experiments that identify the craft if they are needed."""
 
     def propose(self) -> Offer:
-        """Return new gains from the experiments. May fly further ones where these do not suffice."""
+        """Return new gains from the experiments. It may fly further experiments if these are not sufficient."""
 
     def fly_baseline(self) -> None:
-        """Fly with the present gains what else the proof compares; nothing has been applied yet."""
+        """Fly any further comparison manoeuvre with the present gains, before anything is applied."""
 
     def prove(self) -> ProofResult:
-        """Fly the proof with the new gains and compare it with the present ones' proof."""
+        """Fly the proof with the new gains and compare it with the proof of the present ones."""
 
 
 class TuneObserver(Protocol):
-    """What reports the progress of a tune, and keeps its ending for the report."""
+    """Reports the progress of a tune, and stores its ending for the report."""
 
     verdict: tuple[bool | None, tuple[str, ...]]
 
@@ -117,12 +123,12 @@ def tune_loop(
 ) -> None:
     """Tune *loop*: on every ending its gains are the present ones, or new ones that proved better.
 
-    agrees : asks the operator. dry_run : apply nothing.
+    agrees : function that asks the operator. dry_run : apply nothing.
 
     Raises
     ------
     ParameterNotAccepted, LinkError, NotAchieved, ...
-        Flying, or applying the new gains, failed; by then the present ones are restored.
+        Flying or applying the new gains failed. By then the present gains are restored.
     """
     loop.experiment()
     offer = loop.propose()
@@ -132,10 +138,10 @@ def tune_loop(
         values = tuple(NewValue(c.parameter, c.old, c.new, c.reason) for c in offer.changes)
         observer.note(ProposedGains(values, *offer.costs))
     if offer.refusal or not offer.changes:
-        observer.end("unchanged", f"{offer.refusal or 'no better gains were found'}; nothing was written")
+        observer.end("unchanged", f"{offer.refusal or 'the design gave no better gains'}; nothing was written")
     elif dry_run:
         observer.end("dry-run", "dry run: nothing was written")
-    elif not agrees(f"Write {_shown(offer.changes)} and prove it by the same step?"):
+    elif not agrees(f"Write {_shown(offer.changes)} and test them by the same step?"):
         observer.end("declined", "the new gains were declined; nothing was written")
     else:
         loop.fly_baseline()
@@ -146,7 +152,7 @@ def _prove(loop: TunableLoop, offer: Offer, observer: TuneObserver, journal: Jou
     with loop.lend(journal) as loan:
         observer.say("writing " + ", ".join(f"{name} {value:g}" for name, value in offer.new.items()))
         loan.set(offer.new)
-        observer.say("written and read back")
+        observer.say("new gains written and verified by reading back")
         result = loop.prove()
         better = result.verdict.better
         observer.verdict = (better, tuple(result.verdict.reasons))

@@ -1,8 +1,8 @@
-"""``tune``: from the link to proved gains, and back to the start on every other ending.
+"""``tune``: from the link to proved gains. On every other ending the initial gains are restored.
 
-The order of any :class:`.Mission`, and within it that of every tune (``tunable_loop``) with a loop of the autopilot
-(``autopilot_loop``): fly the step with the present gains, identify, design, ask, write, read back, fly the same step,
-keep or restore. Last comes the report.
+The sequence is that of a :class:`.Mission`, with the sequence of every tune (``tunable_loop``) inside it, for a loop of
+the autopilot (``autopilot_loop``). The steps are: fly the step with the present gains, identify, design, ask, write,
+read back, fly the same step, keep or restore. The report comes last.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ __all__ = ["leave_report", "read_back", "tune"]
 
 
 def tune(settings: TuneSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
-    """Tune one axis and return its story; the run directory holds everything on every ending.
+    """Tune one axis and return its record. However it ends, all its files are in the run directory.
 
     Raises
     ------
     AutotuneError
-        What ended it early. By then the vehicle is as before (or ``NotAsFound`` states what is not), and the report of
-        the aborted run is written.
+        The cause of an early end. By then the vehicle is restored (or ``NotAsFound`` lists what is not), and the report
+        of the aborted run is written.
     """
     earlier, record, log = Earlier(settings), RunDirectory(settings.directory), TuneLog(settings, when, observer)
     axes = [f.axes[settings.axis] for f in FIRMWARE.values() if settings.axis in f.axes]
@@ -69,7 +69,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
-    changes = f"write some of {gains}, after asking again, and restore the old values unless the new ones prove better"
+    changes = f"write some of {gains}, after asking again, and restore the old values unless the new ones are better"
 
     loop = autopilot_loop(context)
     return Mission(
@@ -90,7 +90,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
 
 
 def _learn(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) -> TuneContext:
-    """Learn what is tuned and what the vehicle has now; nothing moves yet."""
+    """Determine what is tuned and the vehicle's present values; nothing moves yet."""
     craft, log, record = visit.craft, visit.log, visit.record
     axis = axis_of(craft.firmware, settings.axis)
     lookup(LAWS, axis.law, "control law")  # refused before anything else when there is none
@@ -108,25 +108,25 @@ def _learn(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) -> T
     log.say(f"present parameters saved to {record.save_parameters('before', own)}")
     if settings.resume is not None:
         names = ", ".join(earlier.names) or "no completed experiment there"
-        log.say(f"using from {settings.resume}: {names}; vehicle and parameters are unchanged")
+        log.say(f"using from {settings.resume}: {names}. Vehicle and parameters are unchanged")
     for remark in remarks_on(craft):
         log.say(remark)
     context = TuneContext(settings, visit, runner, earlier, axis, given, present, throttle, speed)
     if settings.gains is not None:
         log.given_changes = changes_of(context, settings.gains)
         if not log.given_changes:
-            raise UsageError(f"the vehicle already has the gains of {settings.gains.file}; nothing to prove")
+            raise UsageError(f"the vehicle already has the gains of {settings.gains.file}. There is nothing to test")
     return context
 
 
 def leave_report(log: TuneLog, record: RunDirectory) -> None:
-    """Write the report, if there was a link; a disk that is full must not hide how the run ended."""
+    """Write the report if the link was opened. A full disk must not hide how the run ended."""
     if not record.is_made:
         return
     story = log.story()
     try:
         if story.awaits_proof and story.proposal is not None:
-            comment = f"proposed by gcs-autotune {story.title}, {story.when}, neither written nor proved. To prove:"
+            comment = f"proposed by gcs-autotune {story.title}, {story.when}, not written and not tested. To test them:"
             record.save_proposed(story.proposal.new, *log.parameter_types(), f"{comment}\n{proof_command(story)}")
         write_story(story, record.path)
     except (OSError, BadFile) as error:
@@ -134,7 +134,7 @@ def leave_report(log: TuneLog, record: RunDirectory) -> None:
 
 
 def read_back(read: Callable[[], Mapping[str, float]], visit: Visit[TuneLog]) -> None:
-    """Read the gains once more, whatever happened: the proof of what the vehicle holds now."""
+    """Read the gains once more on every ending, as evidence of the vehicle's present values."""
     log = visit.log
     try:
         with visit.craft.shielded():

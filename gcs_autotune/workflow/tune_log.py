@@ -1,4 +1,4 @@
-"""Events of a tune, collected as they happen, so that every ending has its report."""
+"""Events of a tune, collected as they happen, so that a report can be written after any ending."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class TuneLog(MissionLog):
         super().say(text)
 
     def meet(self, craft: MavlinkCraft) -> None:
-        """Store which vehicle it is and the rates of its telemetry."""
+        """Store the vehicle's identity and its telemetry rates."""
         self._craft = craft
         transport, vehicle = craft.session.transport, craft.session.vehicle
         self._vehicle = {
@@ -72,19 +72,19 @@ class TuneLog(MissionLog):
         }
 
     def announce(self, intentions: tuple[str, ...]) -> None:
-        """Announce, before anything moves, what will be done."""
+        """Store the announcement of what the tune will do, before anything moves, and forward it."""
         self._announced = intentions
         super().announce(intentions)
 
     def parameter_types(self) -> tuple[dict[str, int], tuple[int, int]]:
-        """Return MAV_PARAM_TYPE by parameter, and the vehicle's system and component id."""
+        """Return the MAV_PARAM_TYPE of each parameter, and the vehicle's system and component id."""
         if self._craft is None or self._craft.session.vehicle is None:
             return {}, (1, 1)
         vehicle = self._craft.session.vehicle
         return self._craft.parameters.types, (vehicle.system, vehicle.component)
 
     def flown(self, trial: Trial) -> None:
-        """Store a completed trial; one flown again replaces the interrupted one."""
+        """Store a completed trial. A repeated one replaces the interrupted one."""
         self._trials = [*(t for t in self._trials if t.name != trial.name), trial]
 
     @property
@@ -98,7 +98,7 @@ class TuneLog(MissionLog):
         self.say(reason)
 
     def abort(self, error: BaseException) -> None:
-        """Store what ended it early."""
+        """Store the reason why the tune ended early."""
         self._ending, self._reason = "aborted", str(error) or type(error).__name__
         self._events.append((self._t, f"aborted: {self._reason}"))
 
@@ -113,7 +113,7 @@ class TuneLog(MissionLog):
         return float(np.mean(speeds)) if speeds else 0.0
 
     def story(self) -> TuneStory:
-        """Return everything stored so far."""
+        """Return the record of the tune so far."""
         s = self._settings
         kept, reasons = self.verdict
         return TuneStory(
@@ -147,7 +147,7 @@ class TuneLog(MissionLog):
         )
 
     def _link_times(self) -> dict[str, object]:
-        """Return the delays on the link, as one sentence and as numbers [s]."""
+        """Return the delays on the link, as a sentence and as numbers [s]."""
         if self._craft is None:
             return {}
         times = self._craft.link_times

@@ -1,4 +1,4 @@
-"""What a tune or an experiment will do and take, predicted before anything moves."""
+"""Prediction of what a tune or an experiment will do and need, before anything moves."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ __all__ = ["excursion_of", "movements_of", "tune_legs"]
 
 
 def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[Itinerary]) -> Excursion:
-    """Return what a tune or an experiment takes, of the worst craft and of the longest of *itineraries*.
+    """Return the excursion of a tune or an experiment, for the assumed craft that needs most and the longest of
+    *itineraries*.
 
     Raises
     ------
     PreconditionFailed
-        A limit that was set cannot be kept; the message has the nearest number that can.
+        A limit that was set cannot be kept; the message states the nearest value that can.
     """
     settings, craft = context.settings, context.craft
     envelope = replace(settings.envelope, cruise=context.speed)
@@ -62,7 +63,7 @@ def excursion_of(context: TuneContext, now: Observation, itineraries: Sequence[I
 
 
 def _stepped(context: TuneContext) -> tuple[float, float]:
-    """Return how far a step of the settings goes from the start: heading [rad] and depth [m]."""
+    """Return how far a step of the settings moves from the start: heading [rad] and depth [m]."""
     step, kind = context.settings.step, context.axis.kind
     size = 0.0 if step is None or kind.controls_velocity else abs(step)
     return (size, 0.0) if kind.angular else (0.0, size)
@@ -73,7 +74,8 @@ def _what(context: TuneContext) -> str:
 
 
 def _under_way(context: TuneContext, envelope: Envelope, itineraries: Sequence[Itinerary]) -> Excursion:
-    """Return what the stages of a boat take inside *envelope*: at most, and as the first of *itineraries* goes."""
+    """Return the excursion of a boat's stages inside *envelope*: the greatest one, and that of the first of
+    *itineraries*."""
     craft, settings, axis = context.craft, context.settings, context.axis
     seen = []
     for itinerary in itineraries:
@@ -100,7 +102,7 @@ def tune_legs(context: TuneContext, pace: Pace, now: Observation) -> tuple[Leg, 
 def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], throttle: float, speed: float) -> None:
     """Simulate the *check* and the *legs* of a tune or an experiment of a boat.
 
-    A step or an oscillation about the course is simulated straight ahead at *speed* [m/s]: that needs most space.
+    A step or an oscillation about the course is simulated straight ahead at *speed* [m/s]: this needs the most space.
     """
     visit.fly(check, legs[0].stage)
     for leg in legs[1:]:
@@ -112,13 +114,14 @@ def _fly_legs(visit: VisitPreview, check: Manoeuvre, legs: Sequence[Leg], thrott
 
 
 STEPS = ("step", "turn rate")
-"""Kinds of legs that are a proof."""
+"""Kinds of stages that are a proof."""
 LEAST_STEP, TOLD = 20.0, 0.35
-"""Chosen: seconds of a step, and share of an oscillation, after which it may end where the space ends."""
+"""Seconds of a step, and fraction of an oscillation, after which a stage may end at the limit of the space. Project
+choice."""
 
 
 def movements_of(context: TuneContext, now: Observation) -> str:
-    """Return in words what moves during a tune."""
+    """Return a sentence on what moves during a tune."""
     axis, d, speed = context.axis, context.axis.kind, context.speed
     step = context.settings.step if context.settings.step is not None else d.step
     shown = f"{math.degrees(step):.0f} deg " if d.angular else f"{step:g} m "

@@ -1,7 +1,7 @@
-"""The worker: computes for a run in a process of its own, so that the control loop never waits.
+"""A worker process that computes for a run, so that the control loop never waits.
 
-A thread does not suffice: Python and NumPy code rarely releases the interpreter, and overrides would pause. The process
-is started ahead.
+A thread is not sufficient: Python and NumPy code rarely releases the interpreter lock, so overrides would pause. The
+process is started before it is needed.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from gcs_autotune.executor import Executor, KeptProcess, SerialExecutor
 __all__ = ["Worker"]
 
 _GRACE = 5.0
-"""Time until the end of a process is noticed [s]. Chosen."""
+"""Time [s] within which the end of a process is noticed. Project choice."""
 
 
 class Worker:
-    """One piece of work at a time, done elsewhere.
+    """Runs one piece of work at a time in another process.
 
     Parameters
     ----------
-    apart : whether in a process of its own; else the work is done at once: simulated time stands still for it.
+    apart : whether to use another process. Otherwise the work is done at once, while simulated time stands still.
     """
 
     def __init__(self, *, apart: bool = True) -> None:
@@ -35,7 +35,7 @@ class Worker:
         self._abandoned = False
 
     def begin(self, work: Callable[[], Any]) -> None:
-        """Start *work*; it and its result must be picklable."""
+        """Start *work*. The function and its result must be picklable."""
         if self._process is not None and (self._abandoned or not self._process.is_alive):
             self._end()
         if self.apart and self._process is None:
@@ -48,25 +48,25 @@ class Worker:
         return self._job is not None and self._job.done
 
     def result(self) -> Any:
-        """Return its result, when :attr:`done`; its exception is raised here.
+        """Return the result when :attr:`done`; raise its exception here.
 
         Raises
         ------
         AutotuneError
-            The process has ended in the midst of it.
+            The process ended before the work was done.
         """
         assert self._job is not None
         job, self._job = self._job, None
         return job.result()
 
     def abandon(self) -> None:
-        """Discard the result."""
+        """Discard the pending result."""
         if self._job is not None and not self._job.done and self._process is not None:
             self._process.kill()
             self._abandoned = True
 
     def close(self) -> None:
-        """End the process, working or not. May be called twice."""
+        """End the process even if it is working. It may be called twice."""
         self.apart = False
         self._end()
 
@@ -89,7 +89,7 @@ class Worker:
 
 
 class _Job:
-    """One piece of work and its result: computed at once, or by *process*, in a thread that only waits for it."""
+    """One piece of work and its result, computed at once or by *process* with a thread that waits for it."""
 
     def __init__(self, work: Callable[[], Any], process: KeptProcess | None) -> None:
         self.done = False

@@ -1,7 +1,7 @@
 """Find reversed outputs and contradicting sensors in a record.
 
-A craft that turns away from where it is steered, or that throttle alone turns, trips a limit sooner or later. The
-limit is right then, and a larger one does not help: the record shows which servo function or direction is wrong.
+A craft that turns against its steering, or that throttle alone turns, trips a limit sooner or later. A larger limit
+does not help then. The record shows which servo function or direction is wrong.
 """
 
 from __future__ import annotations
@@ -23,20 +23,22 @@ __all__ = ["SPUN", "contradiction_in", "tripped", "why_tripped"]
 Array = NDArray[np.float64]
 
 LOOKED_AT = 8.0
-"""Length of the end of a record that shows why a limit tripped [s]. Chosen."""
+"""Length [s] of the last part of a record that is searched for the cause of a tripped limit. Project choice."""
 STEERED, IDLE, FELT = 0.04, 0.02, 0.15
-"""Chosen: rms steering, as a share of full, that counts as steered, the least throttle, and what
-steering a spinning craft would have felt."""
+"""Rms steering [fraction of full] that counts as steered; smallest throttle; and rms steering above which a turn counts
+as made against the steering. Project choice."""
 SAME = 0.6
-"""Chosen: correlation of turn rate and steering, about zero, from which on one follows the other."""
+"""Correlation of turn rate and steering (about zero) above which one is considered to follow the other. Project
+choice."""
 FEWEST = 30
-"""Fewest samples of a regression with three unknowns."""
+"""Fewest samples for a regression with three unknowns."""
 SPUN = ("heading excursion", "turn rate")
-"""Limits that a craft trips which turns the wrong way."""
+"""Limits that trip when a craft turns the wrong way."""
 REACTION = (0.0, 0.4, 0.8, 1.5)
-"""Chosen [s]: how late a craft may turn after it is steered."""
+"""Delays [s] considered between steering and turning. Project choice."""
 LEAST_TURN, MOSTLY = math.radians(20.0), 0.5
-"""Chosen [rad]: a turn larger than an oscillation of the bow; and the share of it that is made without steering."""
+"""Turn [rad] that is larger than a heading oscillation, and the fraction of it made without steering. Project
+choice."""
 
 
 def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: ServoMap) -> PreconditionFailed | None:
@@ -55,7 +57,7 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
         cure = cure_of(firmware, [o for o, _ in servos.driving("N")])
         return PreconditionFailed(
             f"{trial.name}: the craft turned {_degrees(late.turned)} to {to} in {late.seconds:.0f} s while "
-            f"steered to {steered}, the opposite direction. {cure}. {limit}"
+            f"the steering was to {steered}. {cure}. {limit}"
         )
     idle = np.abs(whole.throttle) > IDLE
     if not by_thrust:
@@ -71,12 +73,12 @@ def why_tripped(trial: Trial, error: GuardTripped, firmware: Firmware, servos: S
     steering = "against the steering" if math.sqrt(float(np.mean(whole.steering**2))) > FELT else "without steering"
     return PreconditionFailed(
         f"{trial.name}: {throttle:.0%} throttle, {steering}, turned the craft {_degrees(by_throttle)} to {to} in "
-        f"{seconds:.0f} s instead of driving it ahead: {cure}. {limit}"
+        f"{seconds:.0f} s instead of driving it straight ahead: {cure}. {limit}"
     )
 
 
 def _turned_by_thrust(s: _Stretch) -> bool:
-    """Whether the throttle turned the craft and not the steering."""
+    """Return whether the throttle, and not the steering, turned the craft."""
     if len(s.t) < FEWEST or s.seconds <= 0.0:
         return False
     by_steering, by_throttle = _accelerations(s)
@@ -87,11 +89,11 @@ def _turned_by_thrust(s: _Stretch) -> bool:
 
 
 def _accelerations(s: _Stretch) -> tuple[float, float]:
-    """Return what full steering and full throttle turn the craft by [rad/s^2], by a regression of its turn rate on the
-    integrals of both, and of itself for the drag.
+    """Return the turning accelerations [rad/s^2] due to full steering and full throttle.
 
-    A ship that is unstable on her course turns away from where she is steered as well, for she is steered against it;
-    yet the steering slows that turn.
+    They come from a regression of the turn rate on the integrals of both inputs, and on its own integral for the drag.
+    A ship that is unstable on course also turns against its steering while it is being corrected, but the steering
+    slows that turn.
     """
     steps = np.diff(s.t, prepend=s.t[0])
     design = np.column_stack([np.cumsum(steps * part) for part in (s.steering, s.throttle, s.rate)])
@@ -100,8 +102,11 @@ def _accelerations(s: _Stretch) -> tuple[float, float]:
 
 
 def tripped(error: GuardTripped) -> str:
-    """Return which limit tripped for a reason that was named: no larger one is advised."""
-    return f"This tripped the safety limit '{error.guard}'. The actuators were brought to neutral"
+    """Return the sentence that a safety limit tripped.
+
+    No larger limit is suggested, because the cause is already reported.
+    """
+    return f"This exceeded the safety limit '{error.guard}'. The actuators were set to neutral"
 
 
 def _degrees(angle: float) -> str:
@@ -109,7 +114,10 @@ def _degrees(angle: float) -> str:
 
 
 def _wrong_thruster(firmware: Firmware, servos: ServoMap, turned: float) -> str:
-    """Return which of two thrusters works the wrong way: thrust ahead turned the craft to its side."""
+    """Return which of two thrusters is reversed or dead, judged by the side to which thrust *turned* the craft.
+
+    Empty if unclear.
+    """
     if firmware.frame_parameter or len(servos.driving("X")) < 2:
         return ""
     pulls = [o for o, factor in servos.driving("N") if factor * turned < 0.0]
@@ -125,7 +133,8 @@ def _wrong_thruster(firmware: Firmware, servos: ServoMap, turned: float) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stretch:
-    """Stamps [s], steering and throttle (shares of full) and turn rate [rad/s] of the end of a record, (n,) each."""
+    """The last part of a record: time [s], steering and throttle [fraction of full] and turn rate [rad/s], (n,)
+    each."""
 
     t: Array
     steering: Array
@@ -142,7 +151,7 @@ class _Stretch:
 
 
 def _stretch(trial: Trial, seconds: float) -> _Stretch:
-    """Return the last *seconds* of *trial*; empty where there are too few samples."""
+    """Return the last *seconds* of *trial*; empty if there are too few samples."""
     psi = trial["psi"]
     good = np.isfinite(psi.values) & (psi.t >= psi.t[-1] - seconds)
     t, first = np.unique(psi.t[good], return_index=True)
@@ -157,7 +166,7 @@ def _stretch(trial: Trial, seconds: float) -> _Stretch:
 
 
 def _alike(s: _Stretch, late: float) -> float:
-    """Return the correlation of rate and steering *late* [s] before, about zero: -1..1."""
+    """Return the correlation (-1..1, about zero) of the rate with the steering *late* [s] before it."""
     if not len(s.t):
         return 0.0
     before = np.interp(s.t - late, s.t, s.steering)
@@ -166,10 +175,11 @@ def _alike(s: _Stretch, late: float) -> float:
 
 
 GRAVE = ("psi against r", "psi against track", "z against w")
-"""Pairs of signals used in closed loops."""
+"""Pairs of signals that closed loops depend on."""
 
 
 def contradiction_in(trial: Trial) -> str:
-    """Return in words which sensors that loops are closed over contradict each other in a flown record; empty: none."""
+    """Return a sentence on sensors that contradict each other in a record and are used in closed loops; empty if
+    none."""
     found = next((c for c in contradictions(trial) if c.pair in GRAVE), None)
     return "" if found is None else f"{found.cause}. {found.cure[0].upper()}{found.cure[1:]}"

@@ -1,8 +1,8 @@
-"""A hull under ArduPilot's own firmware, by its external-physics interface (``--model JSON``).
+"""A hull controlled by ArduPilot's own firmware, through its external-physics interface (``--model JSON``).
 
-``wire`` is the format, ``physics`` the hull and what ArduPilot's simulated sensors need of it, ``firmware`` the
-parameters and the command line ArduPilot needs, ``serve`` the loop. The autopilot, its sensors' noise and its clock
-are ArduPilot's; nothing here speaks MAVLink.
+``wire`` is the data format. ``physics`` is the hull, with the data for ArduPilot's simulated sensors. ``firmware`` has
+the parameters and the command line for ArduPilot, and ``serve`` the loop. The autopilot, sensor noise and clock are
+ArduPilot's own. MAVLink is not used here.
 """
 
 from sitl.ardupilot_json.command import add_options, run_json, write_parameters

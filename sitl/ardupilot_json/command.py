@@ -1,4 +1,4 @@
-"""The part of the command line that puts a hull under ArduPilot: ``--ardupilot-json`` and ``--ardupilot-params``."""
+"""Command-line options for a hull controlled by ArduPilot: ``--ardupilot-json`` and ``--ardupilot-params``."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=str(DEFAULT_PORT),
         metavar="[HOST:]PORT",
-        help="serve the hull as external physics to ArduPilot's own SITL (its --model JSON) instead of using "
-        f"this simulator's autopilot; default port {DEFAULT_PORT}, ArduPilot's instance 0 (instance I: "
-        f"{DEFAULT_PORT} + 10 I); prints the command that starts ArduPilot",
+        help="serve the hull as external physics to ArduPilot's own SITL (its --model JSON) instead of using this "
+        f"simulator's autopilot. Default port {DEFAULT_PORT} is for ArduPilot's instance 0 (instance I: "
+        f"{DEFAULT_PORT} + 10 I). Prints the command that starts ArduPilot",
     )
     parser.add_argument(
         "--ardupilot-params",
         type=Path,
         metavar="FILE",
-        help="write the parameters ArduPilot needs for this vehicle to FILE, for its --defaults",
+        help="write the parameters that ArduPilot needs for this vehicle to FILE, for ArduPilot's --defaults",
     )
 
 
 def write_parameters(data: VehicleData, path: Path) -> None:
-    """Write what ArduPilot needs to *path*. ``ValueError`` when that cannot be done."""
+    """Write the parameters that ArduPilot needs to *path*. Raises ``ValueError`` if that is not possible."""
     try:
         path.write_text(parameter_text(data), encoding="utf-8")
     except OSError as error:
@@ -55,10 +55,10 @@ def run_json(
     effects: Sequence[HiddenEffect],
     model: FlownModel | None,
 ) -> None:
-    """Serve the hull of *data* at *address* until interrupted; report the speed to standard error."""
+    """Serve the hull of *data* at *address* until interrupted. Report the speed on standard error."""
     host, port = _read_address(address)
     server = JsonServer(Physics(data, seed=seed, effects=effects, model=model), host=host, port=port, say=_say)
-    _say(f"{data.title}: external physics at {host}:{server.port}, waiting for ArduPilot. Start it with")
+    _say(f"{data.title}: external physics at {host}:{server.port}, waiting for ArduPilot. Start ArduPilot with")
     _say(f"  {start_commands(data, server.port, str(parameters or 'FILE'), host=host)}")
     if parameters is None:
         _say("  FILE with these parameters (--ardupilot-params FILE writes it):")
@@ -74,11 +74,11 @@ def run_json(
 
 
 def _read_address(text: str) -> tuple[str, int]:
-    """Return (host, port) of ``PORT`` or ``HOST:PORT``."""
+    """Parse ``PORT`` or ``HOST:PORT`` into (host, port)."""
     try:
         return host_and_port(text if ":" in text else f"127.0.0.1:{text}")
     except AddressError as error:
-        raise AddressError(f"--ardupilot-json {text}: not PORT or HOST:PORT. Use e.g. {DEFAULT_PORT}") from error
+        raise AddressError(f"--ardupilot-json {text} is not PORT or HOST:PORT. Use e.g. {DEFAULT_PORT}") from error
 
 
 def _say(line: str) -> None:

@@ -12,10 +12,13 @@ __all__ = ["HOME", "needed_parameters", "parameter_text", "start_commands"]
 _INSTANCE_STEP = 10
 _BINARY = {"rover": "ardurover", "sub": "ardusub"}
 HOME = "44.4000,8.9200,0,0"
-"""--home: latitude, longitude, altitude [m], heading. Chosen: off Genoa, where Charlie is from; at altitude 0, because
-ArduPilot's simulated water pressure begins there and nowhere else."""
+"""Value of --home: latitude, longitude, altitude [m], heading.
+
+The position off Genoa, the home of the boat Charlie, is a project choice. The altitude must be 0, because ArduPilot's
+simulated water pressure starts at altitude 0.
+"""
 _RATE = {"rover": 200, "sub": 400}
-"""--rate [Hz], at least SCHED_LOOP_RATE (Rover 50, Sub 400)."""
+"""Value of --rate [Hz], at least SCHED_LOOP_RATE (Rover 50, Sub 400)."""
 
 _SENSORS: Mapping[str, float] = {
     **{f"INS_ACC{n}OFFS_{axis}": 0.001 for n in ("", "2") for axis in "XYZ"},
@@ -26,9 +29,12 @@ _SENSORS: Mapping[str, float] = {
     "BATT_MONITOR": 4,
     "BATT_CAPACITY": 30000,
 }
-"""Numbers that are not the defaults, so that ArduPilot holds its simulated accelerometers for calibrated; the offsets
-its simulated magnetometers have; its simulated battery, which as it comes (3.3 Ah at 50 A of full throttle) is
-empty after five minutes of an experiment at Charlie's cruise."""
+"""Parameters that differ from the defaults.
+
+With these, ArduPilot treats its simulated accelerometers as calibrated, and knows the offsets of its simulated
+magnetometers. The default simulated battery (3.3 Ah at 50 A of full throttle) would be empty after five minutes of an
+experiment at Charlie's cruise.
+"""
 _OUTPUTS: Mapping[str, float] = {
     f"SERVO{n}_{key}": value for n in (1, 3) for key, value in (("MIN", 1000), ("MAX", 2000), ("TRIM", 1500))
 }
@@ -50,8 +56,8 @@ _ROV: Mapping[str, float] = {
     "BTN11_FUNCTION": 42,
     "BTN12_FUNCTION": 43,
 }
-"""The third simulated accelerometer is ideal; the pressure
-sensor is outside, in salt water; two joystick buttons change the gain."""
+"""Parameters of an ROV: the third simulated accelerometer is ideal, the pressure sensor is outside in salt water, and
+two joystick buttons change the gain."""
 _BY_ACTUATORS: Mapping[str, Mapping[str, float]] = {
     "rudder": {**_BOAT, "SERVO1_FUNCTION": 26, "SERVO3_FUNCTION": 70},
     "twin-thruster": {**_BOAT, "SERVO1_FUNCTION": 73, "SERVO3_FUNCTION": 74},
@@ -63,17 +69,20 @@ _BY_ACTUATORS: Mapping[str, Mapping[str, float]] = {
     "rov-4-fore-aft": {**_ROV, "FRAME_CONFIG": 5, "BATT_MONITOR": 0},
     "bluerov1": {**_ROV, "FRAME_CONFIG": 0},
 }
-"""The vehicle file's ``actuators`` -> parameters. ArduPilot's simulated battery feeds six thrusters, whichever frame it
-is: an output without a pulse takes 45 A, so that a frame of fewer has an empty one within minutes. It gets none."""
+"""The vehicle file's ``actuators`` -> parameters.
+
+ArduPilot's simulated battery always feeds six thrusters. An output without a pulse takes 45 A, so a frame with fewer
+thrusters would empty it within minutes. Therefore such a frame has no simulated battery.
+"""
 
 
 def needed_parameters(data: VehicleData) -> dict[str, float]:
-    """Return the parameters that ArduPilot needs for the vehicle of *data*, including its owner's."""
+    """Return the parameters that ArduPilot needs for the vehicle of *data*, including those set by its owner."""
     return {**_SENSORS, **_BY_ACTUATORS[str(data.tables["actuators"])], **data.parameters}
 
 
 def parameter_text(data: VehicleData) -> str:
-    """Return them as a file for ``--defaults``, one ``NAME VALUE`` a line."""
+    """Return the parameters as the text of a file for ``--defaults``, one ``NAME VALUE`` per line."""
     lines = (f"{name} {value:.9g}" for name, value in needed_parameters(data).items())
     return f"# {data.title}\n" + "\n".join(lines) + "\n"
 

@@ -1,7 +1,7 @@
 """The hull and its data for ArduPilot's simulated sensors.
 
-Roll and pitch are held at zero: the hull has no dynamics there, and an attitude that contradicts the accelerometer
-would be worse. Sensor effects act where the interface allows: heading through ``attitude`` (compass), rates through
+Roll and pitch are held at zero, because the hull has no dynamics there and an attitude must not contradict the
+accelerometer. Sensor effects act where the interface allows: heading through ``attitude`` (compass), rates through
 ``gyro``, speed and position through ``velocity`` and ``position`` (GPS, and pressure sensor for depth). The
 accelerometer is always exact.
 """
@@ -23,26 +23,26 @@ from sitl.sensors import SensorReading
 __all__ = ["Physics"]
 
 _LONGEST_STEP = 0.02
-"""Longest Runge-Kutta step of the hull [s], as in our own simulator; a longer frame is divided. Chosen."""
+"""Longest Runge-Kutta step of the hull [s], as in our own simulator. A longer frame is divided. Project choice."""
 _FULL_BATTERY = 12.6
-"""Open-circuit voltage [V]: ArduPilot's SIM_BATT_VOLTAGE."""
+"""Open-circuit voltage [V]: the value of ArduPilot's SIM_BATT_VOLTAGE."""
 _LEVEL = {"phi", "theta"}
 
 
 class Physics:
-    """One hull, from rest at home, at the surface, on the vehicle's own heading.
+    """One hull, initially at rest at home, at the surface, with the vehicle's own heading.
 
     Parameters
     ----------
-    data : its data file.
-    seed : of the chances in effects.
+    data : its data file. seed : seed of the random effects.
     effects : hidden effects, in order.
     model : hull dynamics to fly instead of its own.
 
     Raises
     ------
     BadEffect
-        An effect cannot reach ArduPilot this way, or the vehicle has no place for it; the message says why.
+        An effect cannot be passed to ArduPilot through this interface, or the vehicle has no place for it. The message
+            states the reason.
     BadModel
         The vehicle cannot fly the model.
     """
@@ -59,14 +59,17 @@ class Physics:
         self.restart()
 
     def restart(self) -> None:
-        """Put a new hull at home, as ArduPilot does with its own models at a restart."""
+        """Put a new hull at home, as ArduPilot does with its own models on a restart."""
         craft = Craft(self._data, effects=self._effects, model=self._model)
         craft.plant.state.z = 0.0
         for effect in craft.effects:
             _refuse(effect)
         craft.begin(str(self._seed))
         if not craft.plant.water.over_ground:
-            raise BadEffect("steady-current@through water: ArduPilot's GPS measures over ground. Omit the place")
+            raise BadEffect(
+                "steady-current@through water cannot be simulated, because ArduPilot's GPS measures over ground. "
+                "Omit the place"
+            )
         self.craft = craft
         self._tells_true = not any(effect.overrides("alter_measurement") for effect in craft.effects)
         self._reading = SensorReading()
@@ -102,7 +105,7 @@ class Physics:
         return c * u - s * v, s * u + c * v, plant.state.w
 
     def _tell(self, force: tuple[float, float, float]) -> None:
-        """Fill the reported state from the true one and the sensor effects."""
+        """Compute the reported state from the true one and the sensor effects."""
         plant, state, reading = self.craft.plant, self.state, self._reading
         true = plant.state
         state.t = self.seconds
@@ -127,12 +130,15 @@ class Physics:
 
 
 def _refuse(effect: HiddenEffect) -> None:
-    """Raise ``BadEffect`` if *effect* cannot reach ArduPilot."""
+    """Raise ``BadEffect`` if *effect* cannot be passed to ArduPilot."""
     if effect.overrides("alter_report"):
         raise BadEffect(
-            f"{effect.slug} acts on the record, which ArduPilot itself writes under --ardupilot-json. "
-            "Use this simulator's own autopilot (omit --ardupilot-json)"
+            f"{effect.slug} acts on the record, which ArduPilot itself writes under --ardupilot-json. Use this "
+            "simulator's own autopilot (omit --ardupilot-json)"
         )
     level = _LEVEL.intersection(effect.place.split("+"))
     if level:
-        raise BadEffect(f"{effect.slug}@{effect.place}: roll and pitch are held level under --ardupilot-json")
+        raise BadEffect(
+            f"{effect.slug}@{effect.place} cannot be simulated, because roll and pitch are held level under "
+            "--ardupilot-json"
+        )

@@ -1,4 +1,4 @@
-"""The lock-step loop on UDP: ArduPilot sends requests, each is answered, and time is ArduPilot's."""
+"""The lock-step loop over UDP: ArduPilot sends requests, each is answered, and ArduPilot's clock applies."""
 
 from __future__ import annotations
 
@@ -14,25 +14,28 @@ from sitl.listen import CannotListen
 __all__ = ["DEFAULT_PORT", "JsonServer"]
 
 DEFAULT_PORT = 9002
-"""ArduPilot's instance 0 asks there; instance I at 9002 + 10 I."""
+"""Port used by ArduPilot's instance 0; instance I uses 9002 + 10 I."""
 _LARGEST = 2048
 _SLOWEST_RATE = 11
-"""[Hz]: ArduPilot ignores frames of 0.1 s and more. It begins at 1200 Hz and comes down to its --rate 1 Hz a frame."""
+"""Lowest rate [Hz], because ArduPilot ignores frames of 0.1 s and more.
+
+It starts at 1200 Hz and decreases to its --rate by 1 Hz per frame.
+"""
 
 
 class JsonServer:
     """Answers one ArduPilot at a time, from a bound UDP port.
 
-    A request with the frame count of the last one is a repetition: it gets the same answer. A count that went back
-    to 0 is ArduPilot started again: the hull is at home again. Other senders are not answered.
+    A request with the same frame count as the last one is a repetition and gets the same answer. A count of 0 means
+    that ArduPilot has restarted, and the hull is put back at home. Other senders are not answered.
 
     Parameters
     ----------
     physics : the hull.
     port : UDP port; 0 lets the system choose (see ``port``).
     host : address to listen on.
-    patience : how long to wait for a request [s], then ``TimeoutError``; None: for ever.
-    say : gets a line for the operator whenever something begins.
+    patience : longest time to wait for a request [s], then ``TimeoutError``; None: no limit. say : receives a line for
+        the operator when a session begins.
 
     Raises
     ------
@@ -51,11 +54,11 @@ class JsonServer:
     ) -> None:
         self.physics = physics
         self.frames = 0
-        """Answered, repetitions not counted."""
+        """Number of frames answered, without repetitions."""
         self.simulated = 0.0
-        """Time that passed in all of them [s]."""
+        """Simulated time of all frames [s]."""
         self.began: float | None = None
-        """When the first request came (time.monotonic)."""
+        """Time of the first request (time.monotonic)."""
         self._say = say
         self._peer: tuple[str, int] | None = None
         self._last: Servos | None = None
@@ -78,12 +81,12 @@ class JsonServer:
         self._socket.close()
 
     def serve(self) -> None:
-        """Answer until an exception (Ctrl-C) ends it."""
+        """Answer requests until an exception (Ctrl-C) ends it."""
         while True:
             self.serve_one()
 
     def serve_one(self) -> None:
-        """Wait for one datagram and answer it, if it is a request. ``TimeoutError`` when none came in time."""
+        """Wait for one datagram and answer it if it is a request. Raises ``TimeoutError`` if none arrives in time."""
         try:
             datagram, sender = self._socket.recvfrom(_LARGEST)
         except ConnectionError:  # an earlier answer found nobody
@@ -116,7 +119,7 @@ class JsonServer:
         return self._answer
 
     def _begin(self, servos: Servos, sender: tuple[str, int]) -> None:
-        """Accept *sender* as the autopilot; a hull that has moved is returned home."""
+        """Accept *sender* as the autopilot. A hull that has moved is returned home."""
         if self.physics.seconds > 0.0:
             self.physics.restart()
         if servos.count > 0:  # ours was started in mid-run: its clock goes on, or it would take our time for a jump

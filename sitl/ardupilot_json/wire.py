@@ -1,7 +1,7 @@
-"""The external-physics interface on the wire: servo pulses in, one line of JSON out.
+"""The data format of the external-physics interface: servo pulses in, one line of JSON out.
 
-Measured on ArduPilot master of 2025 (``libraries/SITL/SIM_JSON``): its reader wants ``"key":[..]`` without white
-space and a line feed at both ends.
+Measured on ArduPilot master of 2025 (``libraries/SITL/SIM_JSON``): its reader requires ``"key":[..]`` without white
+space, and a line feed at both ends.
 """
 
 from __future__ import annotations
@@ -13,17 +13,20 @@ __all__ = ["BadPacket", "Servos", "State", "read_servos", "write_state"]
 
 _MAGIC_16, _MAGIC_32 = 18458, 29569
 _PACKETS = {_MAGIC_16: struct.Struct("<HHI16H"), _MAGIC_32: struct.Struct("<HHI32H")}
-"""Magic number, SIM_RATE_HZ, frame count, pulses [us]: 16, or 32 with SERVO_32_ENABLE."""
+"""Packet formats: magic number, SIM_RATE_HZ, frame count, pulses [us].
+
+There are 16 pulses, or 32 with SERVO_32_ENABLE.
+"""
 _OUTPUTS = 16
 
 
 class BadPacket(ValueError):
-    """A datagram that is not a servo packet; the message states why."""
+    """Raised for a datagram that is not a servo packet; the message states why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Servos:
-    """One request: the ``rate`` [Hz] of frames, the frame's ``count`` since ArduPilot started, pulses [us]."""
+    """One request: the ``rate`` [Hz] of frames, the frame's ``count`` since ArduPilot started, and pulses [us]."""
 
     rate: int
     count: int
@@ -34,7 +37,7 @@ class Servos:
 class State:
     """One answer. SI and radians; north, east, down from home; body axes ahead, starboard, down.
 
-    ``t`` [s] never goes back; ``force`` (3,) [m/s^2] is the specific force an accelerometer feels; ``gyro`` (3,)
+    ``t`` [s] never decreases; ``force`` (3,) [m/s^2] is the specific force measured by an accelerometer; ``gyro`` (3,)
     [rad/s]; ``attitude`` (3,) roll, pitch, yaw; ``position`` (3,) [m]; ``velocity`` (3,) [m/s]; the battery's
     ``voltage`` [V] and ``current`` [A], which older firmware ignores.
     """
@@ -50,21 +53,24 @@ class State:
 
 
 def read_servos(datagram: bytes) -> Servos:
-    """Return the request in *datagram*; at most the first 16 pulses.
+    """Return the request in *datagram*, with at most the first 16 pulses.
 
     Raises
     ------
     BadPacket
-        It has another magic number or length.
+        The magic number or the length is wrong.
     """
     if len(datagram) < 2:
-        raise BadPacket(f"{len(datagram)} bytes: too short for a servo packet")
+        raise BadPacket(f"{len(datagram)} bytes are too few for a servo packet")
     (magic,) = struct.unpack_from("<H", datagram)
     form = _PACKETS.get(magic)
     if form is None:
-        raise BadPacket(f"magic number {magic}, not {_MAGIC_16} or {_MAGIC_32}: not from ArduPilot's JSON interface")
+        raise BadPacket(
+            f"magic number {magic} is neither {_MAGIC_16} nor {_MAGIC_32}, so the packet is not from ArduPilot's "
+            "JSON interface"
+        )
     if len(datagram) != form.size:
-        raise BadPacket(f"{len(datagram)} bytes with magic number {magic}; its size must be {form.size}")
+        raise BadPacket(f"{len(datagram)} bytes with magic number {magic}, but that packet must have {form.size} bytes")
     _, rate, count, *pwm = form.unpack(datagram)
     return Servos(rate, count, tuple(pwm[:_OUTPUTS]))
 

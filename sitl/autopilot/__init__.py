@@ -50,7 +50,7 @@ FIRMWARE: Mapping[str, tuple[type[Autopilot], Sequence[Definition]]] = {
 """Name in a vehicle's data file -> the autopilot and its parameters."""
 
 _MOST_RATE = 1000
-"""Highest loop rate [Hz]: time is reported in whole milliseconds."""
+"""Highest loop rate [Hz], because time is reported in whole milliseconds."""
 
 
 def loop_rate(parameters: ParameterStore) -> int:

@@ -1,4 +1,4 @@
-"""Common part of both firmwares: boot, modes, arming, texts, estimate, battery, and the order of one loop."""
+"""Common part of both firmwares: boot, modes, arming, texts, estimate, battery, and the sequence of one loop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = [
 class StateEstimate:
     """Attitude and position as estimated by the autopilot: sensors through its filters.
 
-    SI, radians, NED; ``yaw`` is not filtered, ``yaw_rate`` is: it lags by the gyro filter (INS_GYRO_FILTER), 4 Hz on
+    SI, radians, NED; ``yaw`` is not filtered. ``yaw_rate`` is delayed by the gyro filter (INS_GYRO_FILTER), 4 Hz on
     Rover, which is about 55 ms. ``climb`` and ``climb_acceleration`` point up.
     """
 
@@ -72,12 +72,12 @@ class StateEstimate:
 
     @property
     def vx(self) -> float:
-        """The velocity to the north [m/s]."""
+        """Velocity to the north [m/s]."""
         return self.speed * math.cos(self.yaw) - self._sway * math.sin(self.yaw)
 
     @property
     def vy(self) -> float:
-        """The velocity to the east [m/s]."""
+        """Velocity to the east [m/s]."""
         return self.speed * math.sin(self.yaw) + self._sway * math.cos(self.yaw)
 
 
@@ -102,7 +102,7 @@ class BatteryMonitor:
         self.is_low = False
 
     def arming_fault(self) -> str | None:
-        """Return why this battery forbids arming, or None."""
+        """Return why this battery prevents arming, or None."""
         if self.voltage < self._values["BATT_ARM_VOLT"]:
             return "Battery 1 below minimum arming voltage"
         return "Battery 1 low voltage failsafe" if self.is_low else None
@@ -136,7 +136,7 @@ _FIRST_REPORT_MS = 2000
 
 
 class Autopilot(ABC):
-    """One firmware on its board. ``tick`` is one loop; everything else may be called between loops.
+    """One firmware on its board. ``tick`` runs one loop; all other methods may be called between loops.
 
     ``ms`` is the time since boot, ``texts`` the STATUSTEXTs not yet sent as (severity, text), ``reached_items`` the
     mission items not yet reported as reached, ``last_gcs_ms`` when the ground station was last heard, ``failsafe``
@@ -174,32 +174,32 @@ class Autopilot(ABC):
     @property
     @abstractmethod
     def failsafe(self) -> bool:
-        """Whether a failsafe is in force."""
+        """Whether a failsafe is active."""
 
     @property
     @abstractmethod
     def throttle_percent(self) -> int:
-        """What VFR_HUD shows."""
+        """Throttle shown in VFR_HUD [%]."""
 
     @abstractmethod
     def check_failsafes(self) -> None:
-        """Check for a lost pilot or ground station, and act."""
+        """Check for a lost pilot or ground station, and execute the failsafe action."""
 
     @abstractmethod
     def act_on_battery(self, action: int) -> None:
-        """Execute the battery failsafe's *action* (the firmware's own numbers)."""
+        """Execute the *action* of the battery failsafe, numbered as in the firmware."""
 
     @abstractmethod
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the craft must not arm, or None. *arming*: include checks made only at arming."""
+        """Return why the craft must not arm, or None. *arming*: include checks that are made only at arming."""
 
     @abstractmethod
     def write_outputs(self) -> None:
-        """Write the demands, or neutral if disarmed, to the servo outputs."""
+        """Write the demands to the servo outputs, or neutral if disarmed."""
 
     @property
     def pwm(self) -> list[int]:
-        """Servo pulses [us]."""
+        """Pulses of the servo outputs [us]."""
         return self.rail.pwm
 
     @property
@@ -208,11 +208,11 @@ class Autopilot(ABC):
         return self.ms >= self.ready_ms
 
     def say(self, severity: int, text: str) -> None:
-        """Queue a STATUSTEXT (cut to 50 characters)."""
+        """Queue a STATUSTEXT, truncated to 50 characters."""
         self.texts.append((severity, text))
 
     def note_gcs(self) -> None:
-        """Record a message of the ground station with the right id."""
+        """Record a message from the ground station with the right id."""
         self.last_gcs_ms = self.ms
 
     def tick(self, ms: int, reading: SensorReading, voltage: float, consumed_mah: float) -> None:

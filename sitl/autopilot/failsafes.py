@@ -1,7 +1,7 @@
-"""Actions of the firmwares on lost sticks and on a lost ground station.
+"""Actions of the firmwares on the loss of the sticks and of the ground station.
 
-Rover's two failsafes share one trigger, as in the firmware, which is why a lost ground station is announced as "Radio
-Failsafe": the radio check runs more often and is the first to find the time-out over, whatever started it.
+Rover's two failsafes share one trigger, as in the firmware. So a lost ground station is announced as "Radio Failsafe".
+The radio check runs more often and is the first to detect the time-out, whatever its cause.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class RoverFailsafe:
         return bool(self.events & _RADIO)
 
     def update(self, throttle_pwm: int, fresh: bool) -> None:
-        """Check once per loop; *fresh*: valid sticks have arrived since the last check."""
+        """Check once per loop. *fresh*: valid sticks have arrived since the last check."""
         owner, values = self._owner, self._values
         if fresh:
             self._last_valid_ms = owner.ms
@@ -92,7 +92,7 @@ class RoverFailsafe:
 
 
 _SUB_PERIOD_MS = 300
-"""The firmware looks about three times a second: a time-out of 3 s acts between 3.0 and 3.3 s."""
+"""Period of the firmware's checks [ms]: about three per second, so a time-out of 3 s acts between 3.0 and 3.3 s."""
 _NEUTRAL_PWM = 1500
 _WARN, _DISARM, _HOLD_DEPTH = 1, 2, 3
 _ALT_HOLD = 2
@@ -112,7 +112,7 @@ class SubFailsafe:
         self.gcs_lost = False
 
     def update(self) -> None:
-        """Check, three times a second."""
+        """Check for a loss, three times a second."""
         if self._owner.ms % _SUB_PERIOD_MS == 0:
             self._check_pilot()
             self._check_gcs()

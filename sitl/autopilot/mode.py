@@ -38,7 +38,7 @@ class Mode(ABC):
         return None
 
     def enter(self) -> None:  # noqa: B027 - most modes need no preparation
-        """Prepare; called once when the mode is taken up."""
+        """Prepare the mode. It is called once on the change to the mode."""
 
     def leave(self) -> None:  # noqa: B027 - most modes leave nothing behind
         """Called once when another mode is taken up."""
@@ -53,4 +53,4 @@ class Mode(ABC):
 
     @abstractmethod
     def run(self) -> None:
-        """Convert sticks or targets into demands on the motors."""
+        """Convert sticks or targets to demands on the motors."""

@@ -20,12 +20,12 @@ _FLOAT, _INT16, _INT32 = 9, 4, 6
 
 
 class UnknownGeneration(ValueError):
-    """Unknown name of a firmware generation."""
+    """Raised for an unknown name of a firmware generation."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Word:
-    """Name over MAVLink of a parameter, its MAV_PARAM_TYPE, and the conversions of its value to MAVLink and back."""
+    """Name of a parameter over MAVLink, its MAV_PARAM_TYPE, and the conversions of its value to MAVLink and back."""
 
     name: str
     kind: int
@@ -89,7 +89,10 @@ GENERATIONS: Mapping[str, Mapping[str, _Word]] = {
     "4.7-dev": _POSITION,
     "4.7": {**_POSITION, **_ATTITUDE},
 }
-"""Name -> what it calls differently than this autopilot does inside. ``PILOT_SPD_*`` are Copter's in 4.7.0."""
+"""Name -> parameters that it names differently from this autopilot's internal names.
+
+``PILOT_SPD_*`` are those of Copter 4.7.0.
+"""
 
 _LATER = "MAV_OPTIONS MAV_TELEM_DELAY RC_FS_TIMEOUT"
 _LATER_ON = {
@@ -98,30 +101,31 @@ _LATER_ON = {
     "RC1_OPTION RC2_OPTION RC3_OPTION RC4_OPTION RC5_OPTION RC6_OPTION RC7_OPTION RC8_OPTION "
     "RCMAP_FORWARD RCMAP_LATERAL RCMAP_PITCH RCMAP_ROLL RCMAP_THROTTLE RCMAP_YAW SURFACE_MAX_THR",
 }
-"""Firmware -> parameters that 4.5 and 4.6 do not have yet (from the list of a running 4.6.3)."""
+"""Firmware -> parameters that 4.5 and 4.6 do not have yet, from the parameter list of a running 4.6.3."""
 
 _BEFORE_THOSE = frozenset({"4.5", "4.6"})
 _BUILT_IN = {"ATC_STR_DEC_MAX": 0.0, "RC_FS_TIMEOUT": 0.5, "SURFACE_MAX_THR": 1.0, "RCMAP_THROTTLE": 0.0}
-"""Their fixed behaviour instead: sticks time out after 0.5 s, thrust is not limited at the surface, the throttle stick
-counts from its trim (0: see ``Sub``)."""
+"""Their fixed behaviour instead: sticks time out after 0.5 s, thrust is not limited at the surface, and the throttle
+stick is relative to its trim (0: see ``Sub``)."""
 _EARLIER_RC3_TRIM = 1100.0
 """ArduSub's default before 4.7 (then 1500)."""
 
 _ANSWER_ERRORS = frozenset({"4.7-dev", "4.7"})
-"""Generations that answer PARAM_ERROR where others are silent (observed in December 2025)."""
+"""Generations that answer with PARAM_ERROR. Others do not answer (observed in December 2025)."""
 
 
 class ParameterDialect:
-    """The parameters as a ground station sees them: other names and units in front of *store*.
+    """The parameters as seen by a ground station: other names and units for the parameters in *store*.
 
-    What this generation of *firmware* ("rover", "sub") has no parameter for yet is hidden, and set to what it does.
+    Parameters that this generation of *firmware* ("rover", "sub") does not have yet are hidden, and set to its fixed
+    behaviour.
 
-    ``answers_errors``: whether this generation says so when it does not know a name or take a value.
+    ``answers_errors``: whether this generation answers with an error to an unknown name or an invalid value.
     """
 
     def __init__(self, store: ParameterStore, generation: str = "own", firmware: str = "") -> None:
         if generation not in GENERATIONS:
-            raise UnknownGeneration(f"no firmware names '{generation}'; there are {', '.join(GENERATIONS)}")
+            raise UnknownGeneration(f"no firmware names '{generation}'. Use one of {', '.join(GENERATIONS)}")
         self._store = store
         self.answers_errors = generation in _ANSWER_ERRORS
         words = GENERATIONS[generation]
@@ -166,12 +170,12 @@ class ParameterDialect:
         return word.kind if word is not None else self._store.kind_of(self._inside[name])
 
     def default_of(self, name: str) -> float:
-        """Return the firmware's default of *name*, in its unit here."""
+        """Return the firmware's default of *name*, in the unit used over MAVLink."""
         inside, word = self._store.default_of(self._inside[name]), self._words.get(name)
         return inside if word is None else stored(word.kind, word.there(inside))
 
     def write(self, name: str, value: float) -> bool:
-        """Write a value from a ground station; return whether it was accepted, as ``ParameterStore.write``."""
+        """Write a value from a ground station. Return whether it was accepted, as for ``ParameterStore.write``."""
         if self._store.is_read_only(self._inside[name]):
             raise ReadOnlyParameter(name)
         if not math.isfinite(value):
@@ -182,7 +186,7 @@ class ParameterDialect:
         return True
 
     def preset(self, name: str, value: float) -> None:
-        """Set a value from inside, under its name on the wire. ``KeyError`` when unknown."""
+        """Set a value internally, under its name over MAVLink. Raises ``KeyError`` if unknown."""
         inside, word = self._inside[name], self._words.get(name)
         if word is None:
             self._store.preset(inside, value)

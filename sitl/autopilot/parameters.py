@@ -14,16 +14,16 @@ _TYPES: Mapping[str, int] = {"i8": 2, "i16": 4, "i32": 6, "f32": _FLOAT}
 """Stored type -> MAV_PARAM_TYPE."""
 _RANGES: Mapping[int, tuple[float, float]] = {2: (-128, 127), 4: (-32768, 32767), 6: (-2147483648, 2147483647)}
 _NUDGE = 0.01
-"""ArduPilot adds this before it truncates a float to an integer: 2.99 is stored as 3, 2.7 as 2."""
+"""Added by ArduPilot before it truncates a float to an integer: 2.99 is stored as 3, 2.7 as 2."""
 
 
 class ReadOnlyParameter(ValueError):
-    """Attempt to write a parameter that only the firmware may change."""
+    """Raised by an attempt to write a parameter that only the firmware may change."""
 
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """A parameter's name, MAV_PARAM_TYPE, default and whether a ground station may write it."""
+    """A parameter's name, MAV_PARAM_TYPE and default, and whether a ground station may write it."""
 
     name: str
     kind: int
@@ -32,7 +32,7 @@ class Definition:
 
 
 def parse_table(text: str) -> tuple[Definition, ...]:
-    """Read lines of ``NAME TYPE DEFAULT [ro]``; ``#`` starts a comment."""
+    """Parse lines of ``NAME TYPE DEFAULT [ro]``; ``#`` starts a comment."""
     rows = (line.partition("#")[0].split() for line in text.splitlines())
     return tuple(Definition(row[0], _TYPES[row[1]], float(row[2]), row[3:] == ["ro"]) for row in rows if row)
 
@@ -51,10 +51,10 @@ def stored(kind: int, value: float) -> float:
 
 
 class ParameterStore:
-    """Name -> value, in a fixed order (ArduPilot's own: by name).
+    """The parameters: name -> value, in a fixed order (by name, as in ArduPilot).
 
-    ``version`` counts changes, so that what is derived from parameters knows when it is stale. ``values`` is the
-    plain dictionary, for the loops that read dozens of parameters every tick.
+    ``version`` counts changes, which shows when derived values must be updated. ``values`` is the plain dictionary, for
+    loops that read dozens of parameters every tick.
     """
 
     def __init__(self, definitions: Iterable[Definition]) -> None:
@@ -87,7 +87,7 @@ class ParameterStore:
         return self._definitions[name].kind
 
     def write(self, name: str, value: float) -> bool:
-        """Write a value from a ground station; return whether it was accepted (NaN and infinity are not).
+        """Write a value from a ground station. Return whether it was accepted; NaN and infinity are not.
 
         Raises
         ------
@@ -105,12 +105,12 @@ class ParameterStore:
         return True
 
     def preset(self, name: str, value: float) -> None:
-        """Set a value internally: vehicle defaults, or values read at boot. ``KeyError`` if unknown."""
+        """Set a value internally: vehicle defaults, or values read at boot. Raises ``KeyError`` if unknown."""
         self.values[name] = stored(self._definitions[name].kind, value)
         self.version += 1
 
     def preset_exact(self, name: str, value: float) -> None:
-        """Set a value that is stored elsewhere, in another unit: it is not rounded to the type here."""
+        """Set a value that is stored elsewhere in another unit. It is not rounded to the type here."""
         if name not in self.values:
             raise KeyError(name)
         self.values[name] = value

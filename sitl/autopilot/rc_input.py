@@ -1,7 +1,7 @@
 """RC channels: overrides from the ground station, their expiry, and an optional receiver.
 
-Without a receiver a channel keeps its last value when its override is released or expires; only the radio failsafe
-brings the outputs to neutral. The firmware behaves so, which is why neutral sticks are sent before a release.
+Without a receiver a channel keeps its last value when its override is released or expires. Only the radio failsafe then
+brings the outputs to neutral. The real firmware does the same, so neutral sticks must be sent before a release.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ __all__ = ["CHANNELS", "RcInput"]
 CHANNELS = 18
 _STICK_PWM = 1500
 _IGNORE_OVERRIDES = 2
-"""RC_OPTIONS bit 1."""
+"""Bit 1 of RC_OPTIONS: ignore overrides."""
 _KEYS = {n: (f"RC{n}_MIN", f"RC{n}_TRIM", f"RC{n}_MAX", f"RC{n}_REVERSED") for n in range(1, 9)}
 
 
 class RcInput:
-    """The sticks as the firmware sees them. Channels are 1-based; times are milliseconds since boot."""
+    """The sticks as read by the firmware. Channels are 1-based; times are milliseconds since boot."""
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
@@ -32,25 +32,25 @@ class RcInput:
 
     @property
     def has_receiver(self) -> bool:
-        """Whether an RC receiver is delivering frames."""
+        """Whether an RC receiver delivers frames."""
         return self._values["SIM_RC_FAIL"] == 0.0
 
     def override(self, channel: int, pwm: int, ms: int) -> None:
-        """Take an override; 0 releases the channel."""
+        """Store an override; 0 releases the channel."""
         self._override[channel] = max(0, min(65535, pwm))
         self._stamp[channel] = ms
         self._new = True
 
     def is_overridden(self, ms: int) -> bool:
-        """Whether any channel obeys an override at *ms*."""
+        """Return whether any channel is overridden at *ms*."""
         return any(self._in_force(channel, ms) for channel in range(1, CHANNELS + 1))
 
     def clear_overrides(self) -> None:
-        """Drop every override (a failsafe does)."""
+        """Remove every override, as a failsafe does."""
         self._override = [0] * (CHANNELS + 1)
 
     def update(self, ms: int) -> bool:
-        """Read the sticks; return whether a valid input has arrived since the last call."""
+        """Read the sticks. Return whether a valid input has arrived since the last call."""
         if self.has_receiver:
             self._had_receiver = True
         elif not self._new:
@@ -73,7 +73,7 @@ class RcInput:
         return timeout < 0.0 or ms - self._stamp[channel] < timeout * 1000.0
 
     def angle(self, channel: int, full: int, dead_zone: float) -> int:
-        """Return the stick as a whole number within -full..full, zero inside the dead zone."""
+        """Return the stick as a whole number within -full..full, with zero inside the dead zone."""
         low, trim, high, sign = self._ends(channel)
         pwm = self.pwm[channel]
         above, below = trim + dead_zone, trim - dead_zone
@@ -86,7 +86,7 @@ class RcInput:
         return sign * max(-full, min(full, out))
 
     def fraction(self, channel: int) -> float:
-        """Return the stick as -1..1 about its trim, without any dead zone."""
+        """Return the stick as -1..1 relative to its trim, without a dead zone."""
         low, trim, high, sign = self._ends(channel)
         pwm = self.pwm[channel]
         span = high - trim if pwm >= trim else trim - low

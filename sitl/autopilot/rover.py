@@ -24,7 +24,7 @@ _LEAST_CRUISE, _MOST_CRUISE = 5.0, 100.0
 
 
 class Rover(Autopilot):
-    """The Rover firmware. Boots in INITIAL_MODE if that mode is simulated, else in MANUAL."""
+    """The Rover firmware. It boots in INITIAL_MODE if that mode is simulated, else in MANUAL."""
 
     firmware = "ArduRover"
     mav_type = 11
@@ -50,7 +50,7 @@ class Rover(Autopilot):
 
     @property
     def guided(self) -> RoverGuidedMode:
-        """The GUIDED mode, for targets from the ground."""
+        """The GUIDED mode, for targets from the ground station."""
         mode = self.modes[RoverGuidedMode.number]
         assert isinstance(mode, RoverGuidedMode)
         return mode
@@ -106,13 +106,13 @@ class Rover(Autopilot):
         self.motors.output(self.rail, self.estimate.speed, armed=self.armed)
 
     def stick(self, channel: int, full: int) -> int:
-        """Return a stick's position within -full..full, in the firmware's whole steps."""
+        """Return a stick's position within -full..full, in whole steps as in the firmware."""
         return self.rc.angle(channel, full, self.parameters[f"RC{channel}_DZ"])
 
     def pilot_sticks(self) -> tuple[float, float]:
-        """Return (steering, throttle) as fractions -1..1; neutral when the radio is lost.
+        """Return (steering, throttle) as fractions -1..1; neutral if the radio is lost.
 
-        Going astern the steering is turned round (PILOT_STEER_TYPE 0).
+        Astern the steering is reversed (PILOT_STEER_TYPE 0).
         """
         if self._failsafe.radio_lost:
             return 0.0, 0.0
@@ -134,7 +134,7 @@ class Rover(Autopilot):
         return max(self.pilot_speed(self.pilot_sticks()[1]), 0.0)
 
     def turn_rate_for(self, lateral_acceleration: float) -> float:
-        """Return the turn rate [rad/s] that gives *lateral_acceleration* [m/s^2] at the present speed."""
+        """Return the turn rate [rad/s] that results in *lateral_acceleration* [m/s^2] at the present speed."""
         speed = self.estimate.speed
         return lateral_acceleration / math.copysign(max(abs(speed), 1.0), speed)
 
@@ -166,7 +166,7 @@ class RoverManualMode(_RoverMode):
 
 
 class AcroMode(_RoverMode):
-    """Steering stick is a turn rate up to ACRO_TURN_RATE, throttle stick a speed."""
+    """The steering stick commands a turn rate up to ACRO_TURN_RATE, the throttle stick a speed."""
 
     number, name, flags = 1, "ACRO", _MANUAL_INPUT | _STABILIZE
 
@@ -179,7 +179,7 @@ class AcroMode(_RoverMode):
 
 
 class SteeringMode(_RoverMode):
-    """Steering stick is a lateral acceleration (up to what TURN_RADIUS and ATC_TURN_MAX_G allow)."""
+    """The steering stick commands a lateral acceleration, up to the limit of TURN_RADIUS and ATC_TURN_MAX_G."""
 
     number, name, flags = 3, "STEERING", _MANUAL_INPUT | _STABILIZE
 
@@ -195,11 +195,11 @@ class SteeringMode(_RoverMode):
 
 
 class HoldMode(_RoverMode):
-    """All outputs neutral."""
+    """Keeps all outputs neutral."""
 
     number, name, flags = 4, "HOLD", _STABILIZE
 
     def run(self) -> None:
-        """Demand zero."""
+        """Demand zero from all outputs."""
         self.rover.motors.set_steering(0.0, scaled=False)
         self.rover.motors.set_throttle(0.0)

@@ -11,9 +11,9 @@ from sitl.autopilot.shaping import clamp, step_towards
 __all__ = ["RoverMotors"]
 
 _STEERING, _THROTTLE, _LEFT, _RIGHT = 26, 70, 73, 74
-"""SERVOn_FUNCTION."""
+"""Values of SERVOn_FUNCTION."""
 _ROUNDING = 1e-6
-"""Pulses are cut to whole microseconds towards trim; this keeps 0.57 of 500 at 285."""
+"""Tolerance for pulses, which are truncated to whole microseconds towards trim. It keeps 0.57 of 500 at 285."""
 
 
 class RoverMotors:
@@ -49,17 +49,17 @@ class RoverMotors:
         return {_LEFT, _RIGHT} <= assigned
 
     def set_steering(self, fraction: float, *, scaled: bool) -> None:
-        """Demand a steering output; *scaled*: reduced with speed, as the automatic modes do."""
+        """Set the steering demand. *scaled*: reduced with speed, as in the automatic modes."""
         self.steering = fraction
         self._scaled = scaled
 
     def set_throttle(self, percent: float) -> None:
-        """Demand a throttle of -100..100 percent."""
+        """Set the throttle demand, -100..100 percent."""
         top = self._values["MOT_THR_MAX"]
         self.throttle = clamp(percent, -top, top)
 
     def stop(self) -> None:
-        """Clear all demands (disarmed)."""
+        """Clear all demands, because the vehicle is disarmed."""
         self.steering = self.throttle = self._last_throttle = self._servo = self._left = self._right = 0.0
         self.limit_left = self.limit_right = self.limit_throttle = False
 
@@ -103,7 +103,7 @@ class RoverMotors:
         return clamp(steering, -1.0, 1.0)
 
     def _turn_thrust(self, steering: float) -> float:
-        """Vectored thrust: steering is a sideways force, so more thrust needs a smaller angle."""
+        """Return the steering for vectored thrust. It is a sideways force, so more thrust needs a smaller angle."""
         widest = math.radians(min(self._values["MOT_VEC_ANGLEMAX"], 90.0))
         throttle = self.throttle / 100.0
         limit = abs(throttle * math.tan(widest))
@@ -154,7 +154,7 @@ class RoverMotors:
         return trim + int(value * span + math.copysign(_ROUNDING, value))
 
     def _shape(self, throttle: float) -> float:
-        """Return the pulse [-1, 1] for a throttle [-1, 1]: lifted over MOT_THR_MIN, then bent by MOT_THST_EXPO."""
+        """Return the pulse [-1, 1] for a throttle [-1, 1]: raised above MOT_THR_MIN, then curved by MOT_THST_EXPO."""
         values = self._values
         if throttle == 0.0:
             return 0.0

@@ -14,9 +14,9 @@ _MOST_PWM = 65535
 
 
 class ServoRail:
-    """Pulses [us] of all outputs. Assignments and end points are read again whenever a parameter has changed.
+    """Pulses [us] of all outputs. Functions and end points are read again whenever a parameter has changed.
 
-    A channel without a function gives no pulse (0).
+    A channel without a function has no pulse (0).
     """
 
     def __init__(self, parameters: ParameterStore) -> None:
@@ -26,7 +26,7 @@ class ServoRail:
         self.pwm = [0] * OUTPUTS
 
     def write(self, pulse_for: Callable[[int, int, int, int, int], int]) -> None:
-        """Set every assigned channel to ``pulse_for(function, low, trim, high, sign)``."""
+        """Set every assigned channel to the result of ``pulse_for(function, low, trim, high, sign)``."""
         if self._version != self._parameters.version:
             self._read_assignments()
         pwm = self.pwm

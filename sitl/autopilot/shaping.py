@@ -1,4 +1,4 @@
-"""Signal shapers shared by the control loops: limits, square-root controller, filters."""
+"""Functions shared by the control loops: limits, square-root controller, filters."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ def clamp(value: float, low: float, high: float) -> float:
 
 
 def step_towards(value: float, target: float, change: float) -> float:
-    """Return *target*, or as near to it as *change* allows from *value*."""
+    """Return *target*, or the nearest value to it within *change* of *value*."""
     return clamp(target, value - change, value + change)
 
 
 def sqrt_controller(error: float, p: float, limit: float, dt: float) -> float:
-    """Return the rate that brings *error* to zero: ``p*error``, or the square root that ``limit`` can still brake.
+    """Return the rate that brings *error* to zero: ``p*error``, or for large errors the square-root law that respects
+    ``limit``.
 
     ``limit`` is the deceleration in error units per s^2 (0 or less: none). With ``dt`` [s] the rate does not pass the
     goal within one step (0: no such limit). ArduPilot's law of the same name.
@@ -48,7 +49,7 @@ def sqrt_controller(error: float, p: float, limit: float, dt: float) -> float:
 
 
 def invert_sqrt_controller(rate: float, p: float, limit: float) -> float:
-    """Return the error at which :func:`sqrt_controller` asks for *rate* (all positive, ``limit`` > 0)."""
+    """Return the error for which :func:`sqrt_controller` returns *rate* (all positive, ``limit`` > 0)."""
     if p <= 0.0:
         return rate * rate / (2.0 * limit)
     if rate <= limit / p:
@@ -57,15 +58,15 @@ def invert_sqrt_controller(rate: float, p: float, limit: float) -> float:
 
 
 def low_pass_share(cutoff: float, dt: float) -> float:
-    """Return the gain of a one-pole filter of *cutoff* [Hz] on a new sample; 1 without a filter."""
+    """Return the weight of a new sample in a one-pole filter of *cutoff* [Hz]; 1 without a filter."""
     return 1.0 if cutoff <= 0.0 else dt / (dt + 1.0 / (math.tau * cutoff))
 
 
 class TwoPoleLowPass:
-    """Second-order Butterworth low-pass, the one in front of ArduPilot's gyro and accelerometer.
+    """Second-order Butterworth low-pass, like ArduPilot's filter of gyro and accelerometer.
 
-    ArduPilot filters at the rate of the sensor, a thousand times a second or more, whatever its main loop does. So this
-    is the analogue filter, solved exactly for an input that runs straight between two calls: late by ``sqrt(2)/w_c``.
+    ArduPilot filters at the sensor's rate of at least 1 kHz, independent of its main loop. So this is the analogue
+    filter, solved exactly for an input that is linear between two calls. Its delay is ``sqrt(2)/w_c``.
     """
 
     __slots__ = ("_dt", "_fade", "_input", "_w", "_wave", "output", "slope")
@@ -76,7 +77,7 @@ class TwoPoleLowPass:
         self._input = self.output = self.slope = math.nan
 
     def apply(self, value: float, cutoff: float, dt: float) -> float:
-        """Return the filtered *value*; a *cutoff* [Hz] of 0 does not filter."""
+        """Return the filtered *value*. With a *cutoff* [Hz] of 0 it is not filtered."""
         if cutoff <= 0.0 or math.isnan(self._input):
             self._input, self.output, self.slope = value, value, 0.0
             return value

@@ -1,7 +1,8 @@
-"""Parameters both firmwares have. Values: ArduPilot's defaults as read from a running one; 4.7-dev names.
+"""Parameters of both firmwares. Values are ArduPilot's defaults as read from a running one; names are those of
+4.7-dev.
 
-Not all of them steer something here: what has no counterpart in this simulator is stored and reported only.
-``SIM_RC_FAIL 1`` is our own default: a craft without an RC receiver, driven from the ground station alone.
+Parameters without a counterpart in this simulator are only stored and reported. ``SIM_RC_FAIL 1`` is our own default: a
+craft without an RC receiver, controlled only from the ground station.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ SERVO{n}_TRIM     i16 1500
 def shared_parameters(
     dead_zones: Sequence[int], functions: Sequence[int], wide: Container[int]
 ) -> tuple[Definition, ...]:
-    """Return the shared definitions, given dead zones and servo functions of channels 1 to 8.
+    """Return the shared definitions for the dead zones and servo functions of channels 1 to 8.
 
     Channels in *wide* run from 1000 to 2000 us, the others from 1100 to 1900.
     """

@@ -24,11 +24,11 @@ _STOPPING_MS = 250
 _CM = 100.0
 _GUIDED_MODE = 4
 _DEPTH_CUTOFF = 2.0
-"""Hz, of the low-pass on the depth loop's throttle; fixed in the firmware."""
+"""Cutoff frequency [Hz] of the low-pass on the depth loop's throttle. It is fixed in the firmware."""
 
 
 class Sub(Autopilot):
-    """The Sub firmware. Boots in MANUAL. ``gain`` is the joystick gain, read from JS_GAIN_DEFAULT at boot only."""
+    """The Sub firmware. It boots in MANUAL. ``gain`` is the joystick gain, read from JS_GAIN_DEFAULT only at boot."""
 
     firmware = "ArduSub"
     mav_type = 12
@@ -58,7 +58,7 @@ class Sub(Autopilot):
 
     @property
     def throttle_percent(self) -> int:
-        """The throttle demand [%]; 50 is neutral."""
+        """Throttle demand [%]; 50 is neutral."""
         return round(100.0 * self.motors.throttle)
 
     def check_failsafes(self) -> None:
@@ -84,18 +84,18 @@ class Sub(Autopilot):
         self.motors.output(self.rail, armed=self.armed)
 
     def note_pilot(self) -> None:
-        """Record sticks from the ground."""
+        """Record stick commands from the ground station."""
         self._failsafe.last_pilot_ms = self.ms
 
     def reset_loops(self) -> None:
-        """Hold the present heading and depth."""
+        """Reset the loops to hold the present heading and depth."""
         estimate = self.estimate
         self._hold_heading = estimate.yaw
         self.yaw.reset(estimate.yaw)
         self.depth.reset(-_CM * estimate.z, _CM * estimate.climb, self.motors.throttle)
 
     def set_heading_target(self, heading: float) -> None:
-        """Hold *heading* [rad]; a target from the ground rules over the sticks for 5 s."""
+        """Hold *heading* [rad]. A target from the ground station has priority over the sticks for 5 s."""
         self._target_ms = self.ms
         self._hold_heading = heading
 
@@ -128,25 +128,28 @@ class Sub(Autopilot):
         self.depth.follow(waypoint.altitude, waypoint.climb)
 
     def pass_horizontal_sticks(self) -> None:
-        """Pass forward and lateral sticks to the motors (no dead zone)."""
+        """Pass the forward and lateral sticks to the motors, without a dead zone."""
         self.motors.forward = self.rc.fraction(_FORWARD)
         self.motors.lateral = self.rc.fraction(_LATERAL)
 
     def pass_yaw_stick(self) -> None:
-        """Pass the yaw stick to the motors (no dead zone)."""
+        """Pass the yaw stick to the motors, without a dead zone."""
         self.motors.yaw = self.rc.fraction(_YAW)
 
     def pass_throttle_stick(self) -> None:
-        """Pass the throttle stick to the motors, past the depth loop."""
+        """Pass the throttle stick to the motors, bypassing the depth loop."""
         self.motors.set_throttle(0.5 * (1.0 + self._throttle_stick()), 0.0)
 
     def _throttle_stick(self) -> float:
-        """Return the throttle stick as -1..1; before RCMAP_* (4.7) it counted from its trim, at its low end."""
+        """Return the throttle stick as -1..1.
+
+        Before 4.7, which added RCMAP_*, it was relative to its trim, which is at its low end.
+        """
         stick = self.rc.fraction(_THROTTLE)
         return stick if self.parameters["RCMAP_THROTTLE"] else 2.0 * stick - 1.0
 
     def steer(self) -> None:
-        """Turn by the yaw stick, else hold the heading after 250 ms to come to rest."""
+        """Turn as commanded by the yaw stick. If it is centred, hold the heading after 250 ms to come to rest."""
         estimate, ms = self.estimate, self.ms
         stick = self.rc.angle(_YAW, _YAW_STICK_FULL, self.parameters["RC4_DZ"] * self.gain)
         if ms - self._target_ms < _TARGET_LIFE_MS:
@@ -181,7 +184,7 @@ class Sub(Autopilot):
         self.motors.set_throttle(throttle, _DEPTH_CUTOFF)
 
     def _climb_stick(self) -> float:
-        """Return the wanted climb rate [cm/s, up], zero within THR_DZ (scaled by the gain)."""
+        """Return the commanded climb rate [cm/s, up], zero within THR_DZ (scaled by the gain)."""
         stick = self._throttle_stick()
         dead = self.parameters["THR_DZ"] * self.gain / 500.0
         if abs(stick) <= dead:
@@ -218,7 +221,7 @@ class SubManualMode(_SubMode):
 
 
 class StabilizeMode(_SubMode):
-    """Holds the heading; throttle follows the stick."""
+    """Holds the heading. The throttle follows the stick."""
 
     number, name, flags = 0, "STABILIZE", _MANUAL_INPUT | _STABILIZE
 
@@ -230,7 +233,7 @@ class StabilizeMode(_SubMode):
 
 
 class AltHoldMode(_SubMode):
-    """Heading and depth are held."""
+    """Holds heading and depth."""
 
     number, name, flags = 2, "ALT_HOLD", _MANUAL_INPUT | _STABILIZE
 

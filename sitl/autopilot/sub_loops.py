@@ -19,7 +19,10 @@ _LEAST_ACCELERATION, _MOST_ACCELERATION = math.radians(10.0), math.radians(120.0
 
 
 class SubYawController:
-    """Holds or turns the heading. Radians; the output is a fraction of full yaw. ATC_RAT_YAW_FF has no effect."""
+    """Holds or turns the heading.
+
+    Angles are in radians; the output is a fraction of full yaw. ATC_RAT_YAW_FF has no effect.
+    """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
         self._values = parameters.values
@@ -29,7 +32,7 @@ class SubYawController:
         self._target_rate = 0.0
 
     def reset(self, yaw: float) -> None:
-        """Reset; the target is the present heading."""
+        """Reset the loop, with the present heading as target."""
         self.pid.reset()
         self._target = yaw
         self._target_rate = 0.0
@@ -48,7 +51,7 @@ class SubYawController:
             self._target_rate = clamp(self._target_rate, -top, top)
 
     def turn(self, rate: float) -> None:
-        """Turn the target at *rate* [rad/s]."""
+        """Turn the target heading at *rate* [rad/s]."""
         self._approach_rate(rate)
 
     def run(self, yaw: float, rate: float, limited: bool) -> float:
@@ -80,10 +83,11 @@ _THROTTLE_PER_OUTPUT = 0.001
 
 
 class SubDepthController:
-    """Holds an altitude (cm, up from the surface: negative under water) and follows a climb rate.
+    """Holds an altitude (cm, up from the surface, so negative under water) and follows a climb rate.
 
-    The position error is cut to what the speed limit can use, and the *target moves with it*: a far target must be
-    sent again and again, as ground stations do. ``target`` is in cm, ``run`` returns a throttle of 0..1.
+    The position error is limited to the amount that the speed limit can use, and the *target is moved accordingly*. So
+    a distant target must be sent repeatedly, as ground stations do. ``target`` is in cm, ``run`` returns a throttle of
+    0..1.
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
@@ -95,7 +99,7 @@ class SubDepthController:
         self._wanted_climb = 0.0
 
     def reset(self, altitude: float, climb: float, throttle: float) -> None:
-        """Take over smoothly at *altitude* [cm] with *climb* [cm/s] and the present *throttle*."""
+        """Reset for a smooth start at *altitude* [cm] with *climb* [cm/s] and the present *throttle*."""
         self.velocity.reset()
         self.acceleration.reset()
         self.acceleration.integrator = (throttle - self._values["MOT_THST_HOVER"]) / _THROTTLE_PER_OUTPUT
@@ -103,7 +107,7 @@ class SubDepthController:
         self._wanted_climb = climb
 
     def climb(self, rate: float) -> None:
-        """Move the target at *rate* [cm/s, up], reached with PILOT_ACCEL_Z."""
+        """Move the target at *rate* [cm/s, up], accelerated with PILOT_ACCEL_Z."""
         values = self._values
         rate = clamp(rate, -self._fastest_down(), values["PILOT_SPEED_UP"])
         self._wanted_climb = step_towards(self._wanted_climb, rate, values["PILOT_ACCEL_Z"] * self._dt)

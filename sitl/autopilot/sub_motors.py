@@ -1,4 +1,4 @@
-"""Sub's mixer: demands in yaw, forward, lateral and throttle to thruster pulses."""
+"""Sub's mixer: converts demands in yaw, forward, lateral and throttle to thruster pulses."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ _FRAMES: Mapping[int, Sequence[tuple[float, float, float, float]]] = {
     6: (*_PAIR, _DOWN, _DOWN, _SIDE),
     7: (*_PAIR, _DOWN),
 }
-"""FRAME_CONFIG -> each motor's (yaw, forward, lateral, throttle) factors: 0 BlueROV1, 1 vectored, 2 vectored 6-DOF,
-3 vectored 6-DOF at right angles, 4 to 6 SimpleROV-3 to -5, 7 custom. Roll and pitch are passive here and have no
+"""FRAME_CONFIG -> each motor's (yaw, forward, lateral, throttle) factors: 0 BlueROV1, 1 vectored, 2 vectored 6-DOF, 3
+vectored 6-DOF at right angles, 4 to 6 SimpleROV-3 to -5, 7 custom. Roll and pitch are not controlled here and have no
 factors."""
 _FIRST_MOTOR_FUNCTION, _LAST_MOTOR_FUNCTION = 33, 40
 _SPAN_PWM = 400.0
 _NEUTRAL_PWM = 1500
 _ROUNDING = 1e-6
-"""Pulses are cut to whole microseconds; this keeps an exact stick exact."""
+"""Tolerance for pulses, which are truncated to whole microseconds. It keeps an exact stick value exact."""
 
 
 class SubMotors:
-    """Demands as fractions: ``yaw``, ``forward``, ``lateral`` -1..1; ``throttle`` 0..1 with 0.5 neutral, up more.
+    """Demands as fractions: ``yaw``, ``forward``, ``lateral`` -1..1; ``throttle`` 0..1 with 0.5 neutral and more for
+    up.
 
-    ``throttle_in`` is the demand, ``throttle`` what is left of it behind the low-pass.
+    ``throttle_in`` is the demand before the low-pass, ``throttle`` after it.
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
@@ -64,7 +65,7 @@ class SubMotors:
         return not 0.0 < self.throttle_in < 1.0
 
     def set_throttle(self, value: float, cutoff: float) -> None:
-        """Demand a throttle of 0..1, low-passed at *cutoff* [Hz] (0: not at all)."""
+        """Set the throttle demand, 0..1, low-passed at *cutoff* [Hz]; 0: no filter."""
         self.throttle_in = clamp(value, 0.0, 1.0)
         self._cutoff = cutoff
 

@@ -1,4 +1,4 @@
-"""Memoryless actuator effects. Each is placed on one input."""
+"""Memoryless actuator effects. Each one acts on one input."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ __all__ = [
 ]
 
 _WEAKEST = 0.05
-"""Least remaining gain of an actuator that drifts."""
+"""Smallest remaining gain of an actuator whose gain decreases."""
 _SPEED_OF = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 
 
 class OnInput(HiddenEffect):
     """An effect on one input."""
 
-    on_vehicles = "an axis: steering (default), throttle, vertical; inputs are normalised output (-1 to 1)"
+    on_vehicles = "an axis: steering (default), throttle or vertical. Inputs are normalised output (-1 to 1)"
 
     def begin(self, setting: Setting) -> None:
         """Find the input."""
         self.channel = find_input(self, setting)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Change that input."""
+        """Apply the effect to that input."""
         inputs[self.channel] = self.act(t, dt, inputs[self.channel])
 
     def act(self, t: float, dt: float, u: float) -> float:
@@ -59,14 +59,21 @@ class Saturation(OnInput):
 
 
 class DeadZone(OnInput):
-    """No output for small commands; larger ones lose the same amount."""
+    """No output for small commands. The size of the dead zone is subtracted from larger ones."""
 
     slug = "dead-zone"
-    meaning = "small commands have no effect (a shaft that does not turn yet, a slack linkage)"
-    parameters = (EffectParameter("width", "input unit", "half-width: the smallest command with an effect", least=0.0),)
+    meaning = "small commands have no effect, as with a shaft that does not turn yet or a slack linkage"
+    parameters = (
+        EffectParameter(
+            "width",
+            "input unit",
+            "half-width of the dead zone, which is the smallest command with an effect",
+            least=0.0,
+        ),
+    )
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the command less the dead zone."""
+        """Return the command minus the dead zone."""
         return math.copysign(max(abs(u) - self["width"], 0.0), u)
 
 
@@ -74,10 +81,10 @@ class QuadraticActuator(OnInput):
     """Thrust partly proportional to n|n|."""
 
     slug = "quadratic-actuator"
-    meaning = "thrust is proportional to n|n|: weak for small commands"
+    meaning = "thrust is proportional to n|n|, so it is weak for small commands"
     parameters = (
         EffectParameter("share", "1", "0: proportional, 1: fully quadratic"),
-        EffectParameter("u_ref", "input unit", "command with unchanged thrust; 0: the largest command", 0.0),
+        EffectParameter("u_ref", "input unit", "command at which the thrust is unchanged; 0: the largest command", 0.0),
     )
 
     def begin(self, setting: Setting) -> None:
@@ -98,7 +105,7 @@ class RudderStall(OnInput):
     meaning = "the rudder's force falls beyond an angle"
     parameters = (
         EffectParameter("angle", "input unit", least=0.0),
-        EffectParameter("drop", "1", "slope beyond it, downwards"),
+        EffectParameter("drop", "1", "slope of the force beyond the stall angle, positive downwards"),
     )
 
     def act(self, t: float, dt: float, u: float) -> float:
@@ -108,7 +115,7 @@ class RudderStall(OnInput):
 
 
 class TwoInputs(HiddenEffect):
-    """An effect of another input on one; place: ``N+X``."""
+    """An effect of one input on another; place: ``N+X``."""
 
     on_vehicles = "two axes, the affected one and the other: steering+throttle (default)"
 
@@ -119,17 +126,19 @@ class TwoInputs(HiddenEffect):
         names = [setting.axis_names.get(name, name) for name in (self.place.split("+") if self.place else usual)]
         if len(set(names)) != 2 or not set(names) <= set(there):
             known = ", ".join(there) or "none"
-            raise BadEffect(f"{self.slug} needs two inputs, e.g. N+X; this craft has {known}")
+            raise BadEffect(f"{self.slug} needs two inputs, e.g. N+X. This craft has {known}")
         self._here, self._other = names
 
 
 class AsymmetricThrust(TwoInputs):
-    """Weaker (or stronger) thrust one way; ``"N+X"``: for each of two thrusters that share both commands."""
+    """Weaker (or stronger) thrust in one direction. ``"N+X"``: for each of two thrusters that share both commands."""
 
     slug = "asymmetric-thrust"
     meaning = "a negative command has less effect than a positive one"
-    on_vehicles = f"{OnInput.on_vehicles}; steering+throttle: each of two thrusters that share both"
-    parameters = (EffectParameter("ratio", "1", "strength astern (or to port) over strength ahead"),)
+    on_vehicles = (
+        f"{OnInput.on_vehicles}. For steering+throttle, it applies to each of the two thrusters that share both"
+    )
+    parameters = (EffectParameter("ratio", "1", "ratio of the strength astern (or to port) to the strength ahead"),)
 
     def begin(self, setting: Setting) -> None:
         """Find the input, or both."""
@@ -153,14 +162,14 @@ class AsymmetricThrust(TwoInputs):
 
 
 class CommandCoupling(TwoInputs):
-    """Part of one axis' command acts on another; ``"N+X"``: ``N`` gets a share of ``X``."""
+    """A fraction of one axis' command acts on another. ``"N+X"``: ``N`` gets a fraction of ``X``."""
 
     slug = "command-coupling"
-    meaning = "another axis' command acts here too (off-centre thrust, unequal thrusters)"
+    meaning = "the command of another axis also acts on this one (off-centre thrust, unequal thrusters)"
     parameters = (EffectParameter("gain", "input unit per unit of the other", "gain of the other command"),)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Add that share."""
+        """Add that fraction."""
         inputs[self._here] += self["gain"] * inputs[self._other]
 
 
@@ -189,9 +198,9 @@ class SpeedDependentSteering(OnInput):
     meaning = "the rudder's force is proportional to the squared speed through the water"
     parameters = (
         EffectParameter("share", "1", "0: no dependence on speed, 1: full dependence"),
-        EffectParameter("U_ref", "m/s", "speed with unchanged force; 0: the rms surge speed", 0.0),
+        EffectParameter("U_ref", "m/s", "speed at which the force is unchanged; 0: the rms surge speed", 0.0),
     )
-    on_vehicles = "steering; the speed at full throttle is the reference"
+    on_vehicles = "steering. The speed at full throttle is the reference"
 
     def begin(self, setting: Setting) -> None:
         """Find the speed used."""
@@ -209,23 +218,23 @@ class PropellerWash(TwoInputs):
     """A rudder behind a propeller: its force depends partly on the square of the commanded thrust."""
 
     slug = "propeller-wash"
-    meaning = "the rudder's force goes with the square of the propeller's command"
+    meaning = "the rudder's force is proportional to the square of the propeller's command"
     parameters = (
-        EffectParameter("share", "1", "0: none of it goes with thrust, 1: all"),
-        EffectParameter("X_ref", "input unit", "command at which the gain is 1; 0: full", 0.0),
+        EffectParameter("share", "1", "0: the force does not depend on thrust, 1: it depends entirely on thrust"),
+        EffectParameter("X_ref", "input unit", "command at which the gain is 1; 0: full output", 0.0),
     )
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Scale with the square of the other command; reversed astern."""
+        """Scale with the square of the other command. Astern the effect is reversed."""
         share, ahead = self["share"], inputs[self._other] / (self["X_ref"] or 1.0)
         inputs[self._here] *= 1.0 - share + share * ahead * abs(ahead)
 
 
 class AdvanceSpeedLoss(OnInput):
-    """Loss of thrust with speed through the thruster's flow: the bilinear thruster."""
+    """Loss of thrust with the speed of the flow through the thruster: the bilinear thruster model."""
 
     slug = "advance-speed-loss"
-    meaning = "a thruster loses force as the craft moves (bilinear thruster)"
+    meaning = "a thruster loses force as the craft gains speed (bilinear thruster)"
     parameters = (EffectParameter("loss", "s/m or s/rad"),)
 
     def begin(self, setting: Setting) -> None:

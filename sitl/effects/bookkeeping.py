@@ -1,4 +1,4 @@
-"""Errors in the record: wrong clocks, units, signs and labels. The craft is not affected."""
+"""Errors in the record: wrong clocks, units, signs and labels. They do not affect the craft."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ __all__ = [
 
 
 _CARRIED_TOGETHER = ({"N", "X", "Z"}, {"phi", "theta", "psi", "p", "q", "r"}, {"x", "y", "z"}, {"u", "v", "w"})
-"""Columns that a vehicle can swap: those of one message."""
+"""Columns that a vehicle can exchange, because one message contains them."""
 
 
 class TimeScale(HiddenEffect):
-    """Wrong pace of the file's clock: file time = factor times true time."""
+    """Wrong rate of the file's clock: file time = factor times true time."""
 
     slug = "time-scale"
     meaning = "the clock of the record runs too fast or too slow"
@@ -41,19 +41,19 @@ class TimeScale(HiddenEffect):
 
 
 class TimeOffset(HiddenEffect):
-    """Signals stamped late relative to the inputs (negative: early)."""
+    """Signals with a stamp that is late relative to the inputs (negative: early)."""
 
     slug = "time-offset"
-    meaning = "commands and signals have timestamps of different clocks"
+    meaning = "commands and signals are stamped by different clocks"
     parameters = (EffectParameter("offset", "s"),)
-    on_vehicles = "the timestamps of servo reports relative to all others"
+    on_vehicles = "the time stamps of servo reports relative to all others"
 
     def lateness(self) -> Mapping[str, float]:
-        """Return the offset, of all signals."""
+        """Return the offset for all signals."""
         return {"*": self["offset"]}
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Stamp the servo report early by the offset, so that the motion appears late."""
+        """Shift the stamp of the servo report to be early by the offset, so that the motion appears late."""
         if "t" in fields and "servo" in fields:
             fields["t"] -= self["offset"]
 
@@ -69,17 +69,19 @@ class OnColumns(HiddenEffect):
         known = (*setting.inputs, *setting.signals)
         if len(names) != self.count or not set(names) <= set(known):
             wanted = "one column" if self.count == 1 else "two columns joined by +"
-            raise BadEffect(f"{self.slug} needs {wanted} as its place, of {', '.join(known)}; not '{self.place}'")
+            raise BadEffect(
+                f"{self.slug} needs {wanted} as its place, chosen from {', '.join(known)}. '{self.place}' is not valid"
+            )
         if self.count > 1 and setting.on_vehicle and not any(set(names) <= carried for carried in _CARRIED_TOGETHER):
             raise BadEffect(f"{self.slug}: no message contains both {' and '.join(names)}")
         self._names = names
 
 
 class UnitError(OnColumns):
-    """A column in another unit than its header states."""
+    """A column in another unit than its heading states."""
 
     slug = "unit-error"
-    meaning = "a column is in another unit than in its header"
+    meaning = "a column is in another unit than its header states"
     parameters = (EffectParameter("factor", "1", "value in the file divided by the true value"),)
     on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
 

@@ -22,9 +22,9 @@ _HORIZONTAL = ("surge", "sway", "yaw")
 class CoriolisCoupling(HiddenEffect):
     """Centripetal forces: ``X += X_vr v r``, ``Y += Y_ur u r``, ``N += N_uv u v``."""
 
-    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
+    on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "coriolis-coupling"
-    meaning = "Coriolis force: turning while moving pushes sideways (rigid body and added mass)"
+    meaning = "Coriolis force: turning under way pushes the craft sideways (rigid body and added mass)"
     parameters = (
         EffectParameter("X_vr", "kg", default=0.0),
         EffectParameter("Y_ur", "kg", default=0.0),
@@ -32,10 +32,10 @@ class CoriolisCoupling(HiddenEffect):
     )
 
     def begin(self, setting: Setting) -> None:
-        """Verify that there are at least two horizontal degrees of freedom, sway among them or driven."""
+        """Verify that there are at least two horizontal degrees of freedom, with sway or a drive among them."""
         there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
-            raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw; this hull lacks one")
+            raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw. This hull lacks one of them")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
@@ -47,9 +47,9 @@ class CoriolisCoupling(HiddenEffect):
 
 
 class SwayYawCoupling(HiddenEffect):
-    """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` off the diagonal of the mass matrix, both sides."""
+    """``Y += Y_r r``, ``N += N_v v``, and ``-Y_rdot`` on both off-diagonal elements of the mass matrix."""
 
-    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
+    on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "sway-yaw-coupling"
     meaning = "sway and yaw are coupled (off-diagonal mass and damping, off-centre mass)"
     parameters = (
@@ -61,9 +61,12 @@ class SwayYawCoupling(HiddenEffect):
     def begin(self, setting: Setting) -> None:
         """Verify that the hull sways and yaws, and that its mass matrix stays positive definite."""
         if not {"sway", "yaw"} <= set(setting.dofs):
-            raise BadEffect("sway-yaw-coupling needs a hull with sway and yaw; this hull lacks one")
+            raise BadEffect("sway-yaw-coupling needs a hull with sway and yaw. This hull lacks one of them")
         if self["Y_rdot"] ** 2 >= setting.parameters["sway.alpha"] * setting.parameters["yaw.alpha"]:
-            raise BadEffect(f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g}: the mass matrix would not be positive")
+            raise BadEffect(
+                f"sway-yaw-coupling.Y_rdot={self['Y_rdot']:g} would make the mass matrix not positive definite. "
+                "Use a smaller value"
+            )
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
@@ -77,7 +80,7 @@ class SwayYawCoupling(HiddenEffect):
 
 
 class MomentOfFlow(HiddenEffect):
-    """A yaw moment that depends on speeds of the hull, without reaction on them."""
+    """A yaw moment that depends on speeds of the hull, without a reaction force."""
 
     needs: frozenset[str]
 
@@ -85,7 +88,7 @@ class MomentOfFlow(HiddenEffect):
         """Verify that the hull has these degrees of freedom."""
         if not self.needs <= set(setting.dofs):
             wanted = " and ".join(dof for dof in ("sway", "surge", "yaw") if dof in self.needs)
-            raise BadEffect(f"{self.slug} needs a hull with {wanted}; this hull lacks one")
+            raise BadEffect(f"{self.slug} needs a hull with {wanted}. This hull lacks one of them")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
@@ -100,7 +103,7 @@ class MomentOfFlow(HiddenEffect):
 class SwayMoment(MomentOfFlow):
     """``N += N_v v``."""
 
-    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
+    on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "sway-moment"
     meaning = "Munk moment: drifting sideways turns the hull"
     parameters = (EffectParameter("N_v", "N s", default=0.0),)
@@ -116,7 +119,7 @@ class SpeedDamping(MomentOfFlow):
 
     on_vehicles = "yaw"
     slug = "speed-damping"
-    meaning = "turning is harder (negative) with speed, ahead or astern"
+    meaning = "yaw damping per unit of speed, ahead or astern (negative: turning is harder with speed)"
     parameters = (EffectParameter("N_|u|r", "kg m", default=0.0),)
     needs = frozenset({"surge", "yaw"})
 
@@ -128,7 +131,7 @@ class SpeedDamping(MomentOfFlow):
 class MunkMoment(MomentOfFlow):
     """``N += N_uv u v``."""
 
-    on_vehicles = "no: these vehicles have no sway (unless a --model has)"
+    on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "munk-moment"
     meaning = "moment per drift angle"
     parameters = (EffectParameter("N_uv", "kg", default=0.0),)
@@ -144,14 +147,15 @@ _AXIS_OF = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw"}
 
 
 class VelocityProduct(HiddenEffect):
-    """A force or moment per product of velocities; the place is its SNAME derivative: ``N_|v|r``, ``X_vr``.
+    """A force or moment proportional to a product of velocities. The place is its SNAME derivative: ``N_|v|r``,
+    ``X_vr``.
 
-    Bars are moduli. Two equal letters are one with its modulus (``X_uu`` is ``X_|u|u``).
+    Bars mean the absolute value. Two equal letters mean a velocity times its absolute value (``X_uu`` is ``X_|u|u``).
     """
 
     on_vehicles = "a derivative: N_ur (default), N_u, ..."
     slug = "velocity-product"
-    meaning = "a force that goes with a product of velocities"
+    meaning = "a force proportional to a product of velocities"
     parameters = (EffectParameter("coefficient", "SI per product"),)
 
     def begin(self, setting: Setting) -> None:
@@ -159,7 +163,9 @@ class VelocityProduct(HiddenEffect):
         name = self.place or "N_ur"
         read = _PRODUCT.fullmatch(name)
         if read is None:
-            raise BadEffect(f"velocity-product@{name}: no derivative by u, v, w, r; write N_|v|r, X_vr or the like")
+            raise BadEffect(
+                f"velocity-product@{name} is not a derivative by u, v, w, r. Write N_|v|r, X_vr or the like"
+            )
         self._force, rest = read[1], read[2]
         self._factors = [(word.strip("|"), word.startswith("|")) for word in re.findall(r"\|\w\||\w", rest)]
         if len(self._factors) == 2 and self._factors[0] == self._factors[1] and not self._factors[0][1]:
@@ -168,7 +174,7 @@ class VelocityProduct(HiddenEffect):
         needed |= {dof for dof, force in FORCE_OF.items() if force == self._force}
         missing = needed - set(setting.dofs)
         if missing:
-            raise BadEffect(f"velocity-product@{name} needs {', '.join(sorted(missing))}; this hull has none")
+            raise BadEffect(f"velocity-product@{name} needs {', '.join(sorted(missing))}, which this hull lacks")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:

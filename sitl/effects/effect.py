@@ -1,8 +1,8 @@
 """Interface of hidden effects: deviations between commands, ideal vehicle and record.
 
-An effect overrides only what it alters. Effects run in the order given; an empty list costs nothing. The same effect
-works in open loop (:mod:`sitl.open_loop`), where inputs are in SI units, and on a vehicle, where an input is the share
-of full of one axis.
+An effect overrides only the methods for what it alters. Effects run in the order of the list. The same effect works in
+open loop (:mod:`sitl.open_loop`), where inputs are in SI units, and on a vehicle, where an input is the normalised
+output of one axis.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FORCE_OF: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "
 
 
 class BadEffect(ValueError):
-    """An effect that cannot be applied: unknown, a wrong parameter, or no such place on this craft."""
+    """Raised for an effect that cannot be applied: unknown, a wrong parameter, or no such place on this craft."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +41,14 @@ class EffectParameter:
     most: float = math.inf
 
     def refusal(self, value: float) -> str:
-        """Return why *value* is not allowed, in words; empty if it is."""
+        """Return a sentence on why *value* is not allowed; empty if it is."""
         if not math.isfinite(value):
             return f"{value:g} is not a finite number"
         in_degrees = f". Did you mean {math.radians(value):.3g} ({value:g} degrees)?" * (self.unit == "rad")
         if value < self.least:
-            return f"{value:g} is too small; the minimum is {self.least:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too small. The minimum is {self.least:g} {self.unit}{in_degrees}"
         if value > self.most:
-            return f"{value:g} is too large; the maximum is {self.most:g} {self.unit}{in_degrees}"
+            return f"{value:g} is too large. The maximum is {self.most:g} {self.unit}{in_degrees}"
         return ""
 
 
@@ -57,9 +57,10 @@ class Setting:
     """Data of the craft that an effect may use.
 
     ``state``, ``water`` and ``parameters`` are the plant's own, live. ``dofs``: the degrees of freedom in which effects
-    may act; ``inputs``: channel -> degree of freedom it drives; ``swing``: largest command of each; ``gain``: force per
-    unit of input of each degree of freedom; ``start`` [s]: when time begins; ``cruise`` [m/s]: rms surge speed;
-    ``axis_names``: other names of inputs (``steering`` ...); ``on_vehicle``: behind the wire, not in open loop.
+    may act; ``inputs``: channel -> degree of freedom it drives; ``swing``: largest command of each input; ``gain``:
+    force per unit of input of each degree of freedom; ``start`` [s]: when time begins; ``cruise`` [m/s]: rms surge
+    speed; ``axis_names``: other names of inputs (``steering`` ...); ``on_vehicle``: whether it is on a vehicle and not
+    in open loop.
     """
 
     state: State
@@ -78,14 +79,15 @@ class Setting:
 
     @property
     def steering(self) -> str:
-        """The default input of an actuator effect: yaw's, or the first."""
+        """The default input of an actuator effect: that of yaw, or the first."""
         return next((name for name, dof in self.inputs.items() if dof == "yaw"), next(iter(self.inputs), ""))
 
 
 class HiddenEffect:
-    """One hidden effect: its *place* (input, degree of freedom or signal; empty: the usual one) and its numbers, SI.
+    """One hidden effect.
 
-    Every method gets the craft's time *t* [s] and alters its last argument in place. :meth:`begin` comes first.
+    It has a *place* (input, degree of freedom or signal; empty: the default) and parameters in SI units. Every method
+    receives the craft's time *t* [s] and alters its last argument in place. :meth:`begin` is called first.
 
     Raises
     ------
@@ -97,7 +99,7 @@ class HiddenEffect:
     meaning: ClassVar[str] = ""
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()
     on_vehicles: ClassVar[str] = "no"
-    """Allowed places on a vehicle over MAVLink, in words; ``no`` if not supported there."""
+    """Text of the allowed places on a vehicle over MAVLink; ``no`` if not supported there."""
 
     def __init__(self, place: str = "", **values: float) -> None:
         self.place = place
@@ -123,29 +125,29 @@ class HiddenEffect:
         return f"did you mean {near[0]}?" if near else f"it has {', '.join(names) or 'none'}"
 
     def begin(self, setting: Setting) -> None:
-        """Reset, and read the craft's initial state. ``BadEffect`` if it has no such place."""
+        """Reset, and read the craft's initial state. Raises ``BadEffect`` if the craft has no such place."""
 
     def quickness(self, setting: Setting) -> float:
-        """Return the shortest time constant [s] of this effect; open-loop steps are much shorter."""
+        """Return the shortest time constant [s] of this effect. Open-loop steps are much shorter."""
         return float("inf")
 
     def lateness(self) -> Mapping[str, float]:
-        """Return the delay [s] of signals relative to the inputs, in open loop. ``*``: all of them."""
+        """Return the delay [s] of signals relative to the inputs, in open loop. ``*``: all signals."""
         return {}
 
     # -- from the command to the hull
 
     def alter_command(self, t: float, pwm: list[int]) -> None:
-        """Change the servo pulses [us] before the actuators. Vehicles only."""
+        """Change the servo pulses [us] before the actuators. It is called only on vehicles."""
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
         """Change the actuators' inputs, by channel (``N``, ``X`` ...), for the *dt* [s] that begin at *t*."""
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Change the forces on the hull; called at every integrator stage."""
+        """Change the forces on the hull. It is called at every integrator stage."""
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Change the parameters of the plant; called every step, with the plant's own values each time."""
+        """Change the parameters of the plant. It is called every step with the plant's own values."""
 
     # -- from the hull to the record
 
@@ -153,10 +155,10 @@ class HiddenEffect:
         """Change the sensor readings."""
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Change the file: ``t``, inputs and signals, (n,) each. In open loop only."""
+        """Change the file: ``t``, inputs and signals, (n,) each. It is called only in open loop."""
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Change the message sent for one moment (see :mod:`sitl.mavlink.report`). Vehicles only."""
+        """Change the message sent at one moment (see :mod:`sitl.mavlink.streams`). It is called only on vehicles."""
 
     @classmethod
     def overrides(cls, hook: str) -> bool:

@@ -1,4 +1,4 @@
-"""Disturbances from outside. In open loop forces are SI; on a vehicle ``input unit`` is a normalised output."""
+"""Disturbances from outside. In open loop forces are in SI. On a vehicle an ``input unit`` is a normalised output."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class InputBias(HiddenEffect):
     on_vehicles = "yaw (default), surge"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degree of freedom; in heave the effect is net-buoyancy."""
+        """Find the degree of freedom. Heave is excluded, because net-buoyancy has that effect."""
         dof = find_dof(self, setting, among=("yaw", "surge", "sway"))
         self._name, self._force = FORCE_OF[dof], self["bias"] * setting.gain.get(dof, 1.0)
 
@@ -40,7 +40,7 @@ class SteadyCurrent(HiddenEffect):
     """A steady current that carries the craft; drag depends on the speed through the water.
 
     Irrotational and steady, so the equations of motion hold for the velocity through the water (Fossen2011, section
-    8.1). Place: what the file's (or the receiver's) ``u v`` mean, ``over ground`` (default) or ``through water``.
+    8.1). Place: the meaning of the file's (or the receiver's) ``u v``: ``over ground`` (default) or ``through water``.
     """
 
     slug = "steady-current"
@@ -49,7 +49,7 @@ class SteadyCurrent(HiddenEffect):
         EffectParameter("V_x", "m/s", "towards north", 0.0),
         EffectParameter("V_y", "m/s", "towards east", 0.0),
     )
-    on_vehicles = "over ground (default), through water"
+    on_vehicles = "reference of the recorded u and v: 'over ground' (default) or 'through water'"
 
     def begin(self, setting: Setting) -> None:
         """Start the current."""
@@ -62,13 +62,13 @@ class SteadyCurrent(HiddenEffect):
 
 
 class WindMoment(HiddenEffect):
-    """Wind turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
+    """Wind that turns the bow towards ``direction``: ``N += strength sin(direction - psi)``."""
 
     slug = "wind-moment"
     meaning = "the wind turns the bow (moment proportional to the sine of the heading relative to the wind)"
     parameters = (
         EffectParameter("strength", "input unit", least=0.0),
-        EffectParameter("direction", "rad", "heading that the bow turns to"),
+        EffectParameter("direction", "rad", "heading towards which the wind turns the bow"),
     )
     on_vehicles = "yaw"
 
@@ -87,10 +87,10 @@ class WindMoment(HiddenEffect):
 
 
 class WaveDisturbance(HiddenEffect):
-    """A narrow-band force: second-order shaped noise, or one sinusoid when ``bandwidth`` is 0.
+    """A narrow-band force: second-order shaped noise, or one sinusoid if ``bandwidth`` is 0.
 
-    Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the
-    bandwidth; here in exact steps, begun in its stationary spread, with ``amplitude`` its standard deviation.
+    Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the bandwidth;
+    It is computed in exact steps and starts in its stationary distribution. ``amplitude`` is its standard deviation.
     """
 
     slug = "wave-disturbance"
@@ -121,11 +121,11 @@ class WaveDisturbance(HiddenEffect):
         setattr(wrench, self._name, getattr(wrench, self._name) + self._rms * now)
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time of one radian."""
+        """Return the time of one radian of the oscillation [s]."""
         return 1.0 / self["frequency"]
 
     def _advance(self, t: float) -> float:
-        """Return the normalised force at *t*; time only advances."""
+        """Return the normalised force at *t*. Time only advances."""
         if self._t == -math.inf:
             self._t = t
         dt = t - self._t
@@ -143,7 +143,8 @@ class WaveDisturbance(HiddenEffect):
 
 
 def _step_of(omega: float, damping: float, dt: float) -> tuple[float, float, float, float, float, float, float]:
-    """Return transition (2, 2) and lower Cholesky factor of the noise of one step, states scaled to unit spread.
+    """Return transition (2, 2) and lower Cholesky factor of the noise of one step, for states scaled to unit
+    variance.
 
     The states are the filter's (omega times its integral, itself): ``x1' = omega x2``,
     ``x2' = -omega x1 - 2 lambda omega x2 + noise``; with unit stationary spread the noise of a step is ``I - A A'``.
@@ -173,10 +174,10 @@ class TetherPull(HiddenEffect):
     parameters = (
         EffectParameter("stiffness", "N/m or N m/rad"),
         EffectParameter("anchor", "m or rad", "position without pull, in one degree of freedom", 0.0),
-        EffectParameter("x", "m", "the same on the plane, north", 0.0),
-        EffectParameter("y", "m", "the same on the plane, east", 0.0),
+        EffectParameter("x", "m", "position without pull, north (motion in the plane)", 0.0),
+        EffectParameter("y", "m", "position without pull, east (motion in the plane)", 0.0),
     )
-    on_vehicles = "yaw (default), heave, surge+sway (its part along the hull)"
+    on_vehicles = "yaw (default), heave, surge+sway (the component along the hull)"
 
     def begin(self, setting: Setting) -> None:
         """Find the degrees of freedom and the anchor."""
@@ -188,7 +189,7 @@ class TetherPull(HiddenEffect):
             return
         self._dof = find_dof(self, setting, among=("yaw", "heave", "surge"))
         if self._dof == "surge" and ("yaw" in setting.dofs or "sway" in setting.dofs):
-            raise BadEffect("tether-pull: for a craft that turns, use the place 'surge+sway'")
+            raise BadEffect("tether-pull of a craft that turns needs the place 'surge+sway'")
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
         """Add the spring force."""

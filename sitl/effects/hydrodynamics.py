@@ -18,7 +18,7 @@ __all__ = [
 
 
 class OnAxis(HiddenEffect):
-    """An effect that changes the inertia or the drag of one degree of freedom."""
+    """An effect on the inertia or the drag of one degree of freedom."""
 
     on_vehicles = "yaw (default), surge, heave"
 
@@ -69,12 +69,12 @@ class QuadraticDrag(OnAxis):
 
 
 class MassChange(HiddenEffect):
-    """A payload added or removed: the inertia changes at once, the speed does not."""
+    """A payload added or removed. The inertia changes at once, the speed does not."""
 
     slug = "mass-change"
     meaning = "inertia changes during the run (a payload picked up or dropped)"
     parameters = (
-        EffectParameter("ratio", "1", "new inertia divided by old", least=1e-3),
+        EffectParameter("ratio", "1", "ratio of the new inertia to the old", least=1e-3),
         EffectParameter("time", "s", "since the start"),
     )
     on_vehicles = "all (default), yaw, surge, heave"
@@ -86,7 +86,7 @@ class MassChange(HiddenEffect):
         self._when = setting.start + self["time"]
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Scale the inertia from the given time on."""
+        """Scale the inertia from the time set by the effect's parameter."""
         if t >= self._when - 1e-9:
             for dof in self._dofs:
                 parameters[f"{dof}.alpha"] *= self["ratio"]
@@ -116,14 +116,14 @@ class NetBuoyancy(HiddenEffect):
 
 
 class GroundEffect(HiddenEffect):
-    """More drag near the bottom: factor ``1 + strength exp(-(bottom - z)/length)``."""
+    """Increased drag near the bottom: factor ``1 + strength exp(-(bottom - z)/length)``."""
 
     slug = "ground-effect"
     meaning = "drag grows close to the bottom"
     parameters = (
         EffectParameter("strength", "1", "relative drag increase at the bottom"),
-        EffectParameter("length", "m", "height over which it decays", least=1e-3),
-        EffectParameter("bottom", "m", "depth of the bottom; 0: the water's", 0.0),
+        EffectParameter("length", "m", "height over which the increase decays", least=1e-3),
+        EffectParameter("bottom", "m", "depth of the bottom; 0: depth of the water", 0.0),
     )
     on_vehicles = "heave (default), yaw, surge (ROVs)"
 

@@ -1,4 +1,4 @@
-"""Actuator effects with memory. Each is placed on one input."""
+"""Actuator effects with memory. Each one acts on one input."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["ActuatorLag", "Backlash", "InputDelay", "RateLimit"]
 
 
 class InputDelay(OnInput):
-    """Delayed command; before the first one arrives, it acts already."""
+    """Delayed command. The first command acts from the beginning."""
 
     slug = "input-delay"
     meaning = "commands act with a delay"
@@ -22,7 +22,7 @@ class InputDelay(OnInput):
         """Clear the delay line."""
         super().begin(setting)
         self._due: deque[tuple[float, float]] = deque()
-        """(when it begins to act, command), oldest first."""
+        """List of (time at which it begins to act, command), oldest first."""
         self._last = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
@@ -58,7 +58,7 @@ class ActuatorLag(OnInput):
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Follow exactly, and return the mean over the step."""
+        """Compute the exact response, and return its mean over the step."""
         if self._now != self._now:
             self._now = u
         ratio = dt / self["time_constant"]
@@ -71,7 +71,7 @@ class RateLimit(OnInput):
     """Limited rate of change."""
 
     slug = "rate-limit"
-    meaning = "the actuator cannot move faster than a rate"
+    meaning = "the actuator moves at a limited rate"
     parameters = (EffectParameter("rate", "input unit/s", least=1e-9),)
 
     def begin(self, setting: Setting) -> None:
@@ -80,7 +80,7 @@ class RateLimit(OnInput):
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Move towards *u*, and return the mean over the step."""
+        """Move towards *u* within the rate limit, and return the mean over the step."""
         if self._now != self._now:
             self._now = u
         gap = u - self._now
@@ -96,10 +96,10 @@ class RateLimit(OnInput):
 
 
 class Backlash(OnInput):
-    """Backlash: the output rests until the command has crossed the gap."""
+    """Backlash: the output stays at rest until the command has crossed the gap."""
 
     slug = "backlash"
-    meaning = "backlash in the linkage: every reversal first crosses the gap"
+    meaning = "backlash in the linkage: after each reversal the command first crosses the gap"
     parameters = (EffectParameter("width", "input unit", "full width of the gap", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
@@ -108,7 +108,7 @@ class Backlash(OnInput):
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the output: moved by the command, or at rest."""
+        """Return the output, which is moved by the command or at rest."""
         half = 0.5 * self["width"]
         if self._now != self._now:
             self._now = u

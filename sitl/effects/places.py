@@ -1,4 +1,4 @@
-"""Places of effects: the input, degree of freedom or signals named by a place, or the default."""
+"""Find the input, degree of freedom or signals that the place of an effect selects."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ _HORIZONTAL = ("surge", "sway", "yaw")
 
 
 def find_input(effect: HiddenEffect, setting: Setting) -> str:
-    """Return the input of *effect*: the named place, or the steering."""
+    """Return the input of *effect*: the selected place, or the steering."""
     place = effect.place or setting.steering
     place = setting.axis_names.get(place, place)
     if place not in setting.inputs:
         known = ", ".join([*setting.inputs, *setting.axis_names]) or "none"
-        raise BadEffect(f"{effect.slug}: this craft has no input '{effect.place}'; it has {known}")
+        raise BadEffect(f"{effect.slug}: this craft has no input '{effect.place}'. Its inputs are {known}")
     return place
 
 
 def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] = (*_HORIZONTAL, "heave")) -> str:
-    """Return the degree of freedom of *effect*: the named place, or yaw (or the first)."""
+    """Return the degree of freedom of *effect*: the selected place, or yaw (or the first)."""
     there = [dof for dof in ("yaw", "surge", "sway", "heave") if dof in setting.dofs and dof in among]
     if not there:
         raise BadEffect(f"{effect.slug} acts on {' or '.join(among)}, which this craft does not have")
     place = effect.place or there[0]
     if place not in there:
-        raise BadEffect(f"{effect.slug} cannot be placed on '{place}' here. Use {' or '.join(there)}")
+        raise BadEffect(f"{effect.slug} cannot act on '{place}' here. Use {' or '.join(there)}")
     return place
 
 
 def find_signals(effect: HiddenEffect, setting: Setting, default: str) -> tuple[str, ...]:
-    """Return the signals of *effect*, several joined by ``+``."""
+    """Return the signals of *effect*; several are joined by ``+``."""
     names = tuple((effect.place or default).split("+"))
     for name in names:
         if name not in setting.signals:

@@ -24,15 +24,16 @@ _MOTION = ("psi", "r", "u", "v", "w", "x", "y", "z")
 
 
 class SensorPosition(HiddenEffect):
-    """A sensor mounted ``x_P`` ahead and ``y_P`` to starboard of the origin, measuring the motion of that point."""
+    """A sensor mounted ``x_P`` ahead and ``y_P`` to starboard of the origin, which measures the motion of that
+    point."""
 
     slug = "sensor-position"
-    meaning = "the sensor of speed and position is off-centre: a turn looks like sway"
+    meaning = "the sensor of speed and position is off-centre, so a turn looks like sway"
     parameters = (
-        EffectParameter("x_P", "m", "ahead of the middle", 0.0),
-        EffectParameter("y_P", "m", "to starboard of it", 0.0),
+        EffectParameter("x_P", "m", "distance of the sensor ahead of the centre", 0.0),
+        EffectParameter("y_P", "m", "distance of the sensor to starboard of the centre", 0.0),
     )
-    on_vehicles = "signals joined by + (default u+v+x+y; z+w of a craft that tilts)"
+    on_vehicles = "signals joined by + (default u+v+x+y, or z+w for a craft that tilts)"
 
     def begin(self, setting: Setting) -> None:
         """Find the measured signals."""
@@ -45,7 +46,7 @@ class SensorPosition(HiddenEffect):
         strange = [name for name in self._names if name not in (*usual, "z", "w")]
         if strange:
             raise BadEffect(
-                f"sensor-position: {strange[0]} does not depend on the sensor's position; u, v, x, y, z, w do"
+                f"sensor-position: {strange[0]} does not depend on the sensor's position. Use u, v, x, y, z or w"
             )
         self._state = setting.state
 
@@ -66,18 +67,21 @@ class SensorPosition(HiddenEffect):
 
 
 _NEEDLE = 1.0
-"""Larger deviations give one reading on several headings [rad]; good compasses stay within 0.1. Chosen."""
+"""Largest deviation [rad].
+
+Above it one reading would belong to several headings; good compasses stay within 0.1. Project choice.
+"""
 
 
 class CompassDeviation(HiddenEffect):
-    """Semicircular deviation by iron on the craft: ``A + B sin psi + C cos psi``."""
+    """Semicircular deviation due to iron on the craft: ``A + B sin psi + C cos psi``."""
 
     slug = "compass-deviation"
-    meaning = "iron on board deflects the compass (sine and cosine of the heading)"
+    meaning = "iron aboard deflects the compass (sine and cosine of the heading)"
     parameters = (
         EffectParameter("B", "rad", default=0.0, least=-_NEEDLE, most=_NEEDLE),
         EffectParameter("C", "rad", default=0.0, least=-_NEEDLE, most=_NEEDLE),
-        EffectParameter("A", "rad", "the lubber line's misalignment", 0.0, least=-math.pi, most=math.pi),
+        EffectParameter("A", "rad", "misalignment of the lubber line", 0.0, least=-math.pi, most=math.pi),
     )
     on_vehicles = "psi"
 
@@ -110,12 +114,12 @@ class GyroBias(HiddenEffect):
 
 
 class MeasurementDelay(HiddenEffect):
-    """A signal reported late; several joined by ``+`` (``psi+r``), or ``all``."""
+    """A signal that is reported late. Several are joined by ``+`` (``psi+r``), or ``all``."""
 
     slug = "measurement-delay"
     meaning = "a signal is reported late"
     parameters = (EffectParameter("delay", "s", least=0.0),)
-    on_vehicles = "a signal or several joined by + (all: psi+r+u+x+y+z+w, the default)"
+    on_vehicles = "one signal, or several joined by + (default: all, psi+r+u+x+y+z+w)"
 
     def begin(self, setting: Setting) -> None:
         """Clear the history."""
@@ -125,11 +129,11 @@ class MeasurementDelay(HiddenEffect):
         self._on_vehicle = setting.on_vehicle
 
     def lateness(self) -> Mapping[str, float]:
-        """Return the delay of each."""
+        """Return the delay of each signal."""
         return dict.fromkeys(self._names, self["delay"])
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Report the past value, interpolated between samples; in open loop the file's own past is used."""
+        """Report the past value, interpolated between samples. In open loop the file's own past is used."""
         if not self._on_vehicle:
             return
         seen, when = self._seen, t - self["delay"] + 1e-9
@@ -157,14 +161,14 @@ class Quantisation(HiddenEffect):
         self._names = find_signals(self, setting, "psi" if "psi" in setting.signals else setting.signals[0])
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Round."""
+        """Round the reading."""
         step = self["step"]
         for name in self._names:
             setattr(reading, name, round(getattr(reading, name) / step) * step)
 
 
 class Outliers(HiddenEffect):
-    """Some samples far off."""
+    """Some samples with large errors."""
 
     slug = "outliers"
     meaning = "some samples are far off"

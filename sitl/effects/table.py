@@ -1,4 +1,4 @@
-"""The available effects: slug -> class. A new effect is one class and one line here."""
+"""The available effects: slug -> class. To add one, add a class and a line here."""
 
 from __future__ import annotations
 
@@ -108,12 +108,12 @@ EFFECTS: Mapping[str, type[HiddenEffect]] = {kind.slug: kind for kind in _CLASSE
 
 
 def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None = None) -> HiddenEffect:
-    """Return the effect called *slug* at *place* (empty: the usual one).
+    """Return the effect called *slug* at *place*; empty: the default place.
 
     Raises
     ------
     BadEffect
-        There is no such effect or parameter (the message gives the nearest), or one is missing.
+        There is no such effect or parameter (the message states the nearest), or a parameter is missing.
     """
     if slug not in EFFECTS:
         near = difflib.get_close_matches(slug, EFFECTS, n=3, cutoff=0.5)
@@ -123,12 +123,12 @@ def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None =
 
 
 def parse_effect(text: str) -> HiddenEffect:
-    """Return the effect written as ``slug[@place][.parameter=value[,parameter=value ...]]``.
+    """Parse an effect in the form ``slug[@place][.parameter=value[,parameter=value ...]]``.
 
     Raises
     ------
     BadEffect
-        It is written otherwise, or :func:`make_effect` does not know it.
+        It has another form, or :func:`make_effect` does not accept it.
     """
     head, _, tail = text.partition(".")
     slug, _, place = head.partition("@")

@@ -1,7 +1,7 @@
 """MAVLink on the vehicle's side, without any input or output.
 
-``server`` joins it together; ``commands``, ``parameter_protocol`` and ``control`` handle what comes in,
-``telemetry``, ``pid_tuning`` and ``streams`` make what goes out.
+``server`` connects the parts. ``commands``, ``parameter_protocol`` and ``control`` process received messages.
+``telemetry`` and ``streams`` create the messages to send.
 """
 
 from __future__ import annotations

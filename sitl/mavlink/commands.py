@@ -21,7 +21,7 @@ _CUSTOM_MODE_ENABLED = 1
 
 
 def _whole(value: float) -> int:
-    """Return an integer sent as a float, or -1 if it is not whole."""
+    """Return an integer that was sent as a float, or -1 if it is not whole."""
     return int(value) if math.isfinite(value) else -1
 
 
@@ -133,7 +133,7 @@ COMMANDS: Mapping[int, Callable[[Port, Sequence[float]], int]] = {
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return_home,
     mavlink.MAV_CMD_DO_SET_SERVO: _refuse,
 }
-"""MAV_CMD -> its function of the seven parameters; returns MAV_RESULT."""
+"""MAV_CMD -> function of its seven parameters that returns a MAV_RESULT."""
 
 
 def handle_command(port: Port, message: Message) -> None:

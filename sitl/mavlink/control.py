@@ -1,4 +1,4 @@
-"""Sticks and targets from the ground: overrides, MANUAL_CONTROL, attitude and position targets."""
+"""Sticks and targets from the ground station: overrides, MANUAL_CONTROL, attitude and position targets."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _MOST_LATITUDE, _MOST_LONGITUDE = 900_000_000, 1_800_000_000
 
 
 def handle_override(port: Port, message: Message) -> None:
-    """Process RC_CHANNELS_OVERRIDE from the ground station; it also counts as a sign of life."""
+    """Process RC_CHANNELS_OVERRIDE from the ground station. It also resets the ground station's time-out."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
@@ -57,7 +57,7 @@ def handle_override(port: Port, message: Message) -> None:
 
 
 def handle_manual_control(port: Port, message: Message) -> None:
-    """Process joystick axes from the ground station; they become overrides."""
+    """Process joystick axes from the ground station, which become overrides."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return
@@ -99,7 +99,7 @@ def _yaw_of(q: Sequence[float]) -> float | None:
 
 
 def handle_attitude_target(port: Port, message: Message) -> None:
-    """Take SET_ATTITUDE_TARGET: heading (or turn rate) and speed on Rover, heading on Sub."""
+    """Process SET_ATTITUDE_TARGET: heading (or turn rate) and speed on Rover, heading on Sub."""
     autopilot, mask = port.vehicle.autopilot, message.type_mask
     yaw = _yaw_of(message.q)
     if isinstance(autopilot, Sub):

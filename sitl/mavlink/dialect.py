@@ -15,12 +15,12 @@ __all__ = ["Message", "fit_float", "mavlink", "pack", "parse"]
 mavlink: Any = ardupilotmega
 """Constants and message classes of the ardupilotmega dialect, MAVLink 2."""
 Message = Any
-"""A decoded message, or one about to be sent."""
+"""A decoded message, or one to be sent."""
 _LARGEST_FLOAT = 3.4028234e38
 
 
 def fit_float(value: float) -> float:
-    """Return *value* kept within what a float field of a message can hold."""
+    """Return *value* limited to the range of a float field in a message."""
     return max(-_LARGEST_FLOAT, min(_LARGEST_FLOAT, value))
 
 
@@ -29,8 +29,10 @@ _HEADER = struct.Struct("<BBBBBBBHB")
 
 
 class _Kind(NamedTuple):
-    """How a message without arrays is on the wire; ``order`` says where the arguments of ``make`` are among its fields,
-    None: in the same order."""
+    """Layout of a message without arrays.
+
+    ``order``: positions of the arguments of ``make`` among the fields; None: in the same order.
+    """
 
     make: Callable[..., Message]
     layout: struct.Struct
@@ -51,7 +53,7 @@ def _kind(number: int) -> _Kind | None:
 
 
 def pack(message: Message, codec: Any) -> bytes:
-    """Return the frame of *message*: what ``message.pack(codec)`` returns, sooner where it has no arrays."""
+    """Return the frame of *message*, as ``message.pack(codec)`` does, but faster for messages without arrays."""
     number = type(message).id  # some have a field of that name
     kind = _kind(number)
     if kind is None or codec.signing.sign_outgoing:
@@ -64,7 +66,7 @@ def pack(message: Message, codec: Any) -> bytes:
 
 
 def parse(codec: Any, data: bytes) -> list[Message]:
-    """Return the messages in *data*: what ``codec.parse_buffer`` returns, sooner for whole, sound frames."""
+    """Return the messages in *data*, as ``codec.parse_buffer`` does, but faster for complete, valid frames."""
     messages: list[Message] = []
     position = 0
     if not codec.buf_len() and codec.signing.secret_key is None:
@@ -80,7 +82,7 @@ def parse(codec: Any, data: bytes) -> list[Message]:
 
 
 def _end_of_frame(data: bytes, position: int) -> int | None:
-    """Return where the unsigned frame that starts at *position* ends; None when there is no whole one."""
+    """Return the end of the unsigned frame that starts at *position*; None if there is no complete one."""
     if position + _HEADER_LENGTH >= len(data) or data[position] != _START or data[position + 2]:
         return None
     end = position + _HEADER_LENGTH + data[position + 1] + _CHECKSUM
@@ -88,7 +90,7 @@ def _end_of_frame(data: bytes, position: int) -> int | None:
 
 
 def _decode(raw: bytes) -> Message | None:
-    """Return the message in a frame, without a buffer of its own; None when pymavlink is to be asked."""
+    """Return the message in a frame by the fast path; None if pymavlink must decode it."""
     kind = _kind(raw[7] | raw[8] << 8 | raw[9] << 16)
     checksum = raw[-2] | raw[-1] << 8
     if kind is None or mavlink.x25crc(raw[1:-_CHECKSUM] + kind.seed).crc != checksum:

@@ -1,4 +1,4 @@
-"""MAVLink FTP, as far as ground stations use it to read parameters: ``@PARAM/param.pck``, with defaults where asked."""
+"""MAVLink FTP, as far as ground stations need it to read parameters: ``@PARAM/param.pck``, optionally with defaults."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _ACK, _NACK = 128, 129
 _END_OF_FILE, _UNKNOWN, _NOT_FOUND = 6, 7, 10
 _PIECE, _PAYLOAD = 239, 251
 _CODES = {2: (1, "<b"), 4: (2, "<h"), 6: (3, "<i"), 9: (4, "<f")}
-"""MAV_PARAM_TYPE -> AP_Param's type, and how a value is packed."""
+"""MAV_PARAM_TYPE -> type number in AP_Param, and packing of its value."""
 
 
 def packed(port: Port, *, defaults: bool) -> bytes:
-    """Return all parameters packed as ArduPilot packs them; no value crosses a piece of 239 bytes."""
+    """Return all parameters packed as by ArduPilot. No value crosses the limit between two pieces of 239 bytes."""
     store = port.vehicle.dialect
     names = [name for i in range(len(store)) if (name := store.name_at(i)) is not None]
     out = bytearray(struct.pack("<HHH", 0x671C if defaults else 0x671B, len(names), len(names)))
@@ -44,7 +44,7 @@ def packed(port: Port, *, defaults: bool) -> bytes:
 
 
 class FileTransfer:
-    """Answers to open, read, burst and close; one file at a time, read only."""
+    """Answers open, read, burst and close requests, for one file at a time and read only."""
 
     def __init__(self, port: Port) -> None:
         self._port = port

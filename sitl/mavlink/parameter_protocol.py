@@ -1,4 +1,4 @@
-"""The parameter protocol as ArduPilot speaks it: values as C-cast floats, silence or PARAM_ERROR for unknown names."""
+"""The parameter protocol as in ArduPilot: values as C-cast floats, and no answer or PARAM_ERROR for unknown names."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _BY_NAME = -1
 _NO_INDEX = 65535
 _UINT32 = 5
 _PER_TICK = 25
-"""Parameters sent per loop while a list runs: about what a real one does on a fast link."""
+"""Parameters sent per loop while a list is sent, about as many as a real autopilot on a fast link."""
 
 
 class ParameterProtocol:
@@ -27,11 +27,11 @@ class ParameterProtocol:
         self._cursor: int | None = None
 
     def request_list(self, message: Message) -> None:
-        """Begin to send the whole list."""
+        """Start to send the whole list."""
         self._cursor = 0
 
     def request_read(self, message: Message) -> None:
-        """Send one parameter, by name (index -1) or by index; silence, or PARAM_ERROR, when there is none."""
+        """Send one parameter by name (index -1) or index. If there is none, send nothing, or PARAM_ERROR."""
         by_name = message.param_index == _BY_NAME
         name = _name_of(message) if by_name else self._store.name_at(message.param_index)
         if name == HASH_NAME:
@@ -43,7 +43,7 @@ class ParameterProtocol:
             self._object(message, _name_of(message), message.param_index, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
 
     def set(self, message: Message) -> None:
-        """Take a value and echo what is stored; a NaN, an infinity or an unknown name meets silence, or PARAM_ERROR."""
+        """Store a value and echo the stored one. For NaN, infinity or an unknown name, send nothing, or PARAM_ERROR."""
         name = _name_of(message)
         if name not in self._store:
             self._object(message, name, _BY_NAME, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
@@ -60,7 +60,7 @@ class ParameterProtocol:
             self._object(message, name, _BY_NAME, mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
 
     def tick(self) -> None:
-        """Send the next few of a list under way."""
+        """Send the next few parameters of a list in progress."""
         if self._cursor is None:
             return
         last = min(self._cursor + _PER_TICK, len(self._store))

@@ -1,4 +1,4 @@
-"""The vehicle's MAVLink port: what handlers of messages may use."""
+"""The vehicle's MAVLink port as available to message handlers."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ COMPONENT = 1
 
 
 class Port:
-    """A vehicle that sends messages, at once or as its streams are due; bytes are collected until a tick ends."""
+    """A vehicle that sends messages at once or when its streams are due. Bytes are collected until a tick ends."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
         self.codec: Any = mavlink.MAVLink(None, srcSystem=1, srcComponent=COMPONENT)
         self.codec.robust_parsing = True
         self.fence: list[FencePoint] = []
-        """Items of the fence: MAV_CMD, its first parameter, latitude and longitude [deg]; nobody here is kept by it."""
+        """Items of the fence: MAV_CMD, its first parameter, latitude and longitude [deg].
+
+        The fence is stored but not enforced.
+        """
         self.streams = Streams(available_messages(vehicle), vehicle.rate)
         self._reporter = Reporter(vehicle)
         self._out = bytearray()
@@ -32,11 +35,11 @@ class Port:
 
     @property
     def now_us(self) -> int:
-        """The vehicle's time of boot stamps [us]."""
+        """The vehicle's time for boot time stamps [us]."""
         return self.vehicle.boot_us
 
     def send(self, message: Message) -> None:
-        """Send a message; answers to a station at another port leave there."""
+        """Send a message. An answer to a station at another port is sent at that port."""
         if self._is_elsewhere and message.get_type() != "PARAM_VALUE":
             return
         self.codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF
@@ -51,9 +54,9 @@ class Port:
             self.send(message)
 
     def reboot_soon(self) -> None:
-        """Restart the autopilot at the end of this tick, so that the acknowledgement still goes out."""
+        """Restart the autopilot at the end of this tick, so that the acknowledgement is still sent."""
         self._reboots = True
 
     def is_from_gcs(self, message: Message) -> bool:
-        """Return whether *message* comes from the ground station that may drive (MAV_GCS_SYSID)."""
+        """Return whether *message* comes from the ground station that is allowed to control (MAV_GCS_SYSID)."""
         return bool(message.get_srcSystem() == int(self.vehicle.parameters["MAV_GCS_SYSID"]))

@@ -1,4 +1,4 @@
-"""The vehicle as seen from the ground: bytes in, time, bytes out. No input or output of its own."""
+"""The vehicle as seen by a ground station: bytes and time in, bytes out. It does no input or output itself."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ _ROUNDING = 1e-6
 
 
 class Server(Port):
-    """Joins a vehicle to a link, sans I/O: :meth:`receive` takes bytes, :meth:`advance_to` gives them.
+    """Connects a vehicle to a link without input or output: :meth:`receive` accepts bytes, :meth:`advance_to` returns
+    them.
 
-    What is received is handled at the next loop tick (later by the link's delay); what is sent at a tick leaves
-    with it (later by the delay). Stamps are those of the measurement.
+    Received bytes are processed at the next loop tick, after the link's delay. Messages sent at a tick leave at that
+    tick, after the delay. Time stamps are those of the measurement.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -53,22 +54,22 @@ class Server(Port):
         self._announce()
 
     def receive(self, data: bytes) -> None:
-        """Take bytes that arrive now."""
+        """Receive bytes that arrive at the present time."""
         if data:
             self._uplink.append((self.vehicle.tick + max(1, self._up_ticks), bytes(data), False))
 
     def receive_elsewhere(self, data: bytes) -> None:
-        """Take bytes that arrive now on another port of the vehicle, from another station.
+        """Receive bytes from another station, which arrive now on another port of the vehicle.
 
-        As with the firmware, what is answered or streamed to that station goes out at that port, not here: an
-        acknowledgement, or a message that was asked for. What it changes shows in telemetry; a written parameter is
-        sent at every port.
+        As in the firmware, answers and streams to that station are sent at that port, not here. These are
+        acknowledgements and requested messages. Its changes appear in telemetry, and a written parameter is sent at
+        every port.
         """
         if data:
             self._uplink.append((self.vehicle.tick + 1, bytes(data), True))
 
     def advance_to(self, t: float) -> bytes:
-        """Run until *t* [s] (nothing happens when that is not ahead) and return the bytes sent meanwhile."""
+        """Run until *t* [s] and return the bytes sent until then. Nothing happens if *t* is not in the future."""
         if not math.isfinite(t) or t <= self.now:
             return b""
         self.now = t
@@ -193,7 +194,7 @@ ORDERS = frozenset(
         *("MISSION_CLEAR_ALL", "MISSION_SET_CURRENT"),
     }
 )
-"""Messages from a station at another port whose effect shows here."""
+"""Messages from a station at another port whose effect appears here."""
 _QUESTIONS = frozenset(
     {
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
@@ -202,4 +203,4 @@ _QUESTIONS = frozenset(
         mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES,
     }
 )
-"""Commands that concern the port on which they arrive."""
+"""Commands that concern the port at which they arrive."""

@@ -1,8 +1,8 @@
-"""Signing as ArduPilot does it on a telemetry port: once it has a key, it obeys nobody who does not sign with it.
+"""Signing as on an ArduPilot telemetry port: once it has a key, it accepts only messages signed with it.
 
-Its signing clock starts where it was left, here at zero as on an autopilot that never had GPS time, and follows the
-latest it has heard. RADIO_STATUS and RADIO need no signature. SETUP_SIGNING sets a key, all zeros remove it, and while
-armed it is refused.
+Its signing clock starts at the stored time, here zero as on an autopilot that never had GPS time. It follows the latest
+time received. RADIO_STATUS and RADIO need no signature. SETUP_SIGNING sets a key; all zeros remove it. While armed it
+is rejected.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def read_key(path: Path) -> bytes:
 
 
 def demand_signatures(codec: Any, key: bytes, timestamp: int = 0) -> None:
-    """Sign what *codec* packs and refuse what is not signed with *key*; an empty key ends that."""
+    """Sign the frames that *codec* packs and reject frames not signed with *key*. An empty key ends that."""
     signing = codec.signing
     signing.secret_key = key or None
     signing.sign_outgoing = bool(key)
@@ -52,7 +52,7 @@ def demand_signatures(codec: Any, key: bytes, timestamp: int = 0) -> None:
 
 
 def handle_setup_signing(port: Port, message: Message) -> None:
-    """Take a new key, or none."""
+    """Set a new key, or remove it."""
     if port.vehicle.autopilot.armed:
         port.vehicle.autopilot.say(WARNING, "ERROR: Won't setup signing when armed")
         return

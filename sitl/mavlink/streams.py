@@ -1,8 +1,8 @@
-"""Which messages go out how often, and what effects on the bookkeeping make of them.
+"""Rates of the sent messages, and changes of these messages by effects on the record.
 
-Such effects see of a message its stamp and what it tells, SI, under SNAME names; and back again. The craft itself never
-feels them: only what is sent is altered. ``t`` is the stamp [s]; ``servo`` is there when the message reports the
-actuators, with the shares of full of ``N``, ``X`` (``Z``).
+For such an effect, a message is converted to its stamp and its content in SI units with SNAME names, and then back. The
+effects change only the messages, not the craft. ``t`` is the stamp [s]. ``servo`` exists if the message reports the
+actuators. It contains the normalised outputs ``N``, ``X`` (``Z``).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _MASK = 0xFFFFFFFF
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """One field of a message: number = offset + scale * value, rounded when it is an integer on the wire."""
+    """One field of a message: number = offset + scale * value, rounded if the field is an integer."""
 
     attribute: str
     scale: float = 1.0
     whole: bool = False
     offset: float = 0.0
     turn: float = 0.0
-    """What makes a full circle [number on the wire]; 0 when it is no angle."""
+    """Number in the field that corresponds to a full circle; 0 if it is not an angle."""
 
     def read(self, message: Message) -> float:
         return (float(getattr(message, self.attribute)) - self.offset) / self.scale
@@ -81,13 +81,13 @@ _FIELDS: Mapping[str, Mapping[str, _Field]] = {
     "SCALED_PRESSURE2": {"t": _BOOT},
     "SYSTEM_TIME": {"t": _BOOT},
 }
-"""Message -> name -> field."""
+"""Message -> name of the quantity -> field."""
 _VELOCITY = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 100.0}
-"""Messages with ``vx vy``, over ground, times this; effects see them as ``u v``."""
+"""Messages with ``vx vy`` over ground -> factor. For effects they are converted to ``u v``."""
 
 
 class Reporter:
-    """Alters messages on their way out, for the effects that want to."""
+    """Applies effects to messages before they are sent."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -99,7 +99,7 @@ class Reporter:
         return bool(self._alters)
 
     def alter(self, message: Message) -> None:
-        """Let every effect at what *message* tells."""
+        """Apply every effect to the content of *message*."""
         kind = message.get_type()
         fields = _FIELDS.get(kind)
         if fields is None:
@@ -134,7 +134,7 @@ class Reporter:
 
 _LONGEST_US = 2**31 - 1
 _DENY_SHARE = 0.8
-"""ArduPilot denies an interval when 0.8 of it is shorter than its loop."""
+"""Factor in ArduPilot's rule: it denies an interval if 0.8 of it is shorter than its loop."""
 
 STREAM_GROUPS = {
     mavlink.MAV_DATA_STREAM_EXTENDED_STATUS: (
@@ -159,14 +159,15 @@ STREAM_GROUPS = {
     ),
     mavlink.MAV_DATA_STREAM_RAW_SENSORS: (mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,),
 }
-"""REQUEST_DATA_STREAM's groups, as far as we send their messages."""
+"""Groups of REQUEST_DATA_STREAM, as far as the simulator sends their messages."""
 
 
 class Streams:
-    """Intervals in microseconds. A message falls due at the first tick at or after each multiple of its interval.
+    """Message intervals in microseconds. A message is due at the first tick at or after each multiple of its
+    interval.
 
-    So 40 Hz comes as gaps of 20 and 40 ms on a 50 Hz loop, and 10 Hz falls on whole tenths of a second. *rate*: of the
-    loop [Hz].
+    So on a 50 Hz loop a rate of 40 Hz has gaps of 20 and 40 ms, and 10 Hz occurs at whole tenths of a second. *rate*:
+    rate of the loop [Hz].
     """
 
     def __init__(self, available: Iterable[int], rate: int) -> None:
@@ -180,15 +181,15 @@ class Streams:
                 self._set(message, self._default(message), 0)
 
     def interval(self, message: int) -> int | None:
-        """Return the interval [us] of *message*, -1 when it is off, None when we have no such message."""
+        """Return the interval [us] of *message*; -1 if it is off, None if the message does not exist."""
         return self._interval.get(message, -1) if message in self.available else None
 
     def is_too_fast(self, interval: float) -> bool:
-        """Return whether *interval* [us] is denied."""
+        """Return whether *interval* [us] is denied as too short."""
         return 0.0 < interval * _DENY_SHARE < self._loop_us
 
     def request(self, message: int, interval: float, now_us: int) -> None:
-        """Send *message* every *interval* [us]; 0 is its default, negative turns it off."""
+        """Send *message* every *interval* [us]. 0 selects its default, a negative value switches it off."""
         if interval == 0.0:
             self._set(message, self._default(message), now_us)
         else:

@@ -1,6 +1,6 @@
-"""The messages the vehicle can send, each built from its present state. Units are MAVLink's own here.
+"""The messages that the vehicle can send, each built from its present state. This module uses MAVLink's units.
 
-PID_TUNING holds the parts of the control loops, one message per set bit of GCS_PID_MASK.
+PID_TUNING contains the parts of the control loops, with one message per set bit of GCS_PID_MASK.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ _YAW_AXIS, _ACCZ_AXIS, _STEER_AXIS = 3, 4, 5
 _ROVER_STEER, _ROVER_SPEED = 1, 2
 _SUB_YAW, _SUB_ACCZ = 4, 8
 _HUNDREDTH = 0.01
-"""ArduSub scales these as if they still were centidegrees; the desired rate comes out in hundredths of rad/s."""
+"""Scale of ArduSub's values, as if they still were centidegrees. The desired rate is then in hundredths of rad/s."""
 
 
 def make_pid_tuning(vehicle: Vehicle) -> Iterable[Message]:
-    """Return the messages GCS_PID_MASK asks for; values are stale while a loop does not run."""
+    """Return the messages requested by GCS_PID_MASK. Values are outdated while a loop does not run."""
     autopilot, mask = vehicle.autopilot, int(vehicle.parameters["GCS_PID_MASK"])
     if isinstance(autopilot, Rover):
         return _rover(autopilot, mask)
@@ -58,19 +58,21 @@ def _sub(sub: Sub, mask: int) -> Iterator[Message]:
 
 _SURFACE_HPA = 1013.25
 _HPA_PER_METRE = 98.0665
-"""Fresh water; times BARO_SPEC_GRAV."""
+"""Pressure per depth in fresh water [hPa/m], to be multiplied by BARO_SPEC_GRAV."""
 _EPOCH_US = 1_767_225_600_000_000
-"""Chosen: the simulation begins on 2026-01-01, UTC."""
+"""Start of simulated time [us since 1970]: 2026-01-01, UTC. Project choice."""
 _FIRMWARE_VERSION = 4 << 24 | 7 << 16
-"""4.7.0, development: parameter names are those of mid-2025."""
+"""Version 4.7.0, development. Parameter names are those of mid-2025."""
 _CAPABILITIES = 2 | 4 | 8 | 64 | 128 | 256 | 8192
-"""Float parameters, MISSION_INT, COMMAND_INT, attitude target, local and global position target, MAVLink 2."""
+"""Capability bits: float parameters, MISSION_INT, COMMAND_INT, attitude target, local and global position target,
+MAVLink 2."""
 _ESTIMATOR_ALIGNED, _ESTIMATOR_READY = 167, 831
-"""EKF_STATUS_REPORT.flags of ArduRover 4.7 on its simulator: from 6 s after boot, and from its first position on."""
+"""Values of EKF_STATUS_REPORT.flags in ArduRover 4.7 on its simulator: from 6 s after boot, and from its first position
+on."""
 _CUSTOM_MODE, _ARMED = 1, 128
 _STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
 _SENSORS = 0x01 | 0x02 | 0x04 | 0x08 | 0x20 | 0x8000 | 0x2000000
-"""Gyro, accelerometer, compass, pressure, GPS, motor outputs, battery."""
+"""Sensor bits: gyro, accelerometer, compass, pressure, GPS, motor outputs, battery."""
 _RC_RECEIVER, _PREARM = 0x10000, 0x10000000
 
 
@@ -144,7 +146,7 @@ def _water_pressure(vehicle: Vehicle) -> Message:
 
 
 _NEAREST_CM, _FURTHEST_CM = 10, 1000
-"""Chosen: reach of the rangefinder; beyond it the distance told is one centimetre more."""
+"""Range of the rangefinder [cm]. Beyond it the reported distance is one centimetre more. Project choice."""
 _LASER, _AHEAD = 0, 0
 
 
@@ -246,7 +248,10 @@ MESSAGES: Mapping[int, tuple[Callable[[Vehicle], Iterable[Message]], float]] = {
 
 
 def available_messages(vehicle: Vehicle) -> Iterable[int]:
-    """Return the ids this craft sends: water pressure is Sub's alone, a distance that of one with a rangefinder."""
+    """Return the ids of the messages that this craft sends.
+
+    Only Sub sends water pressure, and only a craft with a rangefinder sends a distance.
+    """
     without = set() if isinstance(vehicle.autopilot, Sub) else {_SUB_ONLY}
     without |= set() if vehicle.rangefinder is not None else {mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR}
     return [m for m in MESSAGES if m not in without]

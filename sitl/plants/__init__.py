@@ -1,10 +1,14 @@
-"""Bodies in water: the protocol that the rest of the simulator talks to, and the bodies that implement it."""
+"""Bodies in water: the protocol used by the rest of the simulator, and the bodies that implement it."""
 
 from sitl.plants.planar import AxisDynamics, Coupling, PlanarHull, PlanarTerm, coupling_of
 from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed
+from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, make_plant, values_of
 
 __all__ = [
     "GRAVITY",
+    "PLANTS",
+    "RUDDER",
+    "TWIN_THRUSTER",
     "AxisDynamics",
     "Coupling",
     "Parameters",
@@ -15,5 +19,7 @@ __all__ = [
     "Water",
     "Wrench",
     "coupling_of",
+    "make_plant",
     "measured_speed",
+    "values_of",
 ]

@@ -1,9 +1,10 @@
-"""A hull that moves on the plane and dives: what couples its degrees of freedom, and its Runge-Kutta steps.
+"""A hull that moves in the horizontal plane and dives, with the coupling of its degrees of freedom, integrated by
+Runge-Kutta.
 
-Surge, heave and yaw each obey ``alpha*nudot + beta*nu + beta2*|nu|*nu = force`` (SNAME axes, z down, SI and
-radians). Roll and pitch only follow a little, unless the hull pitches by a moment of its own. A hull that sways has
-surge, sway and yaw coupled besides (Fossen2011, section 6.5). A bare hull in open loop (:mod:`sitl.open_loop`) is this
-one too, with another integrator.
+Surge, heave and yaw each obey ``alpha*nudot + beta*nu + beta2*|nu|*nu = force`` (SNAME axes, z down, SI and radians).
+Roll and pitch only follow slightly, unless the hull has a pitch moment of its own. If it sways, surge, sway and yaw are
+also coupled (Fossen2011, section 6.5). A bare hull in open loop (:mod:`sitl.open_loop`) has the same equations, with
+another integrator.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ _PLANE = ("X", "Y", "N")
 _FACTOR = re.compile(r"\|[uvr]\||[uvr]")
 
 _CUSHION = 3.0
-"""Chosen: natural frequency [rad/s] of the soft spring that stops a body at surface and bottom."""
+"""Natural frequency [rad/s] of the soft spring that stops a body at surface and bottom. Project choice."""
 _HEEL = 0.05
-"""Chosen: roll [rad] per m/s^2 of centripetal acceleration; the boat leans outwards a little."""
+"""Roll [rad] per m/s^2 of centripetal acceleration; the boat leans outwards slightly. Project choice."""
 _SQUAT = 0.05
-"""Chosen: pitch [rad] per m/s^2 of surge acceleration."""
+"""Pitch [rad] per m/s^2 of surge acceleration. Project choice."""
 _ROCK_TIME = 0.5
-"""Chosen: time constant [s] with which roll and pitch follow."""
+"""Time constant [s] with which roll and pitch follow. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,16 +44,16 @@ class AxisDynamics:
         return (force - (self.beta + self.beta2 * abs(nu)) * nu) / self.alpha
 
     def step(self, nu: float, force: float, dt: float) -> tuple[float, float]:
-        """Return (velocity after *dt*, distance covered) under a constant *force*: Runge-Kutta of order 4."""
+        """Return (velocity after *dt*, distance covered) under a constant *force*, by Runge-Kutta of order 4."""
         return _advance(self.alpha, self.beta, self.beta2, nu, force, dt)
 
 
 _ABSENT = AxisDynamics(math.inf, 0.0, 0.0)
-"""A degree of freedom that nothing moves."""
+"""A degree of freedom that does not move."""
 
 
 def _advance(a: float, b: float, c: float, nu: float, force: float, dt: float) -> tuple[float, float]:
-    """Return (velocity, distance covered) after *dt* with inertia *a*, drag *b* and *c*: Runge-Kutta, order 4."""
+    """Return (velocity, distance covered) after *dt* with inertia *a*, drag *b* and *c*, by Runge-Kutta of order 4."""
     half = 0.5 * dt
     k1 = (force - (b + c * abs(nu)) * nu) / a
     nu2 = nu + half * k1
@@ -67,7 +68,7 @@ def _advance(a: float, b: float, c: float, nu: float, force: float, dt: float) -
 
 @dataclass(frozen=True, slots=True)
 class PlanarTerm:
-    """A force proportional to a product of velocities: ``row`` 0 X, 1 Y, 2 N; factors ``u v r |u| |v| |r|``."""
+    """A force proportional to a product of velocities. ``row``: 0 X, 1 Y, 2 N. Factors: ``u v r |u| |v| |r|``."""
 
     row: int
     coefficient: float
@@ -76,7 +77,7 @@ class PlanarTerm:
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """What couples the horizontal degrees of freedom.
+    """Coupling of the horizontal degrees of freedom.
 
     ``Y_rdot``, ``N_vdot``: off-diagonal inertia (SNAME: minus the matrix' entry); ``coriolis``: whether C(nu) follows
     from M; ``terms``: everything else.
@@ -89,15 +90,17 @@ class Coupling:
 
 
 def coupling_of(derivatives: Mapping[str, float], *, coriolis: bool, shared: float = 0.0) -> Coupling:
-    """Return what SNAME *derivatives* of surge, sway and yaw say beyond each one's own drag and inertia.
+    """Return the coupling defined by the SNAME *derivatives* of surge, sway and yaw, without their own drag and
+    inertia.
 
-    ``Y_rdot`` and ``N_vdot`` (equal unless both are there), ``Y_r``, ``N_uv``, ``Y_|v|r`` ...; two equal letters are
-    with modulus. *shared* [kg m]: mass times the distance of its centre ahead of the middle.
+    They are ``Y_rdot`` and ``N_vdot`` (equal unless both exist), ``Y_r``, ``N_uv``, ``Y_|v|r`` ... Two equal letters
+    mean a velocity times its absolute value. *shared* [kg m]: mass times the distance of its centre ahead of the
+    middle.
 
     Raises
     ------
     ValueError
-        A name is none of these.
+        A name has none of these forms.
     """
     left = dict(derivatives)
     Y_rdot = left.pop("Y_rdot", 0.0)
@@ -117,8 +120,8 @@ def coupling_of(derivatives: Mapping[str, float], *, coriolis: bool, shared: flo
 class PlanarHull:
     """The planar body, a :class:`~sitl.plants.Plant`. ``u v`` are through the water.
 
-    Without *sway* dynamics it does not sway: ``v`` stays 0, and ``Y_rdot`` has nothing to couple. A *coupling* ties
-    surge, sway and yaw. With *pitch* dynamics it pitches by a moment ``M``, against ``pitch.righting`` [N m/rad].
+    Without *sway* dynamics it does not sway: ``v`` stays 0 and ``Y_rdot`` has no effect. A *coupling* connects surge,
+    sway and yaw. With *pitch* dynamics it responds to a moment ``M`` against ``pitch.righting`` [N m/rad].
     """
 
     def __init__(
@@ -151,7 +154,7 @@ class PlanarHull:
             self.parameters["pitch.righting"] = righting
 
     def axis(self, dof: str) -> AxisDynamics:
-        """Return inertia and drag of a degree of freedom as they are now."""
+        """Return the present inertia and drag of a degree of freedom."""
         numbers = self.parameters
         return AxisDynamics(numbers[f"{dof}.alpha"], numbers[f"{dof}.beta"], numbers[f"{dof}.beta2"])
 
@@ -161,7 +164,7 @@ class PlanarHull:
         numbers[f"{dof}.alpha"], numbers[f"{dof}.beta"], numbers[f"{dof}.beta2"] = axis.alpha, axis.beta, axis.beta2
 
     def couple(self, sway: AxisDynamics, coupling: Coupling | None) -> None:
-        """Make it sway, with surge, sway and yaw tied by *coupling*, if there is one."""
+        """Enable sway, with surge, sway and yaw connected by *coupling*, if supplied."""
         if "sway" not in self.dofs:
             self.dofs = (*self.dofs, "sway")
         self.set_axis("sway", sway)
@@ -170,7 +173,7 @@ class PlanarHull:
     def specific_force(self) -> tuple[float, float, float]:
         """Return the mean specific force over the last step [m/s^2], body axes, of a hull held level.
 
-        It is the change of the velocity over ground, in the axes of the heading halfway, less gravity.
+        It is the change of the velocity over ground minus gravity, in the axes of the heading at half the step.
         """
         if self._dt == math.inf:
             return 0.0, 0.0, -GRAVITY
@@ -206,7 +209,8 @@ class PlanarHull:
     def _tied(
         self, ties: Coupling, nu: tuple[float, float, float], forces: tuple[float, float, float], shared: float
     ) -> tuple[float, float, float]:
-        """Return *forces* (X, Y, N) with what Coriolis' term and products of the velocities *nu* (u, v, r) add."""
+        """Return *forces* (X, Y, N) plus those of the Coriolis term and of the products of the velocities *nu* (u, v,
+        r)."""
         (u, v, r), (X, Y, N) = nu, forces
         if ties.coriolis:
             sideways = self.parameters["sway.alpha"] * v + shared * r
@@ -221,7 +225,7 @@ class PlanarHull:
         return X, Y, N
 
     def step(self, wrench: Wrench, dt: float) -> None:
-        """Advance the state by *dt* [s] under a constant *wrench*: Runge-Kutta, order 4."""
+        """Advance the state by *dt* [s] under a constant *wrench*, by Runge-Kutta of order 4."""
         at = self.state
         self._before, self._dt = (at.u, at.v, at.w, at.psi), dt
         old_u = at.u
@@ -238,7 +242,7 @@ class PlanarHull:
         return _advance(p[dof + ".alpha"], p[dof + ".beta"], p[dof + ".beta2"], nu, force, dt)
 
     def _step_uncoupled(self, wrench: Wrench, dt: float) -> None:
-        """Step each degree of freedom by itself; the track is that of the heading halfway."""
+        """Step each degree of freedom separately. The track uses the heading at half the step."""
         at, water = self.state, self.water
         at.r, turned = self._step_axis("yaw", at.r, wrench.N, dt)
         at.u, ahead = self._step_axis("surge", at.u, wrench.X, dt)
@@ -272,7 +276,7 @@ class PlanarHull:
         at.wdot = (force - (p["heave.beta"] + p["heave.beta2"] * abs(at.w)) * at.w) / p["heave.alpha"]
 
     def _cushion(self) -> float:
-        """Return the soft spring's force [N, down] beyond surface or bottom, zero between them."""
+        """Return the force of the soft spring [N, down] beyond surface or bottom; zero between them."""
         z, bottom = self.state.z, self.water.bottom
         if 0.0 <= z <= bottom:
             return 0.0

@@ -1,7 +1,7 @@
-"""What every simulated body offers: its state, a step under a wrench, its parameters by name.
+"""Interface of every simulated body: its state, a step under a wrench, and its parameters by name.
 
-Actuators and effects see a body through :class:`Plant` alone. They push it with a :class:`Wrench` and change the
-numbers in its ``parameters``; they never reach into its equations.
+Actuators and effects access a body only through :class:`Plant`. They apply a :class:`Wrench` and change its
+``parameters``, but not its equations.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ GRAVITY = 9.80665
 """Standard gravity [m/s^2], as ArduPilot's GRAVITY_MSS."""
 
 Parameters = dict[str, float]
-"""Parameter name -> value, SI, live.
+"""Parameter name -> present value, SI.
 
 ``DOF.alpha`` is the inertia of a degree of freedom, ``DOF.beta`` and ``DOF.beta2`` its linear and quadratic drag, with
 DOF ``surge sway heave roll pitch yaw``, as in the vehicle files. A degree of freedom that the body does not have is
@@ -26,7 +26,7 @@ infinitely heavy. ``Y_rdot`` is the off-diagonal inertia of sway and yaw (SNAME:
 
 @dataclass(slots=True)
 class State:
-    """Where a body is and how it moves: SI, NED, SNAME.
+    """Position and motion of a body: SI, NED, SNAME.
 
     ``x y z`` [m]; ``phi theta psi`` [rad], ``psi`` continuous; ``u v w`` [m/s] through the water and ``p q r`` [rad/s],
     in body axes; ``wdot`` [m/s^2], the acceleration along the body's z axis.
@@ -83,13 +83,13 @@ class Plant(Protocol):
 
     @property
     def dofs(self) -> tuple[str, ...]:
-        """The degrees of freedom in which it moves freely."""
+        """The degrees of freedom in which it can move."""
 
     def step(self, wrench: Wrench, dt: float) -> None:
         """Advance the state by *dt* [s] under a constant *wrench*."""
 
     def specific_force(self) -> tuple[float, float, float]:
-        """Return what an accelerometer at the origin measures [m/s^2], body axes: the mean over the last step."""
+        """Return the reading of an accelerometer at the origin [m/s^2] in body axes, as the mean over the last step."""
 
 
 def measured_speed(state: State, water: Water) -> tuple[float, float]:

@@ -21,14 +21,14 @@ STAGES = (
     "will arm",
     "State before the run: mode",
     "step with present gains",
-    "turning about",
+    "turning around",
     "first self-oscillation",
     "second self-oscillation",
     "identifying",
     "designing",
     "predicted",
     "writing",
-    "written and read back",
+    "new gains written and verified by reading back",
     "step with new gains",
 )
 """How each stage begins to announce itself; an ROV does not turn about."""
@@ -64,7 +64,7 @@ def detune(witness, kind):
         witness.set_parameter(name, value)
 
 
-@pytest.mark.parametrize("stage", [s for s in STAGES if s != "turning about"])
+@pytest.mark.parametrize("stage", [s for s in STAGES if s != "turning around"])
 def test_a_boat_is_left_as_found_whenever_it_is_stopped(rover, witness, tmp_path, stage):
     before = witness.parameters(ROVER_GAINS)
     with pytest.raises(OperatorStopped):
@@ -73,7 +73,7 @@ def test_a_boat_is_left_as_found_whenever_it_is_stopped(rover, witness, tmp_path
     assert summary_of(tmp_path / "run")["ending"] == "aborted"
 
 
-@pytest.mark.parametrize("stage", [s for s in STAGES if s != "turning about"])
+@pytest.mark.parametrize("stage", [s for s in STAGES if s != "turning around"])
 def test_an_rov_is_left_as_found_whenever_it_is_stopped(sub, witness, tmp_path, stage):
     before = witness.parameters(SUB_GAINS)
     with pytest.raises(OperatorStopped):

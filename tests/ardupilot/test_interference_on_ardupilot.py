@@ -106,7 +106,7 @@ def test_another_joystick_of_the_station_it_obeys_trips(craft: MavlinkCraft) -> 
     fly(craft, 10)
     joystick = mavlink.MAVLink_manual_control_message(1, 0, 300, 0 if craft.firmware.kind == "boat" else 500, 300, 0)
     craft.session.every(0.03, lambda: say(craft, 255, joystick))
-    assert "overrides other than ours are active" in trip(craft, "sticks")
+    assert "overrides of another sender are active" in trip(craft, "sticks")
 
 
 def test_rates_that_another_station_changed_are_asked_for_again(craft: MavlinkCraft) -> None:
@@ -137,7 +137,7 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(firmware: ArduPilot) -
         name, obeyed = craft.parameters.read_first(craft.firmware.gcs_id_parameters)
         craft.parameters.write(name, OTHER)
         try:
-            with pytest.raises(PreconditionFailed, match=f"{name} is {OTHER}, but our system id is 255"):
+            with pytest.raises(PreconditionFailed, match=f"{name} is {OTHER}, but this tool's system id is 255"):
                 craft.arm()
             assert not craft.armed
         finally:

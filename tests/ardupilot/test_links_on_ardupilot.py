@@ -83,7 +83,7 @@ def test_with_the_key_the_second_port_obeys(signing_boat: ArduPilot, backend: st
 def test_without_the_key_it_is_said_what_is_missing(signing_boat: ArduPilot, backend: str) -> None:
     with (
         Session(open_link(second_port(signing_boat), backend=backend)) as session,
-        pytest.raises(SigningMismatch, match="signs its messages and answers none of ours"),
+        pytest.raises(SigningMismatch, match="signs its messages and does not answer"),
     ):
         session.discover(20.0)
 

@@ -65,8 +65,8 @@ def test_every_act_of_another_station_is_among_the_cases_of_it() -> None:
 @pytest.mark.parametrize(
     ("index", "ending", "words"),
     [
-        pytest.param(83, "NotAsFound", "not by us", marks=pytest.mark.slow),
-        pytest.param(114, "NotAsFound", "not by us", marks=pytest.mark.slow),
+        pytest.param(83, "NotAsFound", "not by this tool", marks=pytest.mark.slow),
+        pytest.param(114, "NotAsFound", "not by this tool", marks=pytest.mark.slow),
         (91, "GuardTripped", "its radio failsafe does this"),
         (96, "TelemetryFault", "the autopilot has restarted"),
         pytest.param(37, "LinkLost", "Lost contact with", marks=pytest.mark.slow),

@@ -53,7 +53,7 @@ def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, 
     assert code == 0, err
     (directory,) = (tmp_path / "runs").iterdir()
     assert (directory / "report.html").exists()
-    assert "proved better" in out
+    assert "better in a measured step" in out
     assert "gcs-autotune params restore" in out
     assert "will arm the vehicle" in err
 
@@ -112,7 +112,7 @@ def test_a_truncated_csv_loses_only_its_last_row_and_says_so(capsys, tmp_path):
 
 BAD_FILES = {
     "damaged in the middle": ("t[s],psi[rad],N[N m]\n0,0,1\n0.1,x,1\n0.2,0,1\n", "row 3"),
-    "no head": ("1,2,3\n4,5,6\n", "no head line"),
+    "no head": ("1,2,3\n4,5,6\n", "no header line"),
     "unknown unit": ("t[s],psi[furlong],N[N m]\n0,0,1\n0.1,0,1\n", "furlong"),
     "empty": ("", "is empty"),
     "too short": ("t[s],psi[rad],N[N m]\n0,0,1\n0.1,0,-1\n0.2,0,1\n", "too short"),
@@ -271,7 +271,7 @@ def test_restore_refuses_another_vehicle(capsys, tmp_path):
     (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in journal))
     code, _, err = run(capsys, "restore", tmp_path, "--yes")
     assert code == 4
-    assert "another vehicle" in err
+    assert "not the one" in err
     assert Journal.open_debts(tmp_path / "journal.jsonl") == {"ATC_STR_RAT_P": 0.1}
 
 
@@ -393,7 +393,7 @@ def test_identify_states_intervals_by_profile_likelihood_and_names_what_was_not_
     assert code == 0, err
     (sentence,) = json.loads(out)["intervals"]
     assert sentence.startswith(("alpha_r is between 0.04", "alpha_r is between 0.039"))
-    assert "Rise of the deviance" in page.read_text()
+    assert "Deviance (-2 log-likelihood) over each parameter" in page.read_text()
     assert run(capsys, "identify", path, "--profile", "alpha_q", *options)[0] == 2
 
 

@@ -92,7 +92,7 @@ def test_a_value_is_held_to_the_same_limits_as_a_typed_one(tmp_path, text, words
 
 
 def test_a_damaged_file_is_refused_with_the_way_round_it(tmp_path):
-    with pytest.raises(BadFile, match="Set GCS_AUTOTUNE_CONFIG=none to run without"):
+    with pytest.raises(BadFile, match="set GCS_AUTOTUNE_CONFIG=none to run without"):
         read_config(written(tmp_path, "[limits\n"))
 
 

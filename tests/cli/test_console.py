@@ -78,7 +78,7 @@ def test_who_agreed_beforehand_is_not_asked_and_where_nobody_is_the_other_way_is
     streams.stdin = Terminal("n\n", tty=False)
     assert ConsoleOperator(yes=True).ask("Go ahead?", lambda: None)
     assert streams.stderr.getvalue() == ""
-    with pytest.raises(UsageError, match="Add --yes to agree in advance, or --dry-run"):
+    with pytest.raises(UsageError, match="Add --yes to answer yes in advance, or --dry-run"):
         ConsoleOperator(yes=False, otherwise="or --dry-run").ask("Go ahead?", lambda: None)
 
 
@@ -97,7 +97,7 @@ def test_the_first_signal_asks_for_an_orderly_stop_and_the_next_are_told_to_wait
         assert operator.stop_requested()
         assert "Stopping: restoring mode and parameters." in streams.stderr.getvalue()
         os.kill(os.getpid(), signal.SIGINT)
-        assert streams.stderr.getvalue().endswith("Still restoring; please wait.\n")
+        assert streams.stderr.getvalue().endswith("Still restoring the vehicle. Please wait.\n")
     assert signal.getsignal(signal.SIGTERM) is before
 
 

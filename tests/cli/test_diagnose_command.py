@@ -123,7 +123,7 @@ def test_a_search_that_is_stopped_says_how_to_go_on_and_ends_as_a_whole_one(caps
     whole = json.loads(text)
     assert told["causes"] == whole["causes"] == ["dead-zone"]
     code, _, err = run(capsys, *command, "--resume", out)
-    assert code == 2 and "has no stopped search" in err
+    assert code == 2 and "contains no stopped search" in err
 
 
 def test_its_own_json_beside_a_run_is_no_side_file(capsys, tmp_path, runs):

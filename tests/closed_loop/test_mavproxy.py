@@ -99,7 +99,7 @@ def test_autotune_heading_at_mavproxys_prompt_asks_flies_writes_and_proves(tmp_p
         prompt.type("autotune heading --gains gains.param --step-duration 8 --out run")
         prompt.wait_for("Answer with: autotune yes")
         prompt.type("autotune heading")
-        assert "tune heading is running; open question:" in prompt.wait_for("autotune stop ends it")
+        assert "tune heading is running; open question:" in prompt.wait_for("Use autotune stop to end it")
         prompt.type("autotune yes")
         prompt.wait_for("Answer with: autotune yes")
         prompt.type("autotune yes")
@@ -185,7 +185,7 @@ def a_module(signs: bool = False, override: int = 0):
     ("typed", "words", "with_what"),
     [
         ("", "usage: autotune AXIS", {}),
-        ("yes", "there is no open question", {}),
+        ("yes", "no question is waiting for an answer", {}),
         ("stop", "nothing is running", {}),
         ("status", "nothing is running", {}),
         ("headding", "invalid choice: 'headding'", {}),

@@ -122,7 +122,7 @@ def test_a_heading_that_is_noise_and_a_rate_that_turns_are_named() -> None:
     t, psi, r = _turning()
     noise = np.random.default_rng(3).normal(0.0, 1.0, len(t))
     (found,) = contradictions(_run(t, noise, r))
-    assert "move, but not together" in found.cause
+    assert "change, but independently of each other" in found.cause
     assert contradictions(_run(t, psi, r)) == ()
 
 

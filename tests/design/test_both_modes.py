@@ -58,7 +58,7 @@ def test_what_turn_rates_fall_short_is_reported(proposals: Mapping[str, Proposal
         beside = proposals[name].beside
         assert beside is not None
         (note,) = (n for n in proposals[name].notes if n.startswith("turn rates (AUTO, ACRO)"))
-        assert f"predicted shortfall {beside.after:.1%}" in note
+        assert f"predicted tracking shortfall {beside.after:.1%}" in note
         assert f"{beside.before:.1%} with the present gains" in note
 
 

@@ -111,7 +111,7 @@ def test_a_settled_actuator_gives_the_force_its_inverse_was_asked_for() -> None:
         u = actuator.output_for(force)
         assert float(actuator.static(np.array([u]))[0]) == pytest.approx(force, abs=1e-3)
         assert acted(actuator, np.full(3, u))[-1] == pytest.approx(force, abs=1e-3)
-    with pytest.raises(NoGainsMeetSpec, match="cannot be held"):
+    with pytest.raises(NoGainsMeetSpec, match="cannot hold the constant force"):
         actuator.output_for(-0.65)
 
 

@@ -153,7 +153,7 @@ def test_vectored_thrust_is_scaled_by_the_throttle_it_was_identified_at_whatever
     promised = {**STEADY, "MOT_VEC_ANGLEMAX": 30.0, "CRUISE_SPEED": 2.0, "CRUISE_THROTTLE": 50.0}
     assert scale({**promised, THROTTLE: 0.8}, speed) == pytest.approx(1.0 / (0.8 * math.radians(30.0)))
     note = ROVER.notes(CHARLIE, {**promised, THROTTLE: 0.8}, speed)[0]
-    assert "the throttle of the experiment, 80% of full." in note
+    assert "the throttle of the experiment, 80% of full throttle." in note
 
 
 @pytest.mark.parametrize("speed", [1.2, 4.0])

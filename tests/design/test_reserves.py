@@ -50,7 +50,10 @@ def problem(
 @pytest.mark.parametrize(("delay", "period"), [(0.0, 0.02), (0.15, 0.02), (0.15, 0.0025)])
 def test_the_delay_margin_holds_two_loops_and_the_crafts_own_delay_in_reserve(delay: float, period: float) -> None:
     needed = 2.0 * period + delay
-    for share, said in ((1.01, []), (0.99, [f"delay margin {0.99 * needed:.2f} s, less than the {needed:.2f} s"])):
+    for share, said in (
+        (1.01, []),
+        (0.99, [f"delay margin {0.99 * needed:.2f} s is less than the required {needed:.2f} s"]),
+    ):
         low = replace(FINE, delay=share * needed)
         found = list(objections(problem(delay, period), {}, low, promise()))
         assert [text[: len(s)] for text, s in zip(found, said, strict=True)] == said
@@ -59,8 +62,8 @@ def test_the_delay_margin_holds_two_loops_and_the_crafts_own_delay_in_reserve(de
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"gain": 2.49}, "gain margin 2.49, less than 2.50"),
-        ({"phase": math.radians(44.0)}, "phase margin 44 deg, less than 45 deg"),
+        ({"gain": 2.49}, "gain margin 2.49 is less than 2.50"),
+        ({"phase": math.radians(44.0)}, "phase margin 44 deg is less than 45 deg"),
         ({"stable": False}, "the loop is unstable for part of the 95 % region"),
     ],
 )

@@ -154,7 +154,7 @@ def test_when_nothing_passes_the_fastest_that_is_safe_and_hardly_worse_than_the_
     assert len(bench.wishes) == selection.TRIES
     bench = Bench(monkeypatch, missed)
     bench.low = replace(FINE, gain=1.9)
-    with pytest.raises(NoGainsMeetSpec, match=r"The last try, settling in .* failed: slow"):
+    with pytest.raises(NoGainsMeetSpec, match=r"The last attempt, settling in .* failed: slow"):
         choose(problem())
     Bench(monkeypatch, missed)
     with pytest.raises(NoGainsMeetSpec, match="heading loop"):
@@ -188,7 +188,7 @@ def test_noise_that_moves_the_actuator_too_much_is_an_objection(
     monkeypatch.setattr(selection, "output_noise", lambda given, settings: noise)
     found = list(selection.objections(problem(), {}, FINE, promise(1.0, overshoot=0.12)))
     assert bool(found) is is_said
-    assert not found or "5.0% rms, more than 5%" in found[0]
+    assert not found or "5.0% rms, which is more than 5%" in found[0]
 
 
 RESERVES = Spec()
@@ -200,8 +200,8 @@ RESERVES = Spec()
         (Margins(RESERVES.gain_margin, RESERVES.phase_margin, 0.34, True), 0.12, ""),
         (Margins(RESERVES.gain_margin - 0.01, 1.5, 1.0, True), 0.0, "gain margin"),
         (Margins(9.0, RESERVES.phase_margin - 0.01, 1.0, True), 0.0, "phase margin"),
-        (Margins(9.0, 1.5, 0.33, True), 0.0, "delay margin 0.33 s, less than the 0.34 s required"),
-        (Margins(9.0, 1.5, 1.0, True), 0.121, "predicted overshoot 12%, more than 12%"),
+        (Margins(9.0, 1.5, 0.33, True), 0.0, "delay margin 0.33 s is less than the required 0.34 s"),
+        (Margins(9.0, 1.5, 1.0, True), 0.121, "predicted overshoot 12% is more than 12%"),
         (Margins(0.1, 0.0, 0.0, False), 0.0, "unstable for part of the 95 % region"),
     ],
 )

@@ -146,7 +146,7 @@ def test_time_may_stand_still_but_not_all_the_time_nor_run_backwards() -> None:
     for wrong in (np.full(10, 3.0), np.where(t == 4.0, 2.9, t)):
         with pytest.raises(NotInformative, match="does not increase"):
             step_metrics(wrong, np.ones(10), rise, t)
-    with pytest.raises(NotInformative, match="equally long"):
+    with pytest.raises(NotInformative, match="same number of samples"):
         step_metrics(*[np.ones((10, 2))] * 4)
 
 
@@ -343,7 +343,7 @@ def test_one_wild_sample_is_not_an_overshoot() -> None:
         (np.arange(5.0), np.ones(5), "samples"),
         (np.arange(20.0)[::-1].copy(), np.ones(20), "does not increase"),
         (np.arange(20.0), np.full(20, np.nan), "finite"),
-        (np.arange(20.0), np.ones(19), "equally long"),
+        (np.arange(20.0), np.ones(19), "same number of samples"),
         (np.arange(20.0), np.full(20, 0.5), "no step"),
     ],
 )

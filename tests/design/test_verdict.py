@@ -41,22 +41,27 @@ def test_what_just_meets_a_limit_is_kept_and_what_just_misses_it_is_not(name: st
 
 def test_the_reason_tells_old_new_and_by_how_much() -> None:
     reasons = is_better(OLD, replace(NEW, itae=3.0, overshoot=0.25, travel=1.5)).reasons
-    assert reasons[0] == "tracking error (ITAE) 2 -> 3 s^2, 50% higher; at least 5% lower is required"
+    assert reasons[0] == "tracking error (ITAE) 2 -> 3 s^2, 50% higher, but at least 5% lower is required"
     assert reasons[1] == "overshoot 0.0% -> 25.0% of the step, more than the 15.0% allowed"
     assert reasons[4] == "actuator travel 0.10 -> 1.50 full strokes per second, more than the 1.00 allowed"
     assert is_better(OLD, NEW).reasons[0] == "tracking error (ITAE) 2 -> 1 s^2, 50% lower"
     nothing_to_lower = is_better(replace(OLD, itae=0.0), NEW).reasons[0]
-    assert nothing_to_lower == "tracking error (ITAE) 0 -> 1 s^2, higher; at least 5% lower is required"
+    assert nothing_to_lower == "tracking error (ITAE) 0 -> 1 s^2, higher, but at least 5% lower is required"
 
 
 @pytest.mark.parametrize(
     ("before", "after", "is_kept", "words"),
     [
         ({}, {"settling": 9.0}, True, "settled after 9.0 s"),
-        ({}, {"settling": NEITHER}, False, "not settled within 5 %; the old gains settled in 3.0 s"),
-        ({"settling": NEITHER}, {"settling": NEITHER}, True, "neither step settled within 5 % in its record"),
+        ({}, {"settling": NEITHER}, False, "not settled within 5 %, although the old gains settled in 3.0 s"),
+        ({"settling": NEITHER}, {"settling": NEITHER}, True, "neither step settled within 5 % during its record"),
         ({"settling": NEITHER}, {}, True, "settled after 3.0 s"),
-        ({}, {"settling": NEITHER, "hidden_by_noise": True}, True, "settling time not readable: the noise exceeds"),
+        (
+            {},
+            {"settling": NEITHER, "hidden_by_noise": True},
+            True,
+            "settling time not measurable, because the noise exceeds",
+        ),
         ({}, {"itae": NEITHER}, False, "the tracking error of the new step could not be measured"),
         ({"itae": NEITHER}, {}, True, "not measurable before"),
         ({"itae": NEITHER}, {"itae": NEITHER}, False, "the tracking error of the new step could not be measured"),
@@ -88,7 +93,7 @@ def test_an_oscillation_within_the_scatter_of_the_measurement_counts_as_the_same
     assert scatter["oscillation"] == pytest.approx(math.sqrt((0.016**2 + 0.012**2) / 4.0))
     verdict = is_better(old, new, scatter=scatter)
     assert verdict.better
-    assert "remaining oscillation 7.1% -> 8.2% of the step, within measurement scatter" in verdict.reasons
+    assert "remaining oscillation 7.1% -> 8.2% of the step, within the measurement scatter" in verdict.reasons
     assert is_better(old, new, scatter=scatter_of(halves(0.071, 0.071), halves(0.082, 0.082))).better
     assert not is_better(old, replace(new, oscillation=0.16), scatter=scatter).better
 

@@ -78,7 +78,7 @@ def test_an_unchanged_craft_raises_no_alarm_over_many_days(reference):
 def test_another_motion_or_unit_is_no_comparison(reference):
     from dataclasses import replace
 
-    with pytest.raises(UsageError, match="cannot be compared with"):
+    with pytest.raises(UsageError, match="cannot compare"):
         compare_craft(reference, replace(reference, model=replace(reference.model, input_unit="N m")))
 
 
@@ -94,6 +94,6 @@ def test_watch_tells_which_log_of_a_craft_differs(tmp_path, capsys):
     assert [row["changed"] for row in rows] == [False, False, True]
     assert rows[2]["causes"][0]["effect"] == "linear-drag"
     assert main(["watch", *paths[:2]]) == 0
-    assert "No change: every parameter is inside its interval." in capsys.readouterr().out
+    assert "No change: every parameter is within its interval." in capsys.readouterr().out
     assert main(["watch", paths[0]]) == 2
-    assert "at least two logs are needed" in capsys.readouterr().err
+    assert "fewer than two logs given" in capsys.readouterr().err

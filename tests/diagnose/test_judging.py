@@ -295,10 +295,10 @@ def samples_of(parts: Sequence[Segment]) -> list[tuple[str, float]]:
 @pytest.mark.parametrize(
     ("runs", "in_blocks", "kind", "folds", "words"),
     [
-        (1, False, "blocks", 4, "4 blocks of the run left out in turn"),
-        (3, False, "runs", 3, "each of 3 runs left out in turn"),
-        (6, False, "runs", 4, "4 groups of runs in turn"),
-        (3, True, "blocks", 4, "4 blocks of every run left out in turn"),
+        (1, False, "blocks", 4, "4 blocks of the run held out in turn"),
+        (3, False, "runs", 3, "each of 3 runs held out in turn"),
+        (6, False, "runs", 4, "4 groups of runs held out in turn"),
+        (3, True, "blocks", 4, "4 blocks of every run held out in turn"),
     ],
 )
 def test_what_is_tested_was_not_fitted_and_every_sample_is_tested_once(
@@ -324,7 +324,7 @@ def test_runs_kept_apart_are_only_ever_tested() -> None:
     parts = parts_of(problem_of(own[:2]), own[2:])
     (fold,) = parts.folds
     assert (parts.kind, fold.train, fold.test) == ("apart", tuple(own[:2]), tuple(own[2:]))
-    assert parts.words == "runs not used for fitting: run2"
+    assert parts.words == "held-out runs: run2"
     _starts_belong(parts)
 
 

@@ -54,7 +54,7 @@ def test_where_no_run_is_foretold_by_the_others_blocks_of_every_run_are_left_out
     assert judged.accepted is not None
     assert judged.accepted.effect.slug == "saturation"
     assert blocks.parts.kind == "blocks"
-    assert blocks.parts.words == "4 blocks of every run left out in turn"
+    assert blocks.parts.words == "4 blocks of every run held out in turn"
     assert all({s.run for s in fold.test} == {"run0", "run1"} for fold in blocks.parts.folds)
     assert blocked_cv(blocks, replace(step, accepted=None)) is None
     assert begun.parts.kind == "runs", "a state never changes"

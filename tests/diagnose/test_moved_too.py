@@ -42,7 +42,7 @@ def test_a_boat_that_slides_moves_in_sway_too(measured):
     assert "sway" in moved_besides([run], {"yaw"})
     (doubt,) = moved_too([run], ("yaw",))
     assert doubt.slug == MOVED_TOO
-    assert doubt.cause.startswith("only yaw was examined") and "sway moved too" in doubt.cause
+    assert doubt.cause.startswith("only yaw was analysed") and "sway moved too" in doubt.cause
     assert "--dof horizontal" in doubt.cure
     assert moved_too([run], ("surge", "sway", "yaw")) == []
 
@@ -69,7 +69,7 @@ def test_a_diagnosis_of_yaw_alone_says_so_where_its_verdict_stands():
     run = flown(COUPLED)
     told = diagnose(run, effects=["input-bias"])
     assert MOVED_TOO in {d.slug for d in told.doubts}
-    assert verdict_of(told).sentences[-1].startswith("Only yaw was examined; ")
+    assert verdict_of(told).sentences[-1].startswith("Only yaw was analysed, but ")
     asked = diagnose(run, dof="yaw", effects=["input-bias"])
     assert MOVED_TOO not in {d.slug for d in asked.doubts}
     whole = diagnose(run, dof="horizontal", effects=["input-bias"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -14,11 +15,15 @@ from numpy.typing import NDArray
 from runs_in_the_tank import towed
 from test_process_noise import as_from_a_log, nobody, weathered
 
-from gcs_autotune.diagnose import diagnose
+from benchmarks import own_runs
+from gcs_autotune.diagnose import diagnose, process_noise, strategies
 from gcs_autotune.diagnose.intake import is_one_flight, within_manoeuvre
 from gcs_autotune.diagnose.missing_force import MissingCurve, MissingForce, words_of
 from gcs_autotune.diagnose.process_noise import PRESENT, search_with_process_noise
-from gcs_autotune.effects import EFFECTS
+from gcs_autotune.diagnose.question import Question
+from gcs_autotune.diagnose.state import SearchState, begin
+from gcs_autotune.effects import EFFECTS, EffectInstance
+from gcs_autotune.errors import PreconditionFailed
 from gcs_autotune.identify.kalman import NoisyFit, ProcessNoise
 from gcs_autotune.identify.problems import data_summary_of, plain_form
 from gcs_autotune.identify.signals import prepare_as_recorded
@@ -206,7 +211,7 @@ def test_the_force_missing_has_intervals_and_says_when_it_may_be_a_constant() ->
     nothing = cast(Any, SimpleNamespace(accepted=(), steps=()))
     missing = MissingForce("yaw", "1", 0.1, 20.0, math.nan, {}, (), None, (0.082, 0.122), (5.07, 78.9), 60.0)
     assert words_of(nothing, missing)[0].endswith(
-        "its correlation time is 20 s (95 %: size 0.082 to 0.12, time 5.1 s to 78.9 s); these runs do not "
+        "Its correlation time is 20 s (95 % intervals: size 0.082 to 0.12, time 5.1 s to 78.9 s). These runs do not "
         "distinguish it from a constant force"
     )
     assert words_of(nothing, replace(missing, longest=600.0))[0].endswith("78.9 s)")
@@ -223,3 +228,115 @@ def test_a_curve_whose_band_holds_a_constant_varies_with_nothing() -> None:
     x, force = np.arange(4.0), np.array([0.10, 0.12, 0.11, 0.13])
     assert not MissingCurve("v", "m/s", x, force, np.full(4, 0.05), 0.6).varies
     assert MissingCurve("v", "m/s", x, force, np.full(4, 0.005), 0.6).varies
+
+
+def pushed_ahead(seed: int, levels: Sequence[float]) -> Trial:
+    """Return a run of a boat with quadratic thrust and drag that only moves ahead, in a drifting force."""
+    rng, fine, keep = np.random.default_rng(seed), 0.02, math.exp(-0.02 / 2.0)
+    X = np.repeat(np.asarray(levels, dtype=np.float64), 25)
+    u, push, speed = 1.5 * math.sqrt(X[0]), 0.0, np.empty(len(X))
+    for k in range(len(X)):
+        speed[k] = u
+        for _ in range(10):
+            u += fine * (0.25 * X[k] ** 2 - 0.11 * u * abs(u) + push)
+            push = keep * push + rng.normal(0.0, 0.01 * math.sqrt(1.0 - keep * keep))
+    t = 0.2 * np.arange(len(X))
+    seen = speed + 0.02 * rng.normal(size=len(X))
+    return Trial(f"run{seed}", {"u": Channel("u", "m/s", t, seen), "X": Channel("X", "1", t, X)})
+
+
+@pytest.mark.slow
+def test_curves_of_thrust_and_drag_replace_the_constant_that_was_tried_first() -> None:
+    levels = (0.3, 0.8, 0.5, 0.2, 0.7, 0.35, 0.9, 0.4)
+    problem, base = as_from_a_log([pushed_ahead(40 + k, np.roll(levels, k).tolist()) for k in range(3)])
+    slugs = ("input-bias", "quadratic-drag", "quadratic-actuator")
+    found = search_with_process_noise(problem, base, slugs, (), nobody)
+    assert found is not None
+    assert {a.effect.slug for a in found.accepted} == {"quadratic-drag", "quadratic-actuator"}
+
+
+def dead_and_square(seed: int) -> list[Trial]:
+    """Return runs of a craft with a dead zone of 0.3 and quadratic drag, in a drifting moment."""
+    found = []
+    for run in weathered(seed, square=0.0, size=0.05):
+        N, psi = run["N"], run["psi"]
+        rng, heading, r, path = np.random.default_rng(seed), 0.0, 0.0, np.empty(len(N))
+        for k, u in enumerate(N.values):
+            path[k] = heading
+            acting = math.copysign(max(abs(u) - 0.3, 0.0), u)
+            for _ in range(10):
+                heading += 0.02 * r
+                r += 0.02 * (acting - 0.2 * r - abs(r) * r)
+        seen = path + 1e-3 * rng.normal(size=len(N))
+        found.append(replace(run, channels={"psi": Channel("psi", "rad", psi.t, seen), "N": N}))
+    return found
+
+
+@pytest.mark.slow
+def test_two_causes_are_accepted_together_where_each_alone_is_not_sure() -> None:
+    problem, base = as_from_a_log(dead_and_square(1))
+    slugs = ("quadratic-drag", "dead-zone")
+    found = search_with_process_noise(problem, base, slugs, (), nobody)
+    assert found is not None and found.steps
+    first = next(j for j in found.steps[0].judged if j.effect.slug == "quadratic-drag")
+    unsure = replace(first, lacks="not-sure", gained=first.needed + 1.0)
+    step = replace(found.steps[0], judged=(unsure,), accepted=None)
+    begun = replace(found, steps=(), fit=found.plain)
+    pair = process_noise._pair(begun, step, slugs, nobody)
+    assert pair is not None
+    assert {a.effect.slug for a in pair.accepted} == {"quadratic-drag", "dead-zone"}
+    weak = replace(step, judged=(replace(unsure, lacks="weak"),))
+    assert process_noise._pair(begun, weak, slugs, nobody) is None
+
+
+def with_forces(run: Trial, slugs: Sequence[str]) -> SearchState:
+    """Return a search in which *slugs* were accepted, fitted to *run*."""
+    form = plain_form([run], "yaw")
+    state = begin(Question(form, prepare_as_recorded([run], form, None)[0], list(EFFECTS)))
+    data = state.problem.data_summary
+    forces = tuple(EffectInstance(s, "yaw", dict(EFFECTS[s].starts("yaw", data)[0])) for s in slugs)
+    fit = state.problem.fit(state.base.theta, forces, state.base.initial)
+    assert fit is not None
+    return state.with_model(fit)
+
+
+def test_two_forces_that_cancel_but_for_a_constant_become_that_constant() -> None:
+    state = with_forces(steered(np.full(300, 0.8), helm(300, 5)), ["wind-moment", "tether-pull"])
+    plain = strategies.plain_constants(state)
+    assert plain is not None
+    assert [e.slug for e in plain.causes] == ["input-bias"]
+    assert plain.causes[0]["bias"] == pytest.approx(0.02, abs=0.002)
+    assert strategies.plain_constants(plain) is None
+
+
+def test_a_wind_that_the_runs_show_is_not_replaced_by_a_constant() -> None:
+    rudder = 0.4 + 0.2 * helm(300, 6)
+    run = steered(np.full(300, 0.8), rudder, trim=0.0)
+    psi = run["psi"]
+    wind, path, r, heading = 0.3, np.empty(len(psi)), 0.0, 0.0
+    for k in range(len(psi)):
+        path[k] = heading
+        for _ in range(20):
+            heading += STEP / 20 * r
+            r += STEP / 20 * (rudder[k] + wind * math.sin(heading) - 2.0 * r) / 4.0
+    noise = 0.002 * np.random.default_rng(1).normal(size=len(psi))
+    run = replace(run, channels={"psi": Channel("psi", "rad", psi.t, path + noise), "N": run["N"]})
+    state = with_forces(run, ["wind-moment"])
+    assert [e.slug for e in state.causes] == ["wind-moment"]
+    assert strategies.plain_constants(state) is None
+
+
+def test_a_flight_that_the_vehicle_refused_is_not_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flights = []
+
+    def refuse(case: own_runs.Case, place: Path) -> None:
+        flights.append(place)
+        (place / "trials").mkdir(parents=True)
+        raise PreconditionFailed("the craft is not stable on course")
+
+    monkeypatch.setattr(own_runs, "_fly", refuse)
+    case = own_runs.Case("cybership2", "zig-zag", "", 1)
+    first, second = (own_runs.played(case, tmp_path) for _ in range(2))
+    assert first.refused and second.refused
+    assert first.said == second.said == "PreconditionFailed: the craft is not stable on course"
+    assert len(flights) == 1

@@ -137,15 +137,17 @@ def test_weather_alone_names_nothing_and_is_told_as_a_force() -> None:
     assert found.verdict == "unexplained"
     assert found.missing is not None
     assert 0.05 < found.missing.size < 0.3
-    assert any("is missing in yaw" in line for line in found.left.findings)
+    assert any("acts in yaw and is not in the model" in line for line in found.left.findings)
     assert found.to_dict()["missing"]["curves"]
 
 
 def test_a_missing_force_of_a_craft_without_newtons_is_told_in_full_output() -> None:
     missing = MissingForce("yaw", "1", 0.0445, 0.4, math.nan, {})
     nothing = cast(NoiseSearch, SimpleNamespace(accepted=(), steps=()))
-    assert words_of(nothing, missing)[0].startswith("a moment of 0.0445 of full output (standard deviation)")
-    assert words_of(nothing, replace(missing, unit="N m"))[0].startswith("a moment of 0.0445 N m (standard deviation)")
+    assert words_of(nothing, missing)[0].startswith("a drifting moment of 0.0445 of full output (standard deviation)")
+    assert words_of(nothing, replace(missing, unit="N m"))[0].startswith(
+        "a drifting moment of 0.0445 N m (standard deviation)"
+    )
 
 
 def test_what_couples_two_motions_is_not_judged_in_one_alone() -> None:
@@ -257,10 +259,9 @@ def test_waves_are_part_of_the_model_and_told_with_their_period() -> None:
     assert missing.waves.swing == pytest.approx(waves["swing"], rel=0.3)
     assert missing.to_dict()["waves"]["period"] == missing.waves.period
     told = next(w for w in words_of(found, missing) if "waves" in w)
-    assert told.startswith(
-        "it also oscillates with a period of 4.2 s, as from waves or a loose sensor mount: the heading by "
-    )
-    assert "N m (standard deviations)" in told
+    assert told.startswith("the heading also oscillates by ")
+    assert " with a period of 4.2 s, as from waves or a loose sensor mount. The moment behind it is " in told
+    assert "N m. Both sizes are standard deviations." in told
 
 
 def test_a_run_left_out_in_far_rougher_weather_is_judged_by_its_own() -> None:
@@ -357,7 +358,7 @@ def test_what_takes_time_is_that_of_a_craft_that_shows_no_inertia(
     monkeypatch.setattr(WithProcessNoise, "unseen", lambda *_: [on_unseen(9.0), on_unseen(9.0)])
     data = SimpleNamespace(interval=0.1, amplitude={"N": 1.0})
     problem = SimpleNamespace(data_summary=data, interval=0.1)
-    told = {"theta": [1.0, -damping], "effects": (effect,), "errors_of": lambda _: {}}
+    told = {"gain": 1.0, "damping": -damping, "effects": (effect,), "errors_of": lambda _: {}}
     fits = [SimpleNamespace(unknowns=n, total=t, samples=0, free_effects=(), **told) for n, t in ((5, 0), (6, 20))]
     before = [on_unseen(0.0), on_unseen(0.0)]
     scorer = WithProcessNoise(*cast(Any, (problem, (), fits[0], fits[0], 15, nobody)), left_out=cast(Any, before))
@@ -453,7 +454,7 @@ def test_bursts_that_wait_for_a_command_are_the_models_own_errors(late: float, o
     commands = np.where(np.arange(0.0, 200.0, 10.0) // 10.0 % 2 == 0, 1.0, -1.0)[:, None]
     segment = SimpleNamespace(input_names=("N",), inputs=commands, t_in=np.arange(0.0, 200.0, 10.0))
     problem = SimpleNamespace(segments=(segment,), form=SimpleNamespace(inputs={"N": ()}), interval=0.2)
-    fit = SimpleNamespace(theta=np.array([1.0, -2.0]), innovations=((t, e, np.ones(len(t))),))
+    fit = SimpleNamespace(theta=np.array([1.0, -2.0]), gain=1.0, damping=-2.0, innovations=((t, e, np.ones(len(t))),))
     assert errs_after_commands(cast(NoisyProblem, problem), cast(NoisyFit, fit)) is own
 
 

@@ -90,6 +90,6 @@ def test_a_day_is_told_in_one_plain_sentence() -> None:
     days = (RunOffset("run1", 0.02, 0.05, 0.01, 0.02), RunOffset("run234", 0.3, 0.09, -0.07, 0.02))
     (doubt,) = doubt_of_days("yaw", "N m", days)
     assert doubt.cause == (
-        "the runs differ in yaw by more than their commands explain (run234: thrust 7 % less and 0.3 N m to starboard)"
+        "the runs differ in yaw by more than their commands explain (run234: 7 % less thrust and 0.3 N m to starboard)"
     )
     assert doubt_of_days("surge", "1", days[:1]) == []

@@ -177,11 +177,8 @@ def test_a_wrong_clock_stands_first_in_the_answer_though_both_records_wander():
     assert told.wrong_numbers[0].name == "clock scale"
     assert "time-scale" not in [c.effect.slug for c in told.causes]
     said = " ".join(render_text(diagnosis_document(told)).split())
-    assert (
-        "wrong number in the simulation: clock scale (seconds of the simulation per second of these runs) is 1.0"
-        in said
-    )
+    assert "wrong number in the simulation: clock scale (simulation seconds per second of these runs) is 1.0" in said
     assert "runs away" not in said
     as_it_stands, set_right = (float(e) for e in re.findall(r"[ ,] r by ([0-9.]+) rad/s", said))
-    assert ", with clock, signs and units corrected psi by" in said
+    assert "With clock, signs and units corrected it differs in psi by" in said
     assert set_right < 0.9 * as_it_stands  # the weather of either is left: neither knows the other's

@@ -196,7 +196,7 @@ def test_without_time_nothing_is_ruled_out(monkeypatch: pytest.MonkeyPatch) -> N
     _, found = passes_of(monkeypatch, 0.0, runs=(towed(("dead-zone", "N", {"width": 0.2})),))
     headline = verdict_of(found)
     assert headline.text == "Unfinished: the search reached its time limit and was stopped. Use --resume to continue."
-    assert found.left.findings == ("not examined: the search was stopped",)
+    assert found.left.findings == ("not analysed, because the search was stopped",)
     (doubt,) = (d for d in found.doubts if d.slug == "out-of-time")
     assert doubt.cause.count("not begun") == 1
 
@@ -234,8 +234,8 @@ def test_what_is_not_named_is_told_with_what_it_came_to_on_runs_left_out() -> No
     second = SearchStep(None, (score_of(lag, [6.0, -1.0]),), None)
     told = missing_force.words_of(cast(Any, SimpleNamespace(accepted=[], steps=[first, second])), None)
     assert told == (
-        "actuator-lag of N improves the log-likelihood of the fitted runs by 20.0, that of all held-out runs by +5.0, "
-        "but not of each: not reported as a cause",
-        "quadratic-drag of yaw improves the log-likelihood of the fitted runs by 20.0, but lowers that of held-out "
-        "runs (-11.0): rejected",
+        "actuator-lag of N improves the log-likelihood of the fitted runs by 20.0 and that of the held-out runs by "
+        "+5.0, but not of every run. It is not reported as a cause",
+        "quadratic-drag of yaw improves the log-likelihood of the fitted runs by 20.0, but lowers that of the "
+        "held-out runs (-11.0). It is rejected",
     )

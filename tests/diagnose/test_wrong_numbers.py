@@ -103,7 +103,7 @@ def test_an_effect_beside_a_wrong_number_gains_over_the_model_with_its_numbers_s
     for gain in told.gains:
         assert gain.before == pytest.approx(right[gain.signal].after)
     said = words(told)
-    assert said.index("N_r is -1.3") < said.index("On top of that found: dead zone")
+    assert said.index("N_r is -1.3") < said.index("Also found: dead zone")
 
 
 def test_a_cause_gains_no_more_than_over_the_better_of_the_model_as_given_and_with_its_numbers_fitted():
@@ -143,7 +143,7 @@ def test_numbers_that_a_file_holds_as_known_are_judged_when_all_are():
 def test_numbers_all_off_by_one_factor_may_be_the_scale_of_the_commands():
     told = diagnose(towed(), model=with_numbers(N_rdot=1.5, N_r=1.5), effects=["input-bias"])
     assert len(told.wrong_numbers) == 2
-    assert re.search(r"All differ by one factor \(0\.66\d\)\. The scale of the commands", words(told))
+    assert re.search(r"All numbers differ by the same factor \(0\.66\d\)\. A wrong scale of the commands", words(told))
     assert told.numbers is not None
     apart = [replace(n, value=1.1 * n.value) if n.name == "N_r" else n for n in told.numbers.rows]
     assert scale_words(replace(told.numbers, rows=tuple(apart))) == []

@@ -11,8 +11,8 @@ from experiment_plants import BOAT, Steps, Zigzag, recorded
 
 from gcs_autotune.errors import UsageError
 from gcs_autotune.identify import Fit, fit
+from gcs_autotune.identify.cramer_rao import with_bounds
 from gcs_autotune.identify.problems import fitted_model_of, information_on
-from gcs_autotune.identify.problems.information import with_bounds
 from gcs_autotune.models import FORMS, Form
 from gcs_autotune.trial import Channel, Trial
 

@@ -85,7 +85,7 @@ def test_an_unknown_thrust_scale_is_found_to_be_exact() -> None:
     (scale,) = (d for d in found.directions if d.exact)
     assert scale.scaling and set(scale.members) == {"X_udot", "X_u", "X_uu", "k_X"}
     assert all(np.isinf(s) for s in found.information.std)
-    assert "a common factor on" in found.doubts[0].cause
+    assert "by a common factor" in found.doubts[0].cause
     assert "bollard pull" in found.doubts[0].cure
 
 
@@ -134,7 +134,7 @@ def test_a_profile_along_an_exact_ambiguity_stays_open() -> None:
     found = profile(fit(run, SURGE, delay=0.0), run, "k_X")
     assert found.high == np.inf
     assert 0.0 <= found.low < 0.1  # any factor, but no other sign
-    assert "do not bound it upwards" in found.words
+    assert "give no bound upwards" in found.words
     with pytest.raises(UnknownName):
         profile(fit(run, SURGE, delay=0.0), run, "k_Y")
 

@@ -86,7 +86,7 @@ def test_faster_motion_than_ever_seen_is_flagged(circled: tuple[list[Trial], Fit
     assert any(f.startswith("surge velocity") and "(seen 0.5)" in f for f in straight.reach.beyond(seen, 1.5))
     gentle = next(p for p in proposal.plans if p.candidate.title == "turning circle at 30 % throttle")
     assert gentle.flags == ()
-    assert "outside the range flown" in proposal.say(straight)
+    assert "beyond the runs so far" in proposal.say(straight)
 
 
 def test_the_promised_standard_errors_come_true() -> None:

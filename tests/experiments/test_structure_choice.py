@@ -128,5 +128,5 @@ def test_one_axis_shows_three_witnesses_for_its_drag() -> None:
     assert choice.chosen == "nonlinear"
     assert left_out["linear"] > 1.2 * left_out["nonlinear"]
     assert any("quadratic damping predicts best" in r for r in choice.reasons)
-    assert any("Bayesian criterion" in r for r in choice.reasons)
+    assert any("Bayesian information criterion" in r for r in choice.reasons)
     assert choice.to_dict()["table"][0]["structure"] == "linear"

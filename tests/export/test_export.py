@@ -223,7 +223,7 @@ def test_a_files_words_never_become_a_programs():
         assert "\nos.abort" not in text
     run_fossen(export_model(named, "fossen").text, [1.0, 0.0], np.array([0.0, 0.1]), 0.1)
     form = Form("boat", "", ("yaw",), ("N_rdot",), {}, {"N\nimport os": (("N", 1.0),)})
-    with pytest.raises(BadFile, match="not an input of the model"):
+    with pytest.raises(BadFile, match="has an invalid name"):
         export_model(ModelFile("x", ExtendedModel(CoupledModel(form, {"N_rdot": -1.0}))), "fossen")
 
 

@@ -9,7 +9,7 @@ import pytest
 from axis_plants import DEG, Relay
 
 from gcs_autotune.identify import fit_axis
-from gcs_autotune.identify.axis.uncertainty import cramer_rao
+from gcs_autotune.identify.cramer_rao import cramer_rao
 from gcs_autotune.identify.signals import autocorrelation, prepare
 from gcs_autotune.identify.signals.whiteness import whiteness
 from gcs_autotune.models import SingleDof

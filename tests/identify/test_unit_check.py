@@ -54,10 +54,10 @@ def test_right_units_raise_no_doubt() -> None:
 def test_an_angle_and_its_rate_that_differ_by_a_unit_are_refused(
     factor: float, unit: str, way: int, off: float
 ) -> None:
-    with pytest.raises(BadFile, match=f"{factor:.3g} is the factor of {unit}, so one of the columns is in {unit}"):
+    with pytest.raises(BadFile, match=f"The factor of {unit} is {factor:.3g}, so one of the columns is in {unit}"):
         check_units(run(psi=ANGLE * off * factor**way, r=RATE))
     (text,) = said(run(psi=ANGLE * 1.09 * 2.0, r=RATE))
-    assert "psi turns 2.18 times what r integrates to" in text and "factor of" not in text
+    assert "psi turns 2.18 times as much as r integrates to" in text and "factor of" not in text
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(3.6, "km/h"), (1.0 / 0.3048, "feet"), (3600.0 / 1852.0, "knots")])
@@ -71,7 +71,7 @@ def test_small_factors_of_lengths_are_doubted(factor: float, unit: str, way: int
 
 @pytest.mark.parametrize(("factor", "unit"), [(1000.0, "mm"), (100.0, "cm")])
 def test_gross_factors_of_lengths_are_refused(factor: float, unit: str) -> None:
-    with pytest.raises(BadFile, match=f"is in {unit} and its head states another unit; correct"):
+    with pytest.raises(BadFile, match=f"is in {unit} and its header states another unit\\. Correct"):
         check_units(run(z=ANGLE * factor, w=RATE))
     with pytest.raises(BadFile, match=f"is in {unit}"):
         check_units(run(z=-ANGLE * factor, w=RATE))
@@ -119,7 +119,9 @@ def test_a_track_is_compared_with_the_speed_over_ground_or_both_of_its_parts() -
     assert said(run(**TRACK, U=SPEED)) == said(run(**TRACK, u=0.8 * SPEED, v=0.6 * SPEED)) == []
     for speed in ({"U": SPEED / 3.6}, {"u": 0.8 * SPEED / 3.6, "v": 0.6 * SPEED / 3.6}):
         (text,) = said(run(**TRACK, **speed))
-        assert text.startswith("contradiction: x, y") and "km/h" in text and ("what U" in text) is ("U" in speed)
+        assert (
+            text.startswith("contradiction: x, y") and "km/h" in text and ("as U integrates" in text) is ("U" in speed)
+        )
     assert said(run(**TRACK, u=SPEED / 3.6)) == [], "a part alone may be any share of it"
     assert said(run(x=TRACK["x"], U=SPEED / 3.6)) == []
 
@@ -131,13 +133,13 @@ def sawtooth(height: float, turns: float = 4.0) -> Array:
 @pytest.mark.parametrize(
     ("height", "words"),
     [
-        (360.0, "its head states radians, but the numbers are degrees"),
-        (2.0 * math.pi / (180.0 / math.pi), "its head states degrees, but the numbers are radians"),
+        (360.0, "Its header states radians, but the numbers are degrees"),
+        (2.0 * math.pi / (180.0 / math.pi), "Its header states degrees, but the numbers are radians"),
     ],
 )
 def test_a_heading_tells_its_unit_where_it_wraps(height: float, words: str) -> None:
     for off in (1.0, 1.009):
-        with pytest.raises(BadFile, match=f"wraps round at .* rad: {words}"):
+        with pytest.raises(BadFile, match=f"wraps round at .* rad\\. {words}"):
             check_units(run(psi=sawtooth(height * off)))
     assert said(run(psi=sawtooth(2.0 * math.pi))) == []
     assert said(run(T[:19], psi=sawtooth(height)[:19])) == []
@@ -156,7 +158,7 @@ def test_a_rudder_that_goes_beyond_half_a_turn_is_in_degrees(largest: float, is_
     if not is_refused:
         assert said(run(psi=ANGLE, delta=rudder)) == []
         return
-    with pytest.raises(BadFile, match=r"more than half a turn of the rudder\..* write delta\[deg\] in the head"):
+    with pytest.raises(BadFile, match=r"more than half a turn of the rudder\..* write delta\[deg\] in the header"):
         check_units(run(psi=ANGLE, delta=rudder))
 
 
@@ -164,7 +166,7 @@ def test_a_rudder_that_goes_beyond_half_a_turn_is_in_degrees(largest: float, is_
 def test_a_share_of_full_output_does_not_go_far_beyond_one(largest: float, is_doubted: bool) -> None:
     found = said(run(psi=ANGLE, N=largest * np.sign(RATE)))
     assert len(found) == is_doubted
-    assert not found or f"reaches {abs(largest):.3g} without a unit, where 1 is full output" in found[0]
+    assert not found or f"reaches {abs(largest):.3g} without a unit. Without a unit, 1 means full output" in found[0]
 
 
 def cruise(swing: float, course: float = 0.0, current: float = 0.0, noise: float = 0.0) -> dict[str, Array]:

@@ -118,7 +118,7 @@ def test_a_steering_that_follows_within_half_a_twitch_is_moved_twice_each_way_an
 @pytest.mark.parametrize("follows", [0.0, 0.49, 1.51, -1.0])
 def test_one_that_does_not_is_given_up_after_the_time_to_follow_with_what_is_seen(follows: float) -> None:
     streamer = Streamer(follows=follows)
-    with pytest.raises(PreconditionFailed, match=r"\+5% was sent, RC_CHANNELS shows our overrides, but") as caught:
+    with pytest.raises(PreconditionFailed, match=r"\+5% was sent, RC_CHANNELS shows the overrides, but") as caught:
         twitch(streamer)
     assert f"({follows * 0.05:+.0%} in MANUAL)" in str(caught.value)
     assert FOLLOW_TIMEOUT <= streamer.clock.now() < FOLLOW_TIMEOUT + 0.15

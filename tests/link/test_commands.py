@@ -150,7 +150,7 @@ def test_reasons_given_earlier_are_remembered(commands: Commands, boat: Scripted
 
 def test_a_refusal_without_reasons_says_so(commands: Commands, boat: ScriptedVehicle) -> None:
     boat.on["COMMAND_LONG"] = lambda m: boat.acknowledge(m, 4)
-    with pytest.raises(ArmingRefused, match="gave no reason"):
+    with pytest.raises(ArmingRefused, match="no reason reported"):
         commands.arm()
 
 

@@ -62,7 +62,7 @@ def test_beside_a_silent_second_station_all_is_well(flying: MavlinkCraft) -> Non
 def test_a_mode_change_names_the_station_that_the_vehicle_acknowledged(flying: MavlinkCraft, router: Router) -> None:
     router.say(router.other, order(1, mavlink.MAV_CMD_DO_SET_MODE, 1, 4))  # type: ignore[attr-defined]
     said = trip(flying, "mode")
-    assert "from MANUAL to HOLD, not by us" in said
+    assert "from MANUAL to HOLD, not by this tool" in said
     assert "GCS (system 252, component 190) sent MAV_CMD_DO_SET_MODE" in said
 
 
@@ -108,7 +108,7 @@ def test_a_hold_after_a_pause_too_short_for_a_failsafe_is_another_station_s_orde
     boat.mode = 4
     pause(craft, paused)
     said = trip(craft, "mode")
-    assert "from MANUAL to HOLD, not by us" in said and "no other station is on this link" in said
+    assert "from MANUAL to HOLD, not by this tool" in said and "no other station is on this link" in said
     assert ("pause of" in said) is (paused > 0.5)
     assert craft._interference.found is not None and craft._interference.found.mode_stands
 
@@ -118,7 +118,7 @@ def test_a_hold_after_a_long_pause_that_no_text_explains_may_be_another_station_
     boat.mode = 4
     pause(craft, 2.5)
     said = trip(craft, "mode")
-    assert "The vehicle did not report it, so another station may have ordered it" in said
+    assert "The vehicle did not report a failsafe, so another station may have ordered this" in said
     found = craft._interference.found
     assert found is not None and found.mode_stands and not found.is_certain
 
@@ -131,7 +131,7 @@ def test_a_mode_that_the_failsafe_does_not_end_in_was_ordered_whatever_we_did(
     boat.mode = mode
     boat.say("Radio Failsafe")
     pause(craft, 2.5)
-    assert f"to {name}, not by us" in trip(craft, "mode")
+    assert f"to {name}, not by this tool" in trip(craft, "mode")
 
 
 def test_a_longer_failsafe_time_is_read_from_the_vehicle(boat: ScriptedVehicle) -> None:
@@ -139,13 +139,13 @@ def test_a_longer_failsafe_time_is_read_from_the_vehicle(boat: ScriptedVehicle) 
     craft = alone(boat)
     boat.mode = 4
     pause(craft, 2.5)
-    assert "not by us" in trip(craft, "mode")
+    assert "not by this tool" in trip(craft, "mode")
 
 
 def test_an_order_between_two_heartbeats_is_seen_before_ours_and_stands(boat: ScriptedVehicle) -> None:
     craft = lone(boat)
     boat.mode = 4
-    with pytest.raises(GuardTripped, match="from MANUAL to HOLD, not by us"):
+    with pytest.raises(GuardTripped, match="from MANUAL to HOLD, not by this tool"):
         craft.set_mode("GUIDED")
     assert boat.mode == 4
 
@@ -164,7 +164,7 @@ def test_an_order_just_after_ours_was_in_force_stands_although_both_are_heard_at
             boat.heartbeat()
 
     boat.on["COMMAND_LONG"] = obey_then_another
-    with pytest.raises(GuardTripped, match="from MANUAL to GUIDED, not by us"):
+    with pytest.raises(GuardTripped, match="from MANUAL to GUIDED, not by this tool"):
         craft.set_mode("MANUAL")
     craft.neutral()
     assert (boat.mode, boat.armed) == (15, True)
@@ -203,7 +203,7 @@ def test_an_order_given_while_nothing_is_flown_is_seen_too(boat: ScriptedVehicle
     craft.take_over()
     craft.neutral()
     boat.mode = 4
-    with pytest.raises(GuardTripped, match="not by us"):
+    with pytest.raises(GuardTripped, match="not by this tool"):
         fly(craft)
     assert boat.mode == 4
 
@@ -213,7 +213,7 @@ def test_a_vehicle_that_is_armed_by_another_station_is_not_disarmed(boat: Script
     craft.take_over()
     boat.armed = True
     found = craft.intervention()
-    assert found is not None and found.armed_stands and "the vehicle was armed, not by us" in found.what
+    assert found is not None and found.armed_stands and "the vehicle was armed, not by this tool" in found.what
 
 
 def test_a_late_copy_of_our_own_order_is_known_by_its_second_answer(boat: ScriptedVehicle) -> None:
@@ -224,7 +224,7 @@ def test_a_late_copy_of_our_own_order_is_known_by_its_second_answer(boat: Script
     craft.set_mode("GUIDED")
     copy = next(m for m in boat.heard if m.get_type() == "COMMAND_LONG" and m.command == 176 and m.param2 == 0)
     boat._on_command_long(copy)
-    assert "a late copy of our own command" in trip(craft, "mode")
+    assert "a late copy of this tool's own command" in trip(craft, "mode")
     assert craft._interference.found is not None and not craft._interference.found.stands
 
 
@@ -254,8 +254,8 @@ def test_a_failsafe_that_the_vehicle_tells_of_is_laid_on_no_other_link(boat: Scr
     boat.say("EKF failsafe")
     boat.mode = 4
     said = trip(craft, "mode")
-    assert '(its message: "EKF variance"; "EKF failsafe"): it was ' in said
-    assert "the vehicle's own failsafe. Fix its cause" in said
+    assert '(its message: "EKF variance"; "EKF failsafe"): the ' in said
+    assert "the vehicle's own failsafe did this. Fix its cause" in said
     assert "no other station" not in said
 
 
@@ -272,7 +272,7 @@ def test_a_failsafe_that_reports_itself_without_a_pause_of_ours_is_reported_as_o
     rov.armed = False
     said = trip(craft, "armed")
     assert "it reports its pilot input failsafe, which does this after 1 s without overrides" in said
-    assert "lost on the way" in said and "no other station" not in said
+    assert "lost on the link" in said and "no other station" not in said
 
 
 def test_an_order_that_was_heard_comes_before_a_failsafe(flying: MavlinkCraft, router: Router) -> None:
@@ -373,7 +373,7 @@ def test_who_the_vehicle_says_is_in_control_is_told_beside_who_overrides(boat: S
     boat.send(control_status(252, form=form))
     fly(craft)
     assert any("GCS (system 252, component 190) is in control of it" in note for note in craft.session.notes)
-    assert any("does not release control" in note for note in craft.session.notes)
+    assert any("that station keeps control" in note for note in craft.session.notes)
     boat.on["MANUAL_CONTROL"] = lambda m: boat.overrides.update({1: (1500 + m.y // 2, boat.time)})
     router.every(other, 0.034, lambda: mavlink.MAVLink_manual_control_message(1, 0, 400, 0, 0, 0))
     said = trip(craft, "sticks")
@@ -498,7 +498,7 @@ def test_the_mode_switch_on_the_transmitter_is_named(flying: MavlinkCraft, boat:
 def test_overrides_that_cease_to_arrive_trip(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     boat.on["RC_CHANNELS_OVERRIDE"] = lambda _: None
     boat.parameters["RC_OVERRIDE_TIME"] = 1.0
-    assert "our overrides do not reach the vehicle" in trip(flying, "sticks")
+    assert "overrides of this tool do not reach the vehicle" in trip(flying, "sticks")
 
 
 class Late(Router):
@@ -545,7 +545,7 @@ def test_our_own_commands_that_come_late_are_nobody_else_s(
             craft.send(Actuate(N=0.3 if k // 30 % 2 else -0.3))
     said = str(caught.value)
     assert caught.value.guard == "late"
-    assert words in said and "other than ours" not in said
+    assert words in said and "of another sender" not in said
 
 
 def test_sticks_that_we_sent_ourselves_earlier_are_another_s_where_the_link_is_prompt(boat: ScriptedVehicle) -> None:
@@ -554,7 +554,7 @@ def test_sticks_that_we_sent_ourselves_earlier_are_another_s_where_the_link_is_p
     craft = lone(router)
     stick = mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 65535, 1500, *[65535] * 5)
     router.every(twin, 0.034, lambda: stick)
-    assert "overrides other than ours are active" in trip(craft, "sticks")
+    assert "overrides of another sender are active" in trip(craft, "sticks")
 
 
 def test_an_override_on_another_channel_is_seen_without_a_receiver_too(boat: ScriptedVehicle) -> None:
@@ -566,7 +566,9 @@ def test_an_override_on_another_channel_is_seen_without_a_receiver_too(boat: Scr
         twin, 0.1, lambda: mavlink.MAVLink_rc_channels_override_message(1, 1, *[65535] * 5, 1850, 65535, 65535)
     )
     said = trip(craft, "sticks")
-    assert "RC channel 6, which this tool does not drive, went from 1500 to 1850 us: overrides other than ours" in said
+    assert (
+        "RC channel 6, which this tool does not drive, went from 1500 to 1850 us: overrides of another sender" in said
+    )
     assert "pilot" not in said
 
 
@@ -584,7 +586,7 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle)
     boat.parameters["MAV_GCS_SYSID"] = 42
     said = refused(craft)
     assert "RC_CHANNELS shows channel 1 1500 us for 1508" in said
-    assert "MAV_GCS_SYSID is 42, but our system id is 255. Use --source-system 42" in said
+    assert "MAV_GCS_SYSID is 42, but this tool's system id is 255. Use --source-system 42" in said
     assert not boat.armed
     assert boat.overrides == {}
 
@@ -594,7 +596,7 @@ def test_a_vehicle_that_obeys_another_system_is_not_armed(boat: ScriptedVehicle)
     [
         ({"RC_OPTIONS": 34}, "RC_OPTIONS is 34: its bit 1"),
         ({"RC_OVERRIDE_TIME": 0}, "RC_OVERRIDE_TIME is 0"),
-        ({"RC7_OPTION": 46}, "RC7_OPTION is 46: that switch disables overrides"),
+        ({"RC7_OPTION": 46}, "RC7_OPTION is 46: this transmitter switch disables overrides"),
         ({"MAV_OPTIONS": 1}, "MAV_OPTIONS bit 0 is set"),
         ({}, "its parameters show no reason"),
     ],
@@ -622,7 +624,7 @@ def test_outputs_that_do_not_follow_are_found_before_anything_is_flown(boat: Scr
         ),
     )
     said = refused(craft)
-    assert "+5% was sent, RC_CHANNELS shows our overrides, but SERVO_OUTPUT_RAW shows it (+0% in MANUAL)" in said
+    assert "+5% was sent, RC_CHANNELS shows the overrides, but SERVO_OUTPUT_RAW shows it (+0% in MANUAL)" in said
     assert "safety switch" in said
     craft.session.pause(0.1)
     assert boat.overrides == {}

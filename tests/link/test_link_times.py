@@ -199,13 +199,16 @@ def test_a_radios_own_report_is_passed_on(boat: ScriptedVehicle) -> None:
     router.every(radio, 0.5, lambda: mavlink.MAVLink_radio_status_message(180, 150, 40, 20, 30, 7, 0))
     craft = board(router)
     assert any(
-        "radio: signal 180 over noise 20 here" in n and "40 % of its buffer free" in n for n in craft.session.notes
+        "radio: signal 180 and noise 20 here" in n and "40 % of its buffer free" in n for n in craft.session.notes
     )
     assert craft.other_stations.stations == {}
 
 
 def test_a_link_too_narrow_for_the_least_is_refused_with_the_number(boat: ScriptedVehicle) -> None:
-    lossy, slow = r"loses \d+ % of what .* is overloaded", r"it carries \d+ bytes/s.* Use a faster link"
+    lossy, slow = (
+        r"loses \d+ % of the vehicle's messages .* is overloaded",
+        r"it carries \d+ bytes/s.* Use a faster link",
+    )
     with pytest.raises(TelemetryFault, match=f"{lossy}|{slow}"):
         board(Narrow(boat, rate=250.0))
 
@@ -240,7 +243,7 @@ def test_rates_another_station_changed_are_asked_for_again_and_said(boat: Script
     assert boat.intervals[number] == pytest.approx(0.1)
     said = [note for note in craft.session.notes if "requested again" in note]
     assert len(said) == 1
-    assert said[0].startswith("low rates for a while, requested again: ATTITUDE at")
+    assert said[0].startswith("message rates were low and were requested again: ATTITUDE at")
     assert "GCS (system 252, component 190) sent REQUEST_DATA_STREAM" in said[0]
 
 

@@ -69,7 +69,7 @@ def test_strangers_are_told_of_once_each_when_the_one_held_to_is_heard_after_the
         sender.hear(numbered(2, origin=HOME))
         assert len(notes) == 2
     assert f"another sender at {ELSEWHERE}0 uses the vehicle's ids (system 3, component 9)" in notes[0]
-    assert f"the vehicle is at {HOME}. The other is ignored" in notes[0]
+    assert f"the vehicle is at {HOME}. The other sender is ignored" in notes[0]
     for k in range(40):
         sender.note_other_sender(Frame(b"", None, "HEARTBEAT", 3, 9, f"many {k}"))
         sender.hear(numbered(3 + k, origin=HOME))
@@ -87,7 +87,7 @@ def test_one_who_turns_out_to_be_the_vehicle_is_no_stranger() -> None:
         f"the vehicle now sends from {ELSEWHERE}, not {HOME} (restarted?): its board's id is the same",
     ]
     sender.hold(HOME, VehicleIdentity(1, 1, 3, 11))
-    assert notes[1].endswith("its board reports no id, its firmware is the same")
+    assert notes[1].endswith("its board reports no id, but its firmware is the same")
 
 
 def introduced(uid: int = 0, word: int = 0x04060000 + 255, name: str = "AUTOPILOT_VERSION") -> Frame:

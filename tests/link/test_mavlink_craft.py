@@ -85,7 +85,7 @@ def test_a_vehicle_of_another_kind_is_refused_by_name() -> None:
         ({"MAV_GCS_SYSID": 255}, 255, ""),
         ({"SYSID_MYGCS": 252}, 252, "SYSID_MYGCS is 252: using system id 252"),
         ({"MAV_GCS_SYSID": 250, "SYSID_MYGCS": 252}, 250, "MAV_GCS_SYSID is 250: using system id 250"),
-        ({}, 255, "the vehicle does not report which ground station it obeys; using system id 255"),
+        ({}, 255, "the vehicle does not report which ground station it obeys. Using system id 255"),
     ],
 )
 def test_the_id_the_vehicle_obeys_is_adopted_and_said(
@@ -261,7 +261,7 @@ def test_after_a_fault_the_vehicle_can_still_be_brought_to_rest(flying: MavlinkC
 def test_a_mode_change_by_others_trips_with_the_vehicles_words(flying: MavlinkCraft, boat: ScriptedVehicle) -> None:
     boat.mode = 4
     boat.say("Radio Failsafe")
-    with pytest.raises(GuardTripped, match=r"from MANUAL to HOLD, not by us .*Radio Failsafe") as caught:
+    with pytest.raises(GuardTripped, match=r"from MANUAL to HOLD, not by this tool .*Radio Failsafe") as caught:
         for _ in range(30):
             flying.observe()
     assert caught.value.guard == "mode"

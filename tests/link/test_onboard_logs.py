@@ -59,7 +59,7 @@ def test_an_empty_card_holds_no_logs(boat: ScriptedVehicle) -> None:
 
 
 def test_a_vehicle_that_does_not_tell_or_stops_sending_is_given_up_in_words(boat: ScriptedVehicle) -> None:
-    with pytest.raises(NoReply, match="only disarmed"):
+    with pytest.raises(NoReply, match="only when disarmed"):
         list_logs(session_with(boat))
     session = session_with(with_a_card(boat, LOGS))
     (*_, log) = list_logs(session)

@@ -93,7 +93,7 @@ def test_a_damaged_file_is_refused_or_read_never_anything_else(at, byte):
 def test_params_save_tells_how_many_are_not_the_firmwares(tmp_path, capsys):
     path = tmp_path / "all.json"
     assert main(["params", "save", str(path), "--connect", "sitl:charlie"]) == 0
-    assert "are not the firmware's defaults)" in capsys.readouterr().out
+    assert "differ from the firmware's defaults)" in capsys.readouterr().out
     saved = json.loads(path.read_text())
     assert saved["parameters"].keys() == saved["defaults"].keys()
     assert load_params(path) == pytest.approx(saved["parameters"])

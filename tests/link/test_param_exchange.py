@@ -199,7 +199,7 @@ def test_a_value_without_a_place_in_the_list_or_with_one_beyond_its_end_has_none
 def test_before_a_vehicle_is_found_nothing_can_be_asked() -> None:
     session = Answering(P=0.5)
     session.vehicle = None
-    with pytest.raises(NoReply, match="before a vehicle was found"):
+    with pytest.raises(NoReply, match="before a vehicle was discovered"):
         exchange(session).request("P")
 
 
@@ -232,7 +232,7 @@ def test_a_write_that_does_not_last_is_repeated_three_times_and_then_said_with_t
 
     session.answer = undone
     with pytest.raises(
-        ParameterNotAccepted, match=r'P: wrote 0\.75, but the vehicle holds 0\.5 \(its message: "P: still'
+        ParameterNotAccepted, match=r'P: wrote 0\.75, but the vehicle reports 0\.5 \(its message: "P: still'
     ) as caught:
         parameters(session).write("P", 0.75)
     assert (caught.value.wanted, caught.value.found) == (0.75, 0.5)

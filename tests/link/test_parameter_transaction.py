@@ -469,7 +469,7 @@ def test_none_is_kept_when_any_one_of_them_is_not_what_was_proved(
 ) -> None:
     transaction.set(NEW)
     boat.parameters[name] = 0.33
-    with pytest.raises(ParameterNotAccepted, match=f"{name} is 0.33, but was proved with {NEW[name]:g}") as caught:
+    with pytest.raises(ParameterNotAccepted, match=f"{name} is 0.33, but was tested with {NEW[name]:g}") as caught:
         transaction.keep()
     assert (caught.value.wanted, caught.value.found) == (pytest.approx(NEW[name]), pytest.approx(0.33))
     assert Journal.open_debts(path) == pytest.approx(OLD)

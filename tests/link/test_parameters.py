@@ -196,7 +196,7 @@ def test_a_write_without_any_echo_is_given_up_after_three_sendings_when_it_did_n
     parameters: Parameters, boat: ScriptedVehicle
 ) -> None:
     boat.on["PARAM_SET"] = lambda message: None
-    with pytest.raises(ParameterNotAccepted, match=r"ATC_STR_RAT_P: wrote 0\.7, but the vehicle holds 0\.2"):
+    with pytest.raises(ParameterNotAccepted, match=r"ATC_STR_RAT_P: wrote 0\.7, but the vehicle reports 0\.2"):
         parameters.write("ATC_STR_RAT_P", 0.7)
     assert boat.count("PARAM_SET") == 3
 

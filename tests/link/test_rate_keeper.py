@@ -79,7 +79,7 @@ def test_what_comes_at_less_than_three_fifths_of_its_rate_is_asked_for_again(
     if thin:
         assert kept.sent[0].param2 == pytest.approx(1e6 / (2.0 * ALL[name])), "at the rate granted, in us"
         (note,) = kept.notes
-        assert f"low rates for a while, requested again: {name} at " in note
+        assert f"message rates were low and were requested again: {name} at " in note
         assert f"instead of {ALL[name]:.1f}" in note and "(nobody)" in note
         kinds, since = kept.blamed[0]
         assert "REQUEST_DATA_STREAM" in kinds
@@ -190,7 +190,7 @@ def test_a_pause_of_ours_that_lasted_as_long_as_the_failsafe_waits_is_its_cause(
         assert ("s of the vehicle's time," in str(tripped)) is (pace > 1.5)
         assert ("Close other programs" in str(tripped)) is (pace <= 1.5)
     else:
-        assert "it reports its radio failsafe" in str(tripped) and "lost on the way" in str(tripped)
+        assert "it reports its radio failsafe" in str(tripped) and "lost on the link" in str(tripped)
 
 
 @pytest.mark.parametrize("receiver", [True, False])
@@ -216,7 +216,7 @@ def test_a_disarm_is_no_work_of_a_failsafe_that_changes_the_mode() -> None:
     ours.session.armed = False
     tripped = ours.trips()
     assert tripped.guard == "armed"
-    assert 'the vehicle was disarmed, not by us (its message: "Failsafe"): somebody' in str(tripped)
+    assert 'the vehicle was disarmed, not by this tool (its message: "Failsafe"): somebody' in str(tripped)
     assert ("texts", 45.0) in ours.asked and ("ordered", 45.0) in ours.asked
 
 
@@ -270,8 +270,9 @@ def test_a_hand_on_the_sticks_and_somebody_elses_are_told_apart_with_what_was_se
     ours.sticks.departed, ours.sticks.moved_by_hand = None, (3, 1500, 1200)
     tripped = ours.trips()
     assert (tripped.guard, tripped.value, tripped.limit) == ("sticks", 1200.0, 1500.0)
-    assert "RC channel 3, which this tool does not drive, went from 1500 to 1200 us: overrides other than ours" in str(
-        tripped
+    assert (
+        "RC channel 3, which this tool does not drive, went from 1500 to 1200 us: overrides of another sender"
+        in str(tripped)
     )
     ours.sticks.has_receiver = True
     assert "its RC transmitter, or overrides of another station with system id 255" in str(ours.trips())

@@ -46,7 +46,7 @@ def test_what_would_wait_half_a_second_on_the_wire_is_dropped_and_said() -> None
         port._port.out_waiting = 2879
         port.write(b"second")
         assert link._from_port(11) == b"firstsecond"
-        assert port.trouble.startswith("1 messages did not fit")
+        assert port.trouble.startswith("1 messages were dropped")
 
 
 class Driver:

@@ -326,8 +326,8 @@ def test_a_full_disk_ends_the_log_but_not_the_conversation(
     session.discover()
     monkeypatch.setattr(TlogWriter, "write", full)
     session.pause(3.0)
-    assert [n for n in session.notes if "Logging stops here" in n] == [
-        "the telemetry log cannot be written: No space left on device. Logging stops here"
+    assert [n for n in session.notes if "The telemetry log ends here" in n] == [
+        "the telemetry log cannot be written: No space left on device. The telemetry log ends here"
     ]
     session.close()
 

@@ -198,11 +198,11 @@ def test_a_vehicle_that_signs_but_obeys_us_on_this_port_is_noted() -> None:
     boat.mav.signing.allow_unsigned_callback = lambda *_: True
     session = Session(MemoryLink(boat))
     session.discover()
-    assert any("accepts unsigned ones" in note for note in session.notes)
+    assert any("accepts unsigned messages" in note for note in session.notes)
 
 
 def test_another_key_and_no_key_on_board_are_told_apart() -> None:
-    with pytest.raises(SigningMismatch, match=r"signed with another key.*not the vehicle's key"):
+    with pytest.raises(SigningMismatch, match=r"signed with another key.*differs from the vehicle's key"):
         Session(MemoryLink(demanding(ScriptedVehicle(), b"o" * 32)), signing=KEY).discover(timeout=3.0)
     with pytest.raises(SigningMismatch, match=r"not signed.*signing setup.*or omit --signing-key"):
         Session(MemoryLink(ScriptedVehicle()), signing=KEY).discover(timeout=3.0)

@@ -291,7 +291,7 @@ def rates(session: Session) -> Rates:
 
 def test_a_denied_rate_is_halved_until_it_is_granted(rates: Rates, session: Session) -> None:
     assert rates.request({"ATTITUDE": 100.0, "VFR_HUD": 4.0}) == {"ATTITUDE": 25.0, "VFR_HUD": 4.0}
-    assert any("requested 100 Hz, the vehicle grants 25 Hz" in note for note in session.notes)
+    assert any("requested 100 Hz, but the vehicle grants 25 Hz" in note for note in session.notes)
 
 
 def test_what_is_never_granted_is_zero_and_noted(rates: Rates, session: Session, boat: ScriptedVehicle) -> None:

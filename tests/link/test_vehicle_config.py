@@ -139,15 +139,18 @@ def test_a_turn_rate_is_asked_for_beyond_the_sticks_dead_zone_at_the_gain_in_for
 @pytest.mark.parametrize(
     ("aboard", "words"),
     [
-        ({}, "it does not answer requests either"),
-        ({"MAV_GCS_SYSID": 42.0}, "MAV_GCS_SYSID is 42, but our system id is 255. Use --source-system 42"),
-        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 254.0}, "MAV_GCS_SYSID is 250, but our system id"),
+        ({}, "the vehicle does not answer requests either"),
+        ({"MAV_GCS_SYSID": 42.0}, "MAV_GCS_SYSID is 42, but this tool's system id is 255. Use --source-system 42"),
+        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 254.0}, "MAV_GCS_SYSID is 250, but this tool's system id"),
         ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 255.0}, "show no reason (MAV_GCS_SYSID 250, RC_OPTIONS 0)"),
         ({"MAV_GCS_SYSID": 255.0, "RC_OPTIONS": 6.0}, "RC_OPTIONS is 6: its bit 1"),
         ({"MAV_GCS_SYSID": 255.0, "RC_OPTIONS": 5.0}, "RC_OPTIONS 5)"),
         ({"MAV_GCS_SYSID": 255.0, "RC_OVERRIDE_TIME": 0.0}, "RC_OVERRIDE_TIME is 0"),
-        ({"MAV_GCS_SYSID": 255.0, "RC1_OPTION": 46.0}, "RC1_OPTION is 46: that switch disables overrides"),
-        ({"MAV_GCS_SYSID": 255.0, "RC16_OPTION": 46.0}, "RC16_OPTION is 46: that switch disables overrides"),
+        ({"MAV_GCS_SYSID": 255.0, "RC1_OPTION": 46.0}, "RC1_OPTION is 46: this transmitter switch disables overrides"),
+        (
+            {"MAV_GCS_SYSID": 255.0, "RC16_OPTION": 46.0},
+            "RC16_OPTION is 46: this transmitter switch disables overrides",
+        ),
         ({"MAV_GCS_SYSID": 255.0, "RC16_OPTION": 45.0, "MAV_OPTIONS": 3.0}, "RC_OPTIONS 0; MAV_OPTIONS bit 0 is set)"),
         ({"MAV_GCS_SYSID": 255.0, "MAV_OPTIONS": 2.0}, "RC_OPTIONS 0)"),
     ],

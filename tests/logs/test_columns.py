@@ -55,7 +55,7 @@ def test_a_mapping_that_makes_no_sense_is_refused(text: str) -> None:
 
 def test_a_column_that_is_not_there_is_a_usage_error_that_lists_those_that_are(tmp_path: Path) -> None:
     path = csv(tmp_path / "a.csv", "t[s],heading", "1,2")
-    with pytest.raises(UsageError, match=r"no column course; it has t, heading"):
+    with pytest.raises(UsageError, match=r"no column course\. Its columns are t, heading"):
         load_runs(path, columns={"course": "psi[deg]"})
 
 

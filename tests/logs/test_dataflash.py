@@ -329,7 +329,7 @@ def test_a_log_is_read_piece_by_piece_and_its_damage_is_doubted(
 def test_what_begins_with_neither_or_holds_nothing_is_no_log(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     path.write_bytes(b"hello")
-    with pytest.raises(BadFile, match="neither a binary message nor a FMT line"):
+    with pytest.raises(BadFile, match="does not start with a binary message or an FMT line"):
         record_dataflash(path)
     path.write_bytes(b"FMT, 128")
     with pytest.raises(BadFile, match="contains no dataflash message"):

@@ -69,10 +69,10 @@ PILOT = {"rc.1": [1700.0, 1300.0], "rc.3": [1500.0, 1900.0]}
 @pytest.mark.parametrize(
     ("values", "source", "words"),
     [
-        ({**STICKS, **PILOT}, "the pilot's sticks", "it has no servo outputs"),
-        (PILOT, "RC input", "it has no servo outputs"),
-        ({**STICKS, "servo.1": [1500.0, 1500.0]}, "the pilot's sticks", "it has no servo outputs"),
-        ({"servo.3": [1500.0, 1500.0]}, "", "no input could be read: it has no servo outputs"),
+        ({**STICKS, **PILOT}, "the pilot's sticks", "the log contains no servo outputs"),
+        (PILOT, "RC input", "the log contains no servo outputs"),
+        ({**STICKS, "servo.1": [1500.0, 1500.0]}, "the pilot's sticks", "the log contains no servo outputs"),
+        ({"servo.3": [1500.0, 1500.0]}, "", "no input could be read: the log contains no servo outputs"),
         ({}, "", "no input could be read"),
     ],
 )
@@ -105,7 +105,7 @@ def test_outputs_that_came_at_unlike_times_are_not_put_together() -> None:
 def test_outputs_whose_wiring_is_not_told_are_no_forces_and_that_is_said() -> None:
     _, source, (note,) = drive_channels(logged({**SERVOS, **{n: v * 3 for n, v in STICKS.items()}}, {}))
     assert source == "the pilot's sticks"
-    assert "the log has no parameters, so the functions of its outputs are unknown" in note[1]
+    assert "the log contains no parameters, so the functions of its outputs are unknown" in note[1]
     assert "--parameters FILE" in note[2]
 
 
@@ -113,7 +113,7 @@ def test_a_log_of_some_functions_says_how_many_it_holds_and_nothing_of_a_link() 
     store = logged(SERVOS, {"SERVO1_FUNCTION": 26.0, "SERVO2_FUNCTION": 0.0, "ATC_STR_RAT_P": 0.2})
     _, source, (note,) = drive_channels(store)
     assert source == ""
-    assert "the log has 3 parameters, but only 2 of 8 SERVOn_FUNCTION" in note[1]
+    assert "the log contains 3 parameters, but only 2 of 8 SERVOn_FUNCTION" in note[1]
     assert "--parameters FILE" in note[2]
     assert not any(word in part for part in note for word in ("link", "answer", "set SERVOn_FUNCTION"))
 

@@ -21,7 +21,7 @@ def test_the_log_and_the_trials_of_a_run_agree(tmp_path: Path, name: str, axis: 
     experiment(harness.settings(axis), Unattended(), Ear(harness.said), "2026-11-20T12:00:00")
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
     assert f"Experiment: {axis}" in page
-    assert page.count("residual [") == page.count("[% of full]") > 1
+    assert page.count("residual [") == page.count("[% of full output]") > 1
     trials = fit_axis(load_runs(harness.directory), dof=dof)
     runs = load_runs(harness.directory / "telemetry.tlog")
     assert all(r.meta["input_from"] == "servo outputs" and r.meta["damaged"] == 0 for r in runs)

@@ -163,7 +163,7 @@ FOREIGN: Sequence[tuple[bytes, str]] = (
     (b"SERVO1_FUNCTION,26\nSERVO1_MIN,1100\nSERVO1_MAX,1900\n", "is a list of parameters: use it with --parameters"),
     (b"ATT: 12, 15, 20000\nGPS: 130040903, 1, 8\n", "is an ArduPilot log without FMT lines"),
     (b"%PDF-1.7\n", "is a PDF"),
-    (b"\x89PNG\r\n\x1a\n", "is a picture"),
+    (b"\x89PNG\r\n\x1a\n", "is an image"),
 )
 
 

@@ -99,7 +99,7 @@ def test_of_a_run_that_got_no_further_than_its_check_the_pulses_are_taken(tmp_pa
 
 
 def test_a_directory_in_which_nothing_was_driven_says_what_it_holds(tmp_path: Path) -> None:
-    with pytest.raises(BadFile, match="no run with an actuator driven"):
+    with pytest.raises(BadFile, match="no run in which an actuator is driven"):
         load_runs(leave(tmp_path, ("turn", "transit", "completed")))
 
 

@@ -84,7 +84,7 @@ def test_vehicles_are_never_mixed(tmp_path: Path) -> None:
     assert float(np.max(np.abs(run["psi"].values))) < 1.0
     assert is_right(fit_axis(run, dof="yaw", structure="linear"))
     assert load_runs(path, system=7)[0].meta["system"] == 7
-    with pytest.raises(UsageError, match="system id 9; it contains 1, 7"):
+    with pytest.raises(UsageError, match=r"system id 9\. It contains 1, 7"):
         load_runs(path, system=9)
 
 

@@ -26,7 +26,7 @@ def test_from_any_bearing_quick_and_slow_boats_come_back_without_weaving(
     boat = NominalPlant(SingleDof("yaw", "1", lag / gain, 1.0 / gain), 1.0, "a test")
     seen = preview(ComeBack(50.0 * math.cos(bearing), 50.0 * math.sin(bearing), 0.5), boat, FREE)
     assert seen.outcome is not None
-    assert seen.outcome.reason.startswith("back, 5 m from the start")
+    assert seen.outcome.reason.startswith("returned to 5 m from the start")
     N = seen.trial["N"].values
     assert np.count_nonzero(np.diff(np.sign(N[np.abs(N) > 0.1]))) <= 2
 

@@ -49,7 +49,7 @@ def test_one_whose_loop_swings_or_holds_another_depth_is_deep_enough_when_it_sta
     for offset, swing in ((0.0, 0.45), (0.4, 0.0), (-0.3, 0.0)):
         flown = dive(offset, swing)
         assert flown.ending == "completed", (offset, swing)
-        assert flown.reason.endswith("deep enough, but not settled")
+        assert flown.reason.endswith("deep enough, but the depth has not settled")
 
 
 def test_one_that_stays_up_is_said_to_with_what_its_thrusters_do() -> None:

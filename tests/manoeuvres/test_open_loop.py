@@ -44,7 +44,7 @@ def test_a_chirp_rises_over_its_fade_in_and_sweeps_from_one_frequency_to_the_oth
     assert periods[1] == pytest.approx(1.0 / 0.12, rel=0.35)
     assert np.median(periods[-8:]) == pytest.approx(1.05, rel=0.1)
     assert not N[t < begin].any()
-    with pytest.raises(UsageError, match="exceed the 10 s"):
+    with pytest.raises(UsageError, match="exceed --duration 10 s"):
         flown("chirp", duration=10.0, f_start=0.1, f_stop=1.0, fade_in=9.0, fade_out=5.0)
 
 

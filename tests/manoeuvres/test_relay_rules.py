@@ -149,7 +149,7 @@ def test_one_that_never_settles_is_widened_twice_and_then_given_up_and_a_given_h
     at = [t for t, _ in told(marks, "widen", "x_a")]
     switched = switchings(marks)
     assert [sum(a < t <= b for t in switched) for a, b in ((0.0, at[0]), at, (at[1], math.inf))] == [20, 20, 60]
-    assert reason(relay).startswith("aborted: the limit cycle did not settle in 30 periods: the last ones scatter")
+    assert reason(relay).startswith("aborted: the limit cycle did not settle in 30 periods: the last periods differ")
     given, _, marks = flown(periods(4, ROUGH), hysteresis=H)
     assert (told(marks, "widen", "x_a"), len(switchings(marks))) == ([], 60)
     assert reason(given).startswith("aborted: the limit cycle did not settle")

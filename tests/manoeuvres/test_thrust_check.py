@@ -105,7 +105,7 @@ def test_a_craft_that_turns_round_on_thrust_alone_is_refused_but_not_for_the_dri
 def test_an_output_that_does_not_follow_or_stands_at_its_stop_is_refused() -> None:
     cut, _ = fly(Pushed(1.0, shown=lambda X: 0.4 * X))
     assert cut.outcome is not None
-    assert "commanded +0.25 of full X, but the outputs show +0.10" in cut.outcome.reason
+    assert "commanded +0.25 of full X output, but the outputs show +0.10" in cut.outcome.reason
     for stop in (0.95, -0.95):
         standing, rows = fly(Pushed(1.0, shown=lambda X, stop=stop: stop))
         assert standing.outcome is not None

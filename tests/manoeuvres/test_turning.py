@@ -51,7 +51,7 @@ def test_a_bow_that_comes_round_by_no_thirty_degrees_more_in_a_minute_is_given_u
     assert circle.outcome is not None
     assert circle.outcome.ending == ending
     if ending == "aborted":
-        assert f"then by less than 30 deg in {PATIENCE:.0f} s, of 100 deg required" in circle.outcome.reason
+        assert f"of 100 deg, and by less than 30 deg in the last {PATIENCE:.0f} s" in circle.outcome.reason
 
 
 def test_a_pull_out_follows_a_turn_to_either_side() -> None:

@@ -100,7 +100,7 @@ def test_the_time_given_ends_it_to_the_tick_and_patience_counts_from_the_last_ex
     slow = ZigZag(ZigZagSettings(0.25, approach=1.0, patience=20.0), Steering(0.5))
     assert answered(slow, lambda t, command: at_rest(t=t, psi=0.01 * t))[-1][0].t == 21.5
     assert slow.outcome is not None
-    assert "after execute 1 the heading reached 11.7 deg in 20 s" in slow.outcome.reason
+    assert "after execute 1 the heading changed by 11.7 deg in 20 s" in slow.outcome.reason
 
 
 @pytest.mark.parametrize("still", [True, False])

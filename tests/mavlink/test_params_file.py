@@ -140,11 +140,11 @@ def test_a_value_of_a_json_file_that_is_no_number_is_told_with_file_and_name(tmp
         ("A,1\n1\t1\tA\t1\t9\n", "line 2: 'A' is already in line 1"),
         ('{"A": 1, "A": 2}', "'A' appears twice"),
         ('{"parameters": {"A": 1, "B": 2, "A": 1}}', "'A' appears twice"),
-        ("A,1_0\n", "is not a parameter and a number"),
-        ("A,٣\n", "is not a parameter and a number"),
-        ("A,1e39\n", "is not a parameter and a number"),
-        ('{"A": "1_0"}', "is not a parameter and a number"),
-        ('{"A": true}', "is not a parameter and a number"),
+        ("A,1_0\n", "is not a parameter name and a number"),
+        ("A,٣\n", "is not a parameter name and a number"),
+        ("A,1e39\n", "is not a parameter name and a number"),
+        ('{"A": "1_0"}', "is not a parameter name and a number"),
+        ('{"A": true}', "is not a parameter name and a number"),
     ],
 )
 def test_a_name_twice_and_a_number_of_another_kind_are_refused(tmp_path: Path, text: str, words: str) -> None:

@@ -100,7 +100,7 @@ def test_an_input_is_held_until_its_next_stamp_and_in_percent_of_full():
     assert line.get_drawstyle() == "steps-post"
     assert list(line.get_xdata()) == pytest.approx([0.0, 0.5, 1.5, 2.0])
     assert list(line.get_ydata()) == pytest.approx([0.0, 30.0, -30.0, -30.0])
-    assert axes.get_ylabel() == "N [% of full]"
+    assert axes.get_ylabel() == "N [% of full output]"
 
 
 def test_the_input_of_a_rudder_boat_is_its_rudder_and_of_another_run_nothing():
@@ -129,5 +129,5 @@ def test_an_interval_is_a_share_of_the_value_and_one_wider_than_it_is_said():
         (axes,) = draw_intervals(known).axes
     assert [t.get_text() for t in axes.get_yticklabels()] == ["a", "b"]
     assert list(axes.lines[0].get_xdata()) == pytest.approx([-9.8, 9.8])
-    assert [t.get_text() for t in axes.texts] == ["± 9.8 %", "± 392 %, not distinct from zero"]
+    assert [t.get_text() for t in axes.texts] == ["± 9.8 %", "± 392 %, not distinguishable from zero"]
     assert draw_intervals({"c": known["c"]}) is None

@@ -108,7 +108,7 @@ def test_names_of_a_partly_explained_diagnosis_are_called_hypotheses_on_page_and
 
 def test_a_deviation_card_is_drawn_on_a_compass_rose():
     text = text_of("deviation")
-    assert "In the polar plot the dark circle is zero" in text
+    assert "In the polar plot the dark circle marks zero" in text
     assert "NW" in text
 
 
@@ -123,7 +123,7 @@ def test_unexplained_says_how_large_it_is_and_recommends_no_command():
 def test_no_effect_claims_no_more_than_these_runs_show():
     for text in (text_of("nothing"), terminal_of("nothing")):
         assert "These runs show no missing effect" in text
-        assert "other motion may show more" in text
+        assert "Other motion may show a missing effect" in text
         assert "Found" not in text
 
 
@@ -281,16 +281,16 @@ def test_what_a_first_model_leaves_out_is_told_apart_from_what_is_wrong_with_the
 
 def test_every_cause_tells_how_strong_the_evidence_for_it_is_and_its_best_rival():
     told = terminal_of("dead-zone")
-    assert "Very strong: +406.0 in log-likelihood, after the penalty for its parameters." in told
-    assert "Best alternative: quadratic actuator, +260.0." in told
-    assert told.count("in log-likelihood") == text_of("dead-zone").count("in log-likelihood") == 1
+    assert "Very strong: log-likelihood +406.0, after the penalty for the added parameters." in told
+    assert "Best alternative: quadratic actuator, log-likelihood +260.0." in told
+    assert told.count("log-likelihood +406.0") == text_of("dead-zone").count("log-likelihood +406.0") == 1
 
 
 def test_under_process_noise_the_evidence_is_told_part_by_part():
     weak = dead_zone()
     first = replace(weak.ranking[0], evidence=7.0, unseen=(5.5, -2.0), ci90=(0.5, 6.5))
     told = shown(replace(weak, ranking=(first,)))
-    assert "Strong: +3.5 in log-likelihood on held-out data (per part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in told
+    assert "Strong: log-likelihood of the held-out data +3.5 (per part +5.5, -2.0; 90 % interval +0.5 to +6.5)" in told
     assert "No alternative effect improves the fit." in told
 
 
@@ -301,9 +301,9 @@ def test_the_force_still_missing_is_drawn_over_what_tells_of_it():
     over_way = MissingCurve("u", "m/s", x, 0.0 * x, np.full(3, 0.05), -0.2)
     missing = MissingForce("yaw", "N m", 0.3, 4.0, 0.2, {c.over: c for c in (over_rate, over_time, over_way)})
     page = Page(page_of(replace(unexplained(), missing=missing), TITLE, WHEN)).text
-    assert "over yaw rate: the curve of the other runs predicts 40 % of it." in page
-    assert "over time into the run: the curve of the other runs predicts none of it." in page
-    assert "surge velocity: the curve of the other runs" not in page
+    assert "over yaw rate. The curve from the other runs predicts 40 % of its power." in page
+    assert "over time into the run. The curve from the other runs predicts none of it." in page
+    assert "surge velocity. The curve from the other runs" not in page
 
 
 def test_a_cause_with_which_the_simulation_errs_no_less_is_not_praised_for_its_error():

@@ -23,16 +23,16 @@ def change(name: str, reason: str) -> Change:
 
 def test_the_verdict_is_the_last_thing_on_the_terminal():
     text = render_text(tune_document(stories.kept()))
-    verdict = text.index("The new heading gains proved better and are on the vehicle.")
+    verdict = text.index("The new heading gains are better in a measured step and are kept.")
     for earlier in ("How to undo", "lower is better", "ATC_", "doubt"):
         assert text.index(earlier) < verdict
-    assert text.count("proved better") == 1
+    assert text.count("are better in a measured step") == 1
 
 
 def test_gains_that_stay_are_told_by_the_step_that_was_flown_with_them():
     told = replace(stories.kept(), ending="unchanged", metrics_after=None, reason="nothing better was found")
     said = " ".join(verdict_of(told).sentences)
-    assert "Step response with them (measured): overshoot " in said
+    assert "Step response with these gains (measured): overshoot " in said
     assert "predicted" not in said
 
 

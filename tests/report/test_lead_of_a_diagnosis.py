@@ -24,7 +24,7 @@ HINT = Hint(
     parameters={"bias": Value(1.1, "N m", 0.3)},
     gained=5.96,
     unseen=(0.6, 2.6, 2.5),
-    held_out="each of 3 runs left out in turn",
+    held_out="each of 3 runs held out in turn",
     chance=0.04,
     lacks="weak",
     alike=(),
@@ -63,14 +63,14 @@ def test_every_effect_has_a_sentence_for_the_owner_of_the_boat(slug: str) -> Non
 def test_the_lead_says_what_differs_and_how_far_the_prediction_errs_with_and_without_it() -> None:
     told = with_gain(ahead(math.radians(35.2), math.radians(8.1), 0.18, 0.3))
     assert lead_sentence(told) == (
-        "The resistance of your boat to turning changes with its speed; that of a plain simulation does not. "
-        "With it, the predicted heading 5 s ahead is wrong by 8.1 degrees instead of 35."
+        "Your boat's turning resistance grows with speed; a plain simulation's does not. "
+        "With this cause in the simulation, the predicted heading 5 s ahead is wrong by 8.1 degrees instead of 35."
     )
 
 
 def test_a_difference_nobody_notices_is_called_slight() -> None:
     told = with_gain(ahead(0.1421, 0.1419, 0.98, 1.01))
-    assert lead_sentence(told).endswith("is wrong by 8.13 degrees instead of 8.14: a slight difference.")
+    assert lead_sentence(told).endswith("is wrong by 8.13 degrees instead of 8.14. The difference is slight.")
     assert told.causes[0].is_slight and told.to_dict()["found"][0]["slight"]
     assert "light: " in cause_title(told, told.causes[0])
     assert any("hardly changes the prediction" in note.text for note in evidence_notes(told, told.causes[0]))
@@ -83,16 +83,16 @@ def test_a_gain_is_felt_where_its_interval_ends_below_95_percent(high: float, fe
 
 
 def test_without_a_gain_the_lead_says_so() -> None:
-    assert lead_sentence(with_gain(None)).endswith("What this changes on runs it was not fitted to was not measured.")
+    assert lead_sentence(with_gain(None)).endswith("The improvement on runs not used for the fit was not measured.")
     worse = with_gain(ahead(0.1, 0.11, 0.9, 1.2))
-    assert lead_sentence(worse).endswith("the predicted heading 5 s ahead is no better on runs it was not fitted to.")
+    assert lead_sentence(worse).endswith("the predicted heading 5 s ahead is no better on runs not used for the fit.")
 
 
 def test_a_wrong_number_of_a_given_model_comes_first() -> None:
     row = Number("alpha", "1", "inertia", 18.0, 0.0, 16.4, 0.1, (16.2, 16.6), True)
     numbers = Numbers("model", (row,), (ahead(0.2, 0.1, 0.4, 0.6),))
     told = replace(dead_zone(), verdict="wrong-numbers", numbers=numbers)
-    assert lead_sentence(told).startswith("One number of your simulation is wrong: inertia. With that set right, ")
+    assert lead_sentence(told).startswith("One number of your simulation is wrong: inertia. After the correction, ")
 
 
 @pytest.mark.parametrize("name", STORIES)
@@ -115,9 +115,14 @@ def test_a_hint_is_told_with_its_evidence_and_what_settles_it_on_terminal_page_a
     told = replace(unexplained(), hints=(HINT,))
     words = {note.label: note.text for note in hint_notes(told, HINT)}
     assert words["What it would mean"].startswith("A constant push acts on your boat in turning")
-    assert "by 6, and by +5.7 on held-out data (each of 3 runs left out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
-    assert "1 of 25 such searches" in words["Evidence"] and "At least 10 is needed" in words["Evidence"]
-    assert words["What settles it"].startswith("13 min 20 s of the same manoeuvres instead of 8 min 00 s")
+    assert "by 6. Held-out data: +5.7 (each of 3 runs held out in turn: +0.6, +2.6, +2.5)" in words["Evidence"]
+    assert (
+        "1 of 25 such searches" in words["Evidence"]
+        and "An improvement of at least 10 is required" in words["Evidence"]
+    )
+    assert words["How to confirm or reject it"].startswith(
+        "Fly the same manoeuvres for 13 min 20 s in total instead of 8 min 00 s"
+    )
     page = Page(page_of(told, "boat", WHEN)).text
     for said in words.values():
         assert said in shown(told)

@@ -99,7 +99,7 @@ def test_a_finished_tune_shows_every_figure_with_axes_in_degrees(pages):
     page = Page(pages["kept"])
     assert page.tags.count("svg") == 7
     for label in (
-        "heading, from the start [°]",
+        "change of heading [°]",
         "rate [°/s]",
         "residual [°]",
         "N [% of full output]",
@@ -114,7 +114,9 @@ def test_every_figure_has_a_description_for_those_who_cannot_see_it(pages):
 
 def test_the_verdict_comes_before_everything_else(pages):
     text = Page(pages["kept"]).text
-    assert text.index("proved better") < text.index("Step before and after") < text.index("ATC_RAT_YAW_P 0.18")
+    assert (
+        text.index("better in a measured step") < text.index("Step before and after") < text.index("ATC_RAT_YAW_P 0.18")
+    )
 
 
 def test_a_finished_tune_says_what_changed_and_how_to_undo_it(pages):
@@ -130,7 +132,7 @@ def test_bad_news_stands_where_it_is_seen(pages):
     text = Page(pages["restored"]).text
     assert "tracking error 14 % HIGHER" in text
     assert "never settled" in text
-    assert "not everywhere in its 95 % region" in text
+    assert "not everywhere in the model's 95 % region" in text
     assert text.index("Doubts") < text.index("Step before and after")
 
 
@@ -166,7 +168,7 @@ def test_what_the_vehicle_changed_by_itself_is_told_and_not_blamed_on_the_tune()
     story = replace(stories.restored(), parameters_after={**stories.PARAMETERS, "ATC_SLEW_YAW": 99.0})
     text = Page(stories.page_of(story)).text
     assert "NOT RESTORED" not in text
-    assert "The vehicle itself changed ATC_SLEW_YAW, which this tool never writes." in text
+    assert "The vehicle itself changed ATC_SLEW_YAW. This tool never writes these parameters." in text
 
 
 def test_kept_gains_that_are_not_safe_over_the_uncertainty_do_not_look_green():
@@ -234,4 +236,4 @@ def test_a_tune_in_depth_is_drawn_in_metres():
         "Z": replace(trial["N"], name="Z"),
     }
     story = replace(stories.aborted(), axis="depth", step_before=replace(trial, channels=channels))
-    assert "depth, from the start [m]" in Page(stories.page_of(story)).text
+    assert "change of depth [m]" in Page(stories.page_of(story)).text

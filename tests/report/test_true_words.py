@@ -17,7 +17,7 @@ from gcs_autotune.design import Margins
 from gcs_autotune.diagnose import Signature
 from gcs_autotune.effects import EffectInstance
 from gcs_autotune.identify import AxisFit, Parameter, Trace, fit, is_of_one_axis, validate
-from gcs_autotune.identify.doubts import delay_fitted
+from gcs_autotune.identify.doubts import FittedDelay, doubts_about
 from gcs_autotune.identify.signals.whiteness import remainder_of
 from gcs_autotune.report import Document, MethodOutcome, RunRow, Study, format_factor, study_document, to_html
 from gcs_autotune.report.diagnosis.wording import verdict_of as diagnosis_verdict_of
@@ -56,7 +56,7 @@ def test_a_remainder_that_is_correlated_is_unexplained_and_its_noise_is_the_sens
     assert left.noise == pytest.approx(0.004, rel=0.05)
     assert left.unexplained == pytest.approx(0.05 / np.sqrt(2.0), rel=0.05)
     said = remainder_sentence(left, "rad")
-    assert said == "The residual is 2° rms: 0.23° white, like noise; 2° correlated and unexplained."
+    assert said == "The residual is 2° rms: 0.23° white (noise), 2° correlated and unexplained."
     assert "measurement noise" not in said
 
 
@@ -206,10 +206,10 @@ def test_the_inertia_by_the_force_at_full_output_has_the_error_of_the_dead_zone_
         covariance=covariance,
     )
     said = " ".join(model_sentences(fitted))
-    told = said.partition("Relative to that force the inertia is ")[2].split()
+    told = said.partition("Relative to this force the inertia is ")[2].split()
     relative = np.array([0.01, own / (1.0 - width)])
     error = inertia / (1.0 - width) * np.sqrt(np.sum(relative**2) + 2.0 * common * np.prod(relative))
-    assert "Full output gives 0.7 of the table's unit of force" in said
+    assert "Full output gives 0.7 in the table's unit of force" in said
     assert float(told[0]) == pytest.approx(inertia / (1.0 - width), rel=0.02)
     assert float(told[2]) == pytest.approx(error, rel=0.1)
 
@@ -226,8 +226,7 @@ def test_damping_that_fits_best_but_pushes_is_said_to_be_why_another_was_chosen(
 
 def test_a_delay_is_told_to_what_is_known_of_it_and_what_speaks_for_it_has_a_name() -> None:
     solution: Any = SimpleNamespace(free=("delay",), value=lambda name: 0.16108)
-    doubt = delay_fitted(solution, 7.6)
-    assert doubt is not None
+    (doubt,) = doubts_about(FittedDelay(solution, 7.6))
     assert "a delay of 0.16 s" in doubt.cause
     assert "BIC" in doubt.cause and "lowers BIC" in doubt.cause and "evidence" not in doubt.cause
 

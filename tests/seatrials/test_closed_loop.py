@@ -79,7 +79,7 @@ def test_a_relay_that_would_stop_the_boat_is_refused() -> None:
     kind = MANOEUVRES["set-point-relay"].of("X")
     assert kind.make is not None
     sizes = {"set-point": 0.6, "hysteresis": 0.1, "second-set-point": 0.3, "second-hysteresis": 0.1}
-    with pytest.raises(UsageError, match="leaves no speed ahead"):
+    with pytest.raises(UsageError, match="reaches zero speed"):
         kind.make({**sizes, "throttle": 0.5, "side": 1.0, "keep-still": 0.0, "speed": 0.5})
     with pytest.raises(UsageError, match="no loop for Y"):
         kind.of("Y")

@@ -316,7 +316,7 @@ def test_the_parameters_are_written_for_defaults(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--ardupilot-json"], "no vehicle given. Use one of charlie"),
+        (["--ardupilot-json"], "no vehicle selected. Use one of charlie"),
         (["charlie", "--ardupilot-json", "ninethousand"], "not PORT or HOST:PORT. Use e.g. 9002"),
         (["charlie", "--ardupilot-json", "--param", "WP_SPEED=1"], "For ArduPilot use"),
         (

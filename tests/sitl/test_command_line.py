@@ -27,13 +27,13 @@ def test_the_vehicles_are_listed(capsys):
     ("arguments", "said"),
     [
         (["chrlie"], "unknown vehicle 'chrlie'; did you mean charlie or charlie-sway?"),
-        ([], "no vehicle given. Use one of charlie"),
-        (["charlie", "--speedup", "0"], "use 0.01 to 1000 simulated seconds per second"),
-        (["charlie", "--speedup", "nan"], "use 0.01 to 1000 simulated seconds per second"),
+        ([], "no vehicle selected. Use one of charlie"),
+        (["charlie", "--speedup", "0"], "Use 0.01 to 1000 simulated seconds per second"),
+        (["charlie", "--speedup", "nan"], "Use 0.01 to 1000 simulated seconds per second"),
         (["charlie", "--param", "WP_SPEED"], "not NAME=VALUE with a finite number"),
         (["charlie", "--param", "WP_SPEED=fast"], "not NAME=VALUE with a finite number"),
         (["charlie", "--param", "NO_SUCH=1"], "the firmware of charlie has no parameter 'NO_SUCH'"),
-        (["charlie", "--listen", "usb:1"], "an address starts with udp:, udpout:, tcp:, serial:"),
+        (["charlie", "--listen", "usb:1"], "is not a valid address. Start it with one of udp:, udpout:, tcp:, serial:"),
     ],
 )
 def test_a_wrong_command_line_is_explained_in_one_line(arguments, said, capsys):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
-from sitl import load_vehicle
+from sitl import BadVehicle, load_vehicle, plants
 from sitl.craft import Craft
 from sitl.effects import make_effect
 from sitl.modelfile import BadModel, FlownModel
@@ -70,6 +71,20 @@ def test_sensors_read_another_plant():
 def test_a_model_and_a_plant_of_ones_own_exclude_each_other():
     with pytest.raises(BadModel, match="either plant or model"):
         Craft(load_vehicle("blueboat"), plant=Sled(), model=FlownModel({}, {}, {}, (), None))
+
+
+def test_a_row_of_the_table_is_a_plant_that_vehicle_files_may_name(tmp_path, monkeypatch):
+    blueboat = Path(plants.__file__).parents[1] / "vehicles" / "blueboat.toml"
+    mine = tmp_path / "sled.toml"
+    mine.write_text('plant = "sled"\n' + blueboat.read_text(encoding="utf-8"), encoding="utf-8")
+    with pytest.raises(BadVehicle, match=r"there is no plant .sled.\. Use one of planar-hull"):
+        load_vehicle(str(mine))
+    monkeypatch.setitem(plants.PLANTS, "sled", lambda tables: Sled())
+    craft = Craft(load_vehicle(str(mine)))
+    assert isinstance(craft.plant, Sled)
+    assert pushed(craft) == pytest.approx(pushed(sled()))
+    with pytest.raises(BadModel, match="sled is another plant"):
+        Craft(load_vehicle(str(mine)), model=FlownModel({}, {}, {}, (), None))
 
 
 def hull(*, sways: bool) -> PlanarHull:

@@ -76,13 +76,23 @@ def test_a_rangefinder_tells_the_wall_ahead_once_a_period_and_nothing_when_turne
     vehicle = load_vehicle("videoray-wall")
     body, finder = vehicle.make_plant(), vehicle.make_rangefinder(1)
     assert finder is not None
-    first = finder.measure(0.0, body.state)
+    (first,) = finder.measure(0.0, body.state)
     assert first == pytest.approx(2.0, abs=0.015)
     body.state.x, body.state.y = 0.5 * math.cos(body.state.psi), 0.5 * math.sin(body.state.psi)
-    assert finder.measure(0.9, body.state) == first
-    assert finder.measure(1.0, body.state) == pytest.approx(1.5, abs=0.015)
+    assert finder.measure(0.9, body.state) == [first]
+    assert finder.measure(1.0, body.state) == pytest.approx([1.5], abs=0.015)
     body.state.psi += math.radians(60.0)
-    assert finder.measure(2.0, body.state) == pytest.approx(3.0, abs=0.015)
+    assert finder.measure(2.0, body.state) == pytest.approx([3.0], abs=0.015)
     body.state.psi += math.radians(60.0)
-    assert math.isnan(finder.measure(3.0, body.state))
+    assert math.isnan(finder.measure(3.0, body.state)[0])
     assert load_vehicle("videoray").make_rangefinder(1) is None
+
+
+def test_two_rangefinders_tell_the_angle_to_the_wall_by_their_difference() -> None:
+    vehicle = load_vehicle("videoray-lasers")
+    body, finder = vehicle.make_plant(), vehicle.make_rangefinder(1)
+    assert finder is not None
+    body.state.psi += math.radians(20.0)  # to starboard: the starboard beam is the longer one
+    port, starboard = finder.measure(0.0, body.state)
+    assert math.degrees(math.atan2(starboard - port, finder.apart)) == pytest.approx(20.0, abs=2.0)
+    assert 0.5 * (port + starboard) * math.cos(math.radians(20.0)) == pytest.approx(2.0, abs=0.02)

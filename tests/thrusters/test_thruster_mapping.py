@@ -215,7 +215,7 @@ def test_a_load_cells_log_is_joined_to_the_levels_by_time_whatever_its_clock_say
 
 def test_a_log_that_is_too_short_or_has_no_times_is_refused_in_a_sentence(tmp_path: Path) -> None:
     table, log, _ = bollard(tmp_path, clock=0.0, shown=0.5)
-    with pytest.raises(NotInformative, match="must cover 80 s of levels"):
+    with pytest.raises(NotInformative, match="must cover the 80 s of command levels"):
         pulls_from_log(table, log)
     log.write_text("force[N]\n1\n2\n")
     with pytest.raises(MissingChannel, match=r"needs t\[s\]"):

@@ -155,7 +155,7 @@ def test_a_disk_that_fills_up_under_a_tune_is_said_and_everything_is_put_back(tm
     assert "Free some disk space" in end["reason"]
     assert end["put_back"] == [
         "Actuators neutral, confirmed at the outputs; mode HOLD, disarmed, as before the run.",
-        "The parameters at the end are not recorded.",
+        "The run did not record the parameters at its end.",
     ]
 
 
@@ -234,18 +234,18 @@ def test_every_answer_forbids_scripts_that_are_not_files_of_ours(client: TestCli
         ({**HEADING, "axis": "sideways"}, "sideways"),
         ({**HEADING, "job": "restore"}, "restore"),
         ({**HEADING, "numbers": {"max-roll": "1e9"}}, "max-roll: 1000000000 is out of range"),
-        ({**HEADING, "numbers": {"--out": "/etc"}}, "unknown number '--out'"),
+        ({**HEADING, "numbers": {"--out": "/etc"}}, "unknown setting '--out'"),
         ({**HEADING, "numbers": {"step": "30; rm"}}, "is not a number"),
         ({**HEADING, "numbers": ["step"]}, "not an object"),
-        ({**HEADING, "numbers": {"full-scale": "40"}}, "full-scale applies to a model"),
-        ({**HEADING, "connect": "udpin:\n--yes"}, "not a connection string"),
+        ({**HEADING, "numbers": {"full-scale": "40"}}, "full-scale applies only to a model"),
+        ({**HEADING, "connect": "udpin:\n--yes"}, "not a connection URI"),
         ({"job": "fly", "manoeuvre": "zigzag"}, "zig-zag"),
         ({"job": "fly", "manoeuvre": "step"}, "flown only by tune AXIS"),
         ({"job": "fly", "manoeuvre": "zig-zag", "force": "Y"}, "cannot drive the force 'Y'"),
         ({"job": "fly", "manoeuvre": "zig-zag", "first_to": "up"}, "starboard"),
         ({"job": "fly", "manoeuvre": "zig-zag", "area": "44.4,8.9 44.5,8.9"}, "area"),
         ({"job": "fly", "manoeuvre": "zig-zag", "area": "/etc/lake.geojson"}, "lat,lon"),
-        ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"duration": "9"}}, "unknown number 'duration'"),
+        ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"duration": "9"}}, "unknown setting 'duration'"),
         ({"job": "fly", "manoeuvre": "zig-zag", "numbers": {"heading": "900"}}, "heading: 900 is out of range"),
     ],
 )

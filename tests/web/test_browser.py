@@ -330,7 +330,7 @@ def test_a_page_that_is_closed_and_one_that_loses_its_network_change_nothing_abo
         page = visit(link)
         page.start()
         page.shows("#question-text", "Go ahead?")
-    page.shows("#alarm", "A current run continues without this page")
+    page.shows("#alarm", "The current run continues without this page")
     page.page.close()
     page.troubles.clear()  # the browser said as much
     closed = visit(scripted, wait=False)
@@ -414,7 +414,7 @@ def test_a_lost_server_is_said_and_a_stop_that_is_not_confirmed_too(visit: Any, 
         page.shows("#question-text", "Go ahead?")
         page.page.route("**/stop", lambda route: route.abort())
         page.page.click("#stop")
-        page.shows("#alarm", "STOP is not confirmed yet; trying again")
+        page.shows("#alarm", "STOP is not confirmed yet. Sending it again")
         page.page.unroute("**/stop")
         page.stopped()
     page.shows("#alarm", "No connection to the server")

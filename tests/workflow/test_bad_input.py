@@ -94,7 +94,7 @@ def parameter(name, value=None):
 
 
 ON_SHORE = {
-    "no heartbeat": (NoVehicle, "no autopilot's heartbeat", {"meddling": lambda t, m: ()}),
+    "no heartbeat": (NoVehicle, "no HEARTBEAT of an autopilot", {"meddling": lambda t, m: ()}),
     "arming refused": (ArmingRefused, r"[Bb]attery", {"parameters": {"BATT_ARM_VOLT": 60.0}}),
     "parameter missing": (ParameterMissing, "ATC_STR_RAT_FF", {"meddling": parameter("ATC_STR_RAT_FF")}),
     "overrides never expire": (PreconditionFailed, "RC_OVERRIDE_TIME", {"parameters": {"RC_OVERRIDE_TIME": -1.0}}),
@@ -254,10 +254,10 @@ def test_ctrl_c_at_any_point_leaves_everything_as_found(tmp_path, whole, share):
 def test_ctrl_c_while_the_new_gains_are_flown_puts_the_old_ones_back(tmp_path):
     class StopsInTheProof(StopsAt):
         def stop_requested(self):
-            return any(text == "written and read back" for text in harness.said)
+            return any(text == "new gains written and verified by reading back" for text in harness.said)
 
     harness = SitlHarness(tmp_path, QUICK)
     with pytest.raises(OperatorStopped):
         harness.tune(StopsInTheProof(0))
-    assert "written and read back" in harness.said
+    assert "new gains written and verified by reading back" in harness.said
     harness.assert_as_found()

@@ -85,7 +85,9 @@ def test_a_limit_that_was_set_and_cannot_be_kept_is_refused_with_the_nearest_tha
     assert not whole.beyond(Envelope(), "zig-zag")
     assert not whole.beyond(Envelope(distance=60.0), "zig-zag")
     refused = whole.beyond(Envelope(distance=59.0), "zig-zag")
-    assert refused.startswith("not started: zig-zag needs --max-distance 60, but the limit is 59 m. Nothing was armed.")
+    assert refused.startswith(
+        "not started: zig-zag needs 60 m, but the limit --max-distance is 59 m. Nothing was armed."
+    )
     assert "--max-time 48" in whole.beyond(Envelope(time=30.0), "zig-zag")
     assert "--max-speed 1.2" in whole.beyond(Envelope(speed=0.5), "zig-zag")
     assert not whole.beyond(Envelope(turn_rate=0.3), "zig-zag"), "a craft that turns slowly keeps it"
@@ -103,7 +105,7 @@ def test_the_announcement_has_the_whole_of_it_with_its_stages():
     assert told == (
         "need up to 90 m from the start, and up to 2 min 20 s: sign check 40 s, zig-zag 55 s; predicted from a test"
     )
-    assert "up to 80 m from the start (the run ends there: --max-distance)" in whole_of(whole, Envelope(distance=80.0))
+    assert "up to 80 m from the start (--max-distance ends the run there)" in whole_of(whole, Envelope(distance=80.0))
     loop = replace(whole, usual=Excursion(60.0, 30.0))
     assert whole_of(loop, Envelope(), "a test") == (
         "usually need about 40 m from the start, and about 1 min 10 s (predicted from a test). "

@@ -30,8 +30,7 @@ def test_heave_at_usual_sizes_is_made_smaller_so_that_it_stays_inside_the_depth_
     said = [text for text in harness.said if "is reduced to" in text]
     assert len(said) == 1
     assert said[0].startswith(
-        "free-decay is reduced to --duration 13, --push 2.1, --steering 0.36, since at its usual size safety limit "
-        "'depth "
+        "free-decay is reduced to --duration 13, --push 2.1, --steering 0.36. At its usual size safety limit 'depth "
     )
     assert result.trial.duration == pytest.approx(13.0, abs=0.5)
     assert np.ptp(result.trial["z"].values) < Envelope().depth_excursion
@@ -59,7 +58,7 @@ def test_what_was_given_stays_and_the_preview_tells_all_of_it_and_where_it_would
     assert any("ends early, with assumed parameters: safety limit 'depth excursion'" in text for text in harness.said)
     assert result.preview.seconds == pytest.approx(60.0, abs=0.2)
     assert result.preview.deep > 5.0
-    assert any("it would need " in text and "doublets 1 min" in text for text in harness.said)
+    assert any("the flight would need " in text and "doublets 1 min" in text for text in harness.said)
 
 
 def test_only_what_was_not_given_shrinks(tmp_path: Path) -> None:
@@ -101,5 +100,5 @@ def test_a_heaving_craft_that_nobody_knows_is_quick_and_sinks_or_rises_by_itself
     assert heavy.steady_velocity(0.0) > 0.05
     ahead = FlySettings("steps", SitlHarness(tmp_path).common(), force="X")
     boat = nominal_plant(ahead, FIRMWARE["ardurover"], {}, 0.4, 1.5)
-    assert boat.source == "its cruise of 1.5 m/s at 40% throttle"
+    assert boat.source == "its cruise speed of 1.5 m/s at 40% throttle"
     assert boat.others["X"].steady_velocity(0.4) == pytest.approx(1.5)

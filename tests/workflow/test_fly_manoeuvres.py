@@ -52,8 +52,8 @@ def test_figures_in_the_run_directory_are_those_of_a_run_without_noise(
 
 def test_thrusters_that_stand_at_their_limit_are_told_of(tmp_path: Path) -> None:
     result = flown(SitlHarness(tmp_path, "blueboat"), {"turn": 2.0, "steering": 1.0}, "turning-circle", throttle=0.9)
-    assert "of 100% N commanded" in result.remarks[0]
-    assert "is at a limit" in result.remarks[0]
+    assert "N was limited: 100% commanded" in result.remarks[0]
+    assert "at the output" in result.remarks[0]
 
 
 def test_a_bow_that_does_not_come_round_ends_in_a_sentence_and_the_record_is_kept(tmp_path: Path) -> None:

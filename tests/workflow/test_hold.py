@@ -10,7 +10,7 @@ import pytest
 
 from gcs_autotune.errors import NoGainsMeetSpec, PreconditionFailed, UsageError, WrongVehicle
 from gcs_autotune.manoeuvres import Envelope
-from gcs_autotune.report import HeldDistance, HeldLine, HeldLoop, hold_document, to_html
+from gcs_autotune.report import HeldDistance, HeldLine, HeldLoop, HeldPosition, hold_document, to_html
 from gcs_autotune.workflow import HoldSettings, Unattended, hold
 
 from .sitl_harness import WHEN, Ear, SitlHarness
@@ -142,3 +142,23 @@ def test_without_two_rangefinders_no_distance_is_kept(vehicle: str, why: str, tm
     with pytest.raises(PreconditionFailed, match=why):
         hold(HoldSettings("distance", harness.settings("heading")), Unattended(), Ear(harness.said), WHEN)
     assert not harness.vehicle.autopilot.armed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["sliding", "pid"])
+def test_a_vectored_rov_holds_its_position_and_steps_away_from_it(law: str, tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "bluerov2-sway")
+    settings = HoldSettings("position", harness.settings("heading"), law=law)
+    found = hold(settings, Unattended(), Ear(harness.said), WHEN)
+    assert isinstance(found, HeldPosition)
+    assert found.follows
+    assert math.degrees(found.figures.heading) < 8.0
+    harness.assert_neutral()
+    assert not harness.vehicle.autopilot.armed
+    assert dict(harness.vehicle.parameters.values) == harness.parameters
+
+
+def test_a_craft_that_cannot_push_sideways_does_not_hold_a_position(tmp_path: Path) -> None:
+    harness = SitlHarness(tmp_path, "videoray")
+    with pytest.raises(WrongVehicle, match="push sideways"):
+        hold(HoldSettings("position", harness.settings("heading")), Unattended(), Ear(harness.said), WHEN)

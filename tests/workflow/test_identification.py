@@ -69,10 +69,11 @@ def context(monkeypatch: pytest.MonkeyPatch) -> Any:
             return SimpleNamespace(name=name, **options)
 
     def fitted(context: Any, plain: Any, trials: Any, step: Any, **_: Any) -> Identified:
-        return Identified(SimpleNamespace(fit_percent=100.0 - context.left), trials)  # type: ignore[arg-type]
+        return Identified(SimpleNamespace(unexplained=context.left), trials)  # type: ignore[arg-type]
 
     monkeypatch.setattr(identification, "Relays", Relays)
-    monkeypatch.setattr(identification, "_plain", lambda context, trials: SimpleNamespace(doubts=(), fit_percent=97.0))
+    plain = SimpleNamespace(doubts=(), fit_percent=97.0, unexplained=3.0)
+    monkeypatch.setattr(identification, "_plain", lambda context, trials: plain)
     monkeypatch.setattr(identification, "_with_curve", fitted)
     context.fly = fly
     context.settings = SimpleNamespace(relay_output=None, structure=None, most_relays=2)
@@ -157,7 +158,7 @@ def test_a_boat_turns_about_only_where_the_room_asks(
     monkeypatch.setattr(runner, "attempt", lambda manoeuvre, stage, envelope: turned.append(stage))
     monkeypatch.setattr(runner._sequencer, "_home", Observation(0.0, 0.0, x=0.0, y=0.0))
     assert runner.turn_around(0.5, ahead, last=last) is turns
-    assert turned == ["turning about"] * turns
+    assert turned == ["turning around"] * turns
 
 
 @pytest.mark.parametrize(

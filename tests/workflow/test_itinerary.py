@@ -88,7 +88,7 @@ def test_steps_that_end_by_themselves_and_oscillations_that_end_once_the_gains_a
     assert max(boat.seconds, rov.seconds) < 0.5 * heading().seconds
     at(boat, 0.0, "sign check")
     at(boat, 25.0, "step with present gains")
-    seen = at(boat, 65.0, "turning about")
+    seen = at(boat, 65.0, "turning around")
     assert seen.left == pytest.approx(TURN + boat.legs[2].seconds + boat.legs[3].seconds)
 
 
@@ -117,19 +117,19 @@ def test_turning_about_belongs_to_the_step_that_follows_it():
     itinerary = heading()
     at(itinerary, 0.0, "sign check")
     at(itinerary, 25.0, "step with present gains")
-    assert at(itinerary, 95.0, "turning about").step == 3
-    assert at(itinerary, 110.0, "turning about").step == 3
+    assert at(itinerary, 95.0, "turning around").step == 3
+    assert at(itinerary, 110.0, "turning around").step == 3
     assert at(itinerary, 127.0, "first self-oscillation").step == 3
-    assert at(itinerary, 240.0, "turning about").step == 4
+    assert at(itinerary, 240.0, "turning around").step == 4
 
 
 def test_how_long_the_first_oscillation_took_is_what_the_second_is_thought_to_take():
     itinerary = heading()
     at(itinerary, 0.0, "sign check")
     at(itinerary, 25.0, "step with present gains")
-    at(itinerary, 95.0, "turning about")
+    at(itinerary, 95.0, "turning around")
     at(itinerary, 127.0, "first self-oscillation")
-    seen = at(itinerary, 527.0, "turning about")
+    seen = at(itinerary, 527.0, "turning around")
     assert itinerary.legs[3].seconds == pytest.approx(400.0)
     assert seen.left == pytest.approx(400.0 + TURN + itinerary.legs[4].total)
 
@@ -139,10 +139,10 @@ def test_a_third_oscillation_that_was_not_planned_is_one_step_more():
     for t, stage in ((0.0, "sign check"), (30.0, "step with present gains"), (100.0, "first self-oscillation")):
         at(itinerary, t, stage)
     at(itinerary, 200.0, "second self-oscillation")
-    at(itinerary, 300.0, "turning about")
+    at(itinerary, 300.0, "turning around")
     seen = at(itinerary, 330.0, "third self-oscillation")
     assert (seen.step, seen.steps) == (5, 6)
-    at(itinerary, 430.0, "turning about")
+    at(itinerary, 430.0, "turning around")
     seen = at(itinerary, 460.0, "step with new gains")
     assert (seen.step, seen.steps) == (6, 6)
     assert 0.0 < seen.left <= itinerary.legs[5].total
@@ -189,7 +189,7 @@ def test_the_room_is_that_of_the_craft():
     small = settings(envelope=Envelope(distance=150.0))
     assert room("yaw", 1.2, small, here, whole).startswith("need up to 150 m from the start. Between stages")
     near = room("surge", 1.5, settings("speed"), here, Excursion(100.0, 90.0, usual=Excursion(80.0, 37.0)))
-    assert near == "need up to 110 m from the start (usually about 45 m). A smaller --max-distance needs less"
+    assert near == "need up to 110 m from the start (usually about 45 m). A smaller --max-distance reduces this"
     assert room("yaw", 0.0, settings(), here, whole) == "need about 2 m of free water around the vehicle"
     assert (
         room("heave", 0.0, settings("depth"), here, whole)

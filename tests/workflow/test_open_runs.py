@@ -68,7 +68,7 @@ def test_a_vehicle_on_which_a_run_is_open_is_refused_before_it_is_armed(tmp_path
     journal = cut_off(tmp_path / "first", uid)
     if not going_on:
         journal.leave()
-    cure = "Wait for its end, or stop it" if going_on else f"Run `gcs-autotune restore {tmp_path / 'first'}` first"
+    cure = "Wait until it ends, or stop it" if going_on else f"Run `gcs-autotune restore {tmp_path / 'first'}` first"
     with pytest.raises(PreconditionFailed, match=cure):
         harness.tune()
     assert not harness.vehicle.autopilot.armed
@@ -114,7 +114,11 @@ def heard_from(at_work: bool, component: int = 30) -> SimpleNamespace:
 
 
 def test_a_vehicle_on_which_another_computer_has_a_run_going_on_is_refused() -> None:
-    with pytest.raises(PreconditionFailed, match=r"another computer .*system 255, component 30\). Wait for its end"):
+    with pytest.raises(
+        PreconditionFailed,
+        match=r"another computer .*system 255, component 30\). Wait until that run "
+        r"ends",
+    ):
         refuse_open_runs(heard_from(at_work=True))  # type: ignore[arg-type]
     refuse_open_runs(heard_from(at_work=False))  # type: ignore[arg-type]
     refuse_open_runs(heard_from(at_work=True, component=25))  # type: ignore[arg-type]  # our own, sent back by a router

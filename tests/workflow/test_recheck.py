@@ -71,7 +71,7 @@ def test_each_loop_has_its_verdict_and_colour(of: Sheet | None, tune: LoopNumber
 def test_the_terminal_shows_the_numbers_beside_those_of_the_tune_and_no_coefficients() -> None:
     shown = render_text(recheck_document(judged(GOOD, TUNED, factor=0.5, changed=("ATC_STR_RAT_P",))))
     assert "tune of" in shown and "step overshoot" in shown and "5 ± 2" in shown
-    assert "halved and flown again" in shown and "Gains changed since the tune: ATC_STR_RAT_P" in shown
+    assert "sizes were halved and" in shown and "Gains changed since the tune: ATC_STR_RAT_P" in shown
     assert "a_1" not in shown and "b_1" not in shown
 
 
@@ -139,6 +139,6 @@ def test_sizes_that_show_nothing_are_halved_and_flown_again_and_nothing_is_calle
 
 def test_a_limit_that_a_recheck_cannot_keep_is_refused_before_arming(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
-    with pytest.raises(PreconditionFailed, match=r"needs --max-distance \d+, but the limit is 30 m"):
+    with pytest.raises(PreconditionFailed, match=r"needs \d+ m, but the limit --max-distance is 30 m"):
         checked(harness, tmp_path, envelope=Envelope(distance=30.0))
     assert harness.found == ""

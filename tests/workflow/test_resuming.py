@@ -55,7 +55,7 @@ class Again:
 def test_the_command_that_goes_on_is_told_with_what_is_kept(ended_early: SitlHarness) -> None:
     told = [text for text in ended_early.said if "--resume" in text]
     assert told == [
-        "of this run only step-before, relay-1 can be used again. To continue from there, with the same "
+        "these records of the run can be used again: step-before, relay-1. To continue from there, use the same "
         f"options: gcs-autotune tune heading --connect memory --resume {ended_early.directory}"
     ]
 
@@ -92,7 +92,7 @@ def test_a_vehicle_with_another_parameter_is_not_gone_on_with(ended_early: SitlH
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"step": 0.25}, "step None there, 0.25 here"), ({"axis": "yaw"}, "axis heading there, yaw here")],
+    [({"step": 0.25}, "step None then, 0.25 now"), ({"axis": "yaw"}, "axis heading then, yaw now")],
 )
 def test_other_settings_are_refused_before_the_link_is_opened(
     ended_early: SitlHarness, tmp_path: Path, changes: dict[str, Any], words: str
@@ -104,5 +104,5 @@ def test_other_settings_are_refused_before_the_link_is_opened(
 
 
 def test_the_way_on_after_a_limit_that_tripped_asks_for_another_limit_for_the_same_trips_again() -> None:
-    assert same_options(GuardTripped("", guard="time")).startswith("with another --max-time")
-    assert same_options(GuardTripped("", guard="pause")) == same_options(LinkLost("")) == "with the same options"
+    assert same_options(GuardTripped("", guard="time")).startswith("change --max-time")
+    assert same_options(GuardTripped("", guard="pause")) == same_options(LinkLost("")) == "use the same options"

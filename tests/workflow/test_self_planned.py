@@ -53,7 +53,7 @@ def test_a_wish_is_read_for_the_smallest_form_that_has_all_of_it(
 @pytest.mark.parametrize(
     ("text", "form", "error", "words"),
     [
-        ("N_r", "", UsageError, "not a parameter with a precision"),
+        ("N_r", "", UsageError, "is not NAME PERCENT"),
         ("N_r 0%", "", UsageError, "above 0"),
         ("N_r 200%", "", UsageError, "at most 100"),
         ("N_rr_ 5%", "", UnknownName, "Did you mean N_rr"),
@@ -165,7 +165,7 @@ def test_the_page_tells_the_story_and_the_files_are_those_of_any_flight(flown: t
 def test_it_ends_when_the_time_that_was_given_is_up_and_says_so(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path)
     result = trial(harness, "N_r 0.001%", minutes=2.0)
-    assert "takes longer than the time that --total-time leaves" in result.steps[-1].ended
+    assert "takes longer than the rest of --total-time" in result.steps[-1].ended
     assert result.steps[-1].ended.startswith("not reached")
     assert sum(s.seconds for s in result.steps) < 2.0 * 60.0 + LONGEST
     harness.assert_restored()
@@ -250,7 +250,7 @@ def test_a_trial_goes_on_from_one_flown_before_and_ends_at_once_where_that_told_
         (
             "X_u 5%",
             "zig-zag",
-            "zig-zag drives N and does not excite it. Omit the manoeuvre, or use one that drives X",
+            "zig-zag drives N and does not excite this parameter. Omit the manoeuvre, or use one that drives X",
         ),
     ],
 )

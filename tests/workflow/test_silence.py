@@ -68,9 +68,9 @@ def test_a_rov_that_disarms_itself_in_a_silence_is_armed_again_as_announced_afte
         harness.tune(operator, axis="depth", simulated=False)
     said = "\n".join(harness.said)
     assert "continuing: step with present gains is flown again" in said
-    assert "arm again, after asking, if it was disarmed" in said
+    assert "arm the vehicle again, after asking, if it was disarmed" in said
     assert [q for q in operator.asked if "Arm the vehicle again" in q]
-    assert "arming it again, as announced" in said
+    assert "arming the vehicle again, as announced" in said
     harness.assert_as_found()
 
 
@@ -80,7 +80,7 @@ def test_what_was_disarmed_in_a_silence_stays_disarmed_when_the_operator_says_no
     with pytest.raises(AutotuneError):
         harness.tune(operator, axis="depth", simulated=False)
     assert [q for q in operator.asked if "Arm the vehicle again" in q]
-    assert not any("arming it again" in text for text in harness.said)
+    assert not any("arming the vehicle again" in text for text in harness.said)
     harness.assert_as_found()
 
 
@@ -97,7 +97,7 @@ def test_what_a_failsafe_did_in_a_silence_is_not_undone_where_nobody_can_be_aske
     harness = Hushed(tmp_path, "first self-oscillation", 25.0, 9.0)
     with pytest.raises(LinkLost):
         harness.tune()
-    assert any("No operator to ask (--yes): no." in text for text in harness.said)
+    assert any("no (--yes: no operator to ask)" in text for text in harness.said)
     assert not any(text.startswith("continuing:") for text in harness.said)
     assert harness.mode == "HOLD"
     harness.assert_as_found()
@@ -120,7 +120,9 @@ def test_an_order_given_in_a_silence_stands(tmp_path: Any) -> None:
     with pytest.raises(AutotuneError):
         harness.tune(Enough(harness, "relay-1: completed"))
     assert harness.mode == "ACRO"
-    assert any("from MANUAL to ACRO, not by us" in text and "This order is respected" in text for text in harness.said)
+    assert any(
+        "from MANUAL to ACRO, not by this tool" in text and "This order is respected" in text for text in harness.said
+    )
 
 
 @pytest.mark.parametrize(("patience", "silence"), [(0.0, 9.0), (12.0, 20.0)])

@@ -56,7 +56,7 @@ def test_the_gains_of_a_dry_run_are_proved_by_the_step_it_flew_and_kept(proposed
     operator = Answers(True, True)
     story = harness.tune(operator, gains=load_gains(dry.directory, "heading"), simulated=False)
     assert story.ending == "kept", story.reason
-    assert "prove it by the same step" in operator.questions[1]
+    assert "test them by the same step" in operator.questions[1]
     assert {n: harness.vehicle.parameters.values[n] for n in told.proposal.new} == pytest.approx(
         dict(told.proposal.new), rel=1e-6
     )
@@ -110,7 +110,7 @@ def test_a_speed_is_stepped_about_what_the_run_found_the_craft_to_keep(tmp_path)
 
 def test_gains_without_the_step_they_need_or_of_another_axis_are_refused_by_name(tmp_path):
     run = flown_step(tmp_path / "run", "u")
-    with pytest.raises(UsageError, match="axis of that run"):
+    with pytest.raises(UsageError, match="axis flown in that run"):
         load_gains(run, "heading")
     loose = tmp_path / "loose.param"
     loose.write_text("ATC_SPEED_P,0.5\n")

@@ -92,7 +92,7 @@ def test_throttle_that_the_autopilot_cuts_off_is_refused_with_what_cuts_it() -> 
     assert flown.ending == "aborted"
     assert check.answer is not None
     assert check.answer.obeyed == pytest.approx(0.25, abs=0.02)
-    assert "commanded +0.40 of full X, but the outputs show +0.10: SERVO3 is limited" in flown.reason
+    assert "commanded +0.40 of full X output, but the outputs show +0.10: SERVO3 is limited" in flown.reason
     assert "MOT_THR_MAX" in flown.reason
 
 

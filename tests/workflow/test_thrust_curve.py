@@ -104,7 +104,7 @@ def a_fit(explained: float, **numbers: float) -> SimpleNamespace:
     model = ExtendedModel(
         None, tuple(EffectInstance(slug.replace("_", "-"), "X", {"width": v}) for slug, v in numbers.items())
     )
-    return SimpleNamespace(fit_percent=explained, parameters=parameters, model=model)
+    return SimpleNamespace(fit_percent=explained, unexplained=100.0 - explained, parameters=parameters, model=model)
 
 
 @pytest.mark.parametrize(("sizes", "step", "found"), [(3, None, True), (2, None, False), (3, "a step", False)])
@@ -129,7 +129,7 @@ def test_a_dead_zone_told_by_three_sizes_may_level_off_as_well(monkeypatch):
     monkeypatch.setattr(thrust_curve, "fit_with_actuator", lambda runs, plain, *slugs: fits.get(slugs))
     found = fit_thrust_curve([None] * 3, a_fit(89.7))
     assert found is fits["saturation", "dead-zone"]
-    assert "does nothing below 16.7% of full, and pushes no harder beyond 77%" in thrust_curve_told(found, a_fit(89.7))
+    assert "does nothing below 16.7% of full. It pushes no harder beyond 77%" in thrust_curve_told(found, a_fit(89.7))
 
 
 @pytest.mark.slow
@@ -174,7 +174,10 @@ def test_an_rovs_turn_rate_step_takes_part_in_its_model_and_only_there_a_neutral
     )
     step = dying_swing(0.0, DEAD_BAND)
     assert again_with_step(context, Identified(plain, runs), step).curved is None
-    assert asked == ["identifying, with the step", (fit_thrust_curve, (runs, plain, step), {"with_band": True})]
+    assert asked == [
+        "identifying from the experiments and the step",
+        (fit_thrust_curve, (runs, plain, step), {"with_band": True}),
+    ]
     assert inspect.signature(fit_thrust_curve).parameters["with_band"].default is False
 
 

@@ -42,11 +42,11 @@ def test_turn_rates_are_proved_beside_headings_and_both_are_in_the_report(tuned)
     before, after = story.beside
     assert after.itae < before.itae
     assert any(reason.startswith("turn rates: tracking error") for reason in story.verdict_reasons)
-    assert any("These gains were proved in both modes" in text for text in harness.said)
+    assert any("These gains were tested in both modes" in text for text in harness.said)
     summary = json.loads((harness.directory / "summary.json").read_text(encoding="utf-8"))
     assert summary["turn_rates"]["after"]["itae"] == pytest.approx(after.itae)
     page = (harness.directory / "report.html").read_text(encoding="utf-8")
-    assert "turn rates, lower is better" in page
+    assert "turn rate, lower is better" in page
     assert "Turn-rate step with the same gains (measured)" in page
 
 

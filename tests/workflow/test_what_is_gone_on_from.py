@@ -76,9 +76,9 @@ def test_without_an_earlier_run_there_is_nothing(tmp_path: Path) -> None:
 
 
 def test_other_settings_are_refused_by_name_unless_they_need_not_be_alike(run: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"step 0.5 there, 0.25 here"):
+    with pytest.raises(UsageError, match=r"step 0.5 then, 0.25 now"):
         Earlier(settings(tmp_path, step=0.25))
-    with pytest.raises(UsageError, match="axis heading there, yaw here"):
+    with pytest.raises(UsageError, match="axis heading then, yaw now"):
         Earlier(settings(tmp_path, axis="yaw", step=None))
     assert Earlier(settings(tmp_path, step=0.25), alike=False).names == ["step-before", "relay-1"]
 
@@ -90,7 +90,7 @@ def test_a_flight_recorded_with_the_settings_of_a_tune_can_be_resumed(run: Path,
     note.write_text(json.dumps({**told, "settings": {**told["settings"], "step": None, "throttle": 0.4}}))
     flight = CommonSettings(Connection("sitl:charlie"), tmp_path / "again", throttle=0.4, resume=run)
     assert Earlier(flight, ("relay-1",)).names == ["relay-1"]
-    with pytest.raises(UsageError, match=r"throttle 0\.4 there, 0\.5 here"):
+    with pytest.raises(UsageError, match=r"throttle 0\.4 then, 0\.5 now"):
         Earlier(replace(flight, throttle=0.5), ("relay-1",))
 
 
@@ -128,7 +128,7 @@ def test_the_same_board_with_the_same_parameters_is_gone_on_with(run: Path, tmp_
     ("here", "words"),
     [
         (replace(BOARD, uid="cd34"), "its board is ab12 there, cd34 here"),
-        (replace(BOARD, version="4.5.7"), "its firmware is 4.6.3 there, 4.5.7 here"),
+        (replace(BOARD, version="4.5.7"), "its firmware was 4.6.3 then and is 4.5.7 now"),
         (replace(BOARD, vehicle_type=10), "vehicle_type 11 there, 10 here"),
     ],
 )
@@ -141,7 +141,7 @@ def test_another_vehicle_or_firmware_is_not_gone_on_with(
 
 @pytest.mark.parametrize("own", [{**OWN, "CRUISE_SPEED": 2.0}, {"ATC_STR_RAT_P": 0.2}, {**OWN, "ATC_STR_RAT_D": 0.0}])
 def test_a_parameter_that_differs_or_is_gone_or_new_is_told(run: Path, tmp_path: Path, own: dict[str, float]) -> None:
-    with pytest.raises(PreconditionFailed, match="other parameters"):
+    with pytest.raises(PreconditionFailed, match="parameters have changed"):
         Earlier(settings(tmp_path)).verify_same_vehicle(craft(), own)
 
 
@@ -152,7 +152,7 @@ def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
 def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:
     asked = settings(tmp_path)
     told = way_on(asked, ["sign-check", "relay-1", "step-before"], RuntimeError())
-    assert told.startswith("of this run only step-before, relay-1 can be used again")
+    assert told.startswith("these records of the run can be used again: step-before, relay-1")
     assert f"--resume {asked.directory}" in told
     assert way_on(asked, ["sign-check"], RuntimeError()) == ""
     assert set(USED_AGAIN) >= {"step-before", "relay-1"}

@@ -28,16 +28,16 @@ def said(firmware: str, axis: str, before: float, after: float, measured: Any = 
 def test_a_heading_tune_reports_how_far_turn_rates_were_followed(firmware: str) -> None:
     (good,) = said(firmware, "heading", 0.4, 0.01, (RATES, replace(RATES, steady_error=0.02)))
     assert "`tune heading` and `tune yaw` both set" in good
-    assert "turn rates reach 98% of the commanded rate" in good and "would follow" not in good
+    assert "turn rates reach 98% of the commanded rate" in good and "would improve" not in good
     (poor,) = said(firmware, "heading", 0.4, 0.3, (RATES, replace(RATES, steady_error=0.4)))
-    assert "turn rates reach 60% of the commanded rate; `tune yaw` would follow them better" in poor
+    assert "turn rates reach 60% of the commanded rate. `tune yaw` would improve turn rates" in poor
 
 
 @pytest.mark.parametrize("firmware", ["ardurover", "ardusub"])
 def test_a_yaw_tune_sends_to_heading_only_where_headings_are_predicted_to_suffer(firmware: str) -> None:
     (sentence,) = said(firmware, "yaw", 0.02, 0.05)
-    assert "Run `tune heading` for gains for both" in sentence
-    assert "5.0%, before 2.0%" in sentence
+    assert "Run `tune heading` to design for both loops" in sentence
+    assert "5.0% (before: 2.0%)" in sentence
     assert said(firmware, "yaw", 0.05, 0.03) == []
 
 

@@ -52,7 +52,7 @@ def turning(by_steering: float, by_throttle: float, steering: float, throttle: f
 def test_a_craft_that_turns_away_from_where_it_is_steered_is_told_what_to_swap(side: float, steered: str) -> None:
     why = why_tripped(turning(-1.0, 0.0, side * -0.5), TRIPPED, BOAT, servos_of(SKID))
     assert why is not None
-    assert f"while steered to {steered}" in str(why)
+    assert f"while the steering was to {steered}" in str(why)
     assert "swap SERVO1_FUNCTION and SERVO3_FUNCTION" in str(why) and "another limit" not in str(why)
 
 

@@ -149,7 +149,7 @@ class PositionLoop(Loop):
         delay: float,
         actuator: Actuator = PERFECT,
     ) -> LoopMotion:
-        """Simulate *scenario*."""
+        """Simulate a step of the loop with these settings on *model*, as *scenario* specifies."""
         dt = self.loop_period(settings)
         craft = plant_of(model, scenario, dt, delay, actuator)
         return self.fly(settings, speed, scenario.duration, craft, actuator.step(dt))
@@ -226,7 +226,7 @@ class VelocityLoop(Loop):
         delay: float,
         actuator: Actuator = PERFECT,
     ) -> LoopMotion:
-        """Simulate *scenario*."""
+        """Simulate a step of the loop with these settings on *model*, as *scenario* specifies."""
         dt = self.loop_period(settings)
         velocity = start_of(scenario.step, self.base(scenario.step, speed))
         before = round(self.hold / dt) if scenario.lead == 0.0 else 0

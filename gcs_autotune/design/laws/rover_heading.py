@@ -120,11 +120,14 @@ class RoverHeading(PositionLoop):
             return []
         most = math.degrees(abs(model.steady_velocity(1.0)))
         bound = settings[ANG] <= BARELY
-        why = f"{ANG} cannot go below 1 and the heading loop needs less" if bound else "the heading step needs less"
+        why = (
+            f"{ANG} cannot go below 1 and the heading loop needs a smaller value"
+            if bound
+            else "the heading step needs a smaller value"
+        )
         return [
-            f"turn rates would be followed best with {FF} = {ideal:.2g}, but {why}. At this speed the craft turns at "
-            f"most {most:.0f} deg/s; ATC_STR_RAT_MAX requests up to "
-            f"{self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
+            f"{FF} = {ideal:.2g} would follow turn rates best, but {why}. At this speed the craft turns at most "
+            f"{most:.0f} deg/s. ATC_STR_RAT_MAX requests up to {self._get(settings, 'ATC_STR_RAT_MAX'):g} deg/s"
         ]
 
 

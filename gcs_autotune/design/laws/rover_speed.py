@@ -85,7 +85,7 @@ class RoverSpeed(VelocityLoop):
     defaults: Settings = DEFAULTS
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return ATC_ACCEL_MAX [m/s^2]."""
+        """Return the acceleration limit ATC_ACCEL_MAX [m/s^2]."""
         most = self._get(settings, "ATC_ACCEL_MAX")
         return most if most > 0.0 else math.inf
 
@@ -174,8 +174,9 @@ class RoverSpeed(VelocityLoop):
         """Return notes on other uses of the cruise pair, and on the validity of the gains."""
         speed_now, percent = (settings.get(name, math.nan) for name in CRUISE)
         return [
-            f"the pair CRUISE_SPEED {speed_now:.3g} m/s, CRUISE_THROTTLE {percent:.0f} % is the loop's feed-forward. "
-            "It also sets the speed at full stick in ACRO and STEERING (CRUISE_SPEED x 100 / CRUISE_THROTTLE)",
-            "the model is valid for calm water and this load; head wind, current and payload are left to the integral "
-            "gain",
+            f"CRUISE_SPEED {speed_now:.3g} m/s and CRUISE_THROTTLE {percent:.0f} % together are the loop's "
+            "feed-forward. They also set the speed at full stick in ACRO and STEERING (CRUISE_SPEED x 100 / "
+            "CRUISE_THROTTLE)",
+            "the model is valid for calm water and this load. The integral gain corrects for head wind, current and "
+            "payload",
         ]

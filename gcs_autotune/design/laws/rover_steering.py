@@ -181,31 +181,33 @@ def speed_notes(model: SingleDof, settings: Settings, speed: float | None) -> li
     if is_skid(settings):
         at = "the speed" if speed is None else f"{speed:.2f} m/s"
         return [
-            f"the gains are valid only at {at} and the throttle of the identification runs. On a boat steered by two "
-            "thrusters the autopilot does not scale steering with speed. Steering gets stronger with throttle if "
-            "thrust grows with the square of the pulse. In that case set MOT_THST_EXPO to linearise the thrust"
+            f"the gains are valid only at {at} and the throttle of the identification runs. With skid steering, the "
+            "autopilot does not scale steering with speed. Steering gets stronger with throttle if thrust grows with "
+            "the square of the motor output. In that case set MOT_THST_EXPO to linearise the thrust"
         ]
     if vectored_angle(settings) > 0.0:
         known = settings.get(THROTTLE, 0.0) > 0.0
         whence = "" if known else " (from CRUISE_THROTTLE and CRUISE_SPEED)"
         return [
-            "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle). The "
-            f"gains are valid at the throttle of the experiment, {'' if known else 'assumed to be '}"
-            f"{_throttle(settings, speed):.0%} of full{whence}. They hold at other throttles only if thrust is "
-            "proportional to throttle. Without throttle there is no steering"
+            "vectored thrust (MOT_VEC_ANGLEMAX > 0): the autopilot turns the thrust by atan(steering / throttle). "
+            "The gains are valid at the throttle of the experiment, "
+            f"{'' if known else 'assumed to be '}{_throttle(settings, speed):.0%} of full throttle{whence}. They are "
+            "valid at other throttles only if thrust is proportional to throttle. Without throttle there is no "
+            "steering"
         ]
     turn = math.degrees(abs(model.steady_velocity(1.0)))
-    seen = f"identified in MANUAL at {speed:.2f} m/s, where full steering turns {turn:.0f} deg/s"
+    seen = (
+        f"the model was identified in MANUAL at {speed:.2f} m/s, where full steering turns the boat at {turn:.0f} deg/s"
+    )
     if not integral_grows(settings, speed):
         return [
-            f"{seen}, which is not above MOT_SPD_SCA_BASE = {base:g} m/s. Below that speed the autopilot does not "
-            "scale the steering and freezes its integral, so wind or trim leaves an error. The margins are for just "
-            "above that speed. Prove the gains again before going faster"
+            f"{seen}. That speed is not above MOT_SPD_SCA_BASE = {base:g} m/s. Below MOT_SPD_SCA_BASE the autopilot "
+            "does not scale the steering and freezes its integral, so wind or trim leaves an error. The margins are "
+            "for just above MOT_SPD_SCA_BASE. Check the gains again before going faster"
         ]
     ideal = ideal_feed_forward(model, settings, speed)
     return [
         f"{seen}. Above MOT_SPD_SCA_BASE = {base:g} m/s the autopilot divides the steering by speed. The gains are "
-        f"valid if turn rate per rudder is proportional to speed. {FF} = 1/(K base) = "
-        f"{ideal:.3g} then follows turn rates exactly at every speed. At or below {base:g} m/s the integral term "
-        "is frozen"
+        f"valid if turn rate per rudder is proportional to speed. Then {FF} = 1/(K base) = {ideal:.3g} follows turn "
+        f"rates exactly at every speed. At or below {base:g} m/s the integral term is frozen"
     ]

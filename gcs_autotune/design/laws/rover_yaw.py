@@ -45,7 +45,7 @@ class RoverYaw(VelocityLoop):
         return steering.matching_speed(settings, speed)
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return ATC_STR_ACC_MAX [rad/s^2]."""
+        """Return the acceleration limit ATC_STR_ACC_MAX [rad/s^2]."""
         most = math.radians(self._get(settings, "ATC_STR_ACC_MAX"))
         return most if most > 0.0 else math.inf
 
@@ -83,5 +83,5 @@ class RoverYaw(VelocityLoop):
         """Return notes on the speeds at which the gains are valid, and on dependent loops."""
         return [
             *steering.speed_notes(model, settings, speed),
-            "ATC_STR_ANG_P is unchanged; `tune heading` chooses it together with these gains",
+            "ATC_STR_ANG_P is unchanged. `tune heading` chooses it together with these gains",
         ]

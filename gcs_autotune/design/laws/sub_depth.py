@@ -1,7 +1,7 @@
 """ArduSub's depth loop: square-root position controller, climb-rate P/I, acceleration P/I/FF, filtered throttle.
 
-In SI and down positive: ``Z = 0.2 * LPF_2Hz(ACCZ (a_t - a) + FF a_t) - 2 (hover - 0.5)``; the 0.2 is
-the autopilot's 0.001 per cm/s^2, times 100 cm, times 2 because throttle 0..1 means -1..1.
+In SI units, down positive: ``Z = 0.2 * LPF_2Hz(ACCZ (a_t - a) + FF a_t) - 2 (hover - 0.5)``. The factor 0.2 is the
+autopilot's 0.001 per cm/s^2, times 100 cm, times 2 because throttle 0..1 means -1..1.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SURFACE = "SURFACE_MAX_THR"
 OUTPUT = 0.2
 """Output [fraction] per m/s^2 of the acceleration controller."""
 THROTTLE_CUTOFF = 2.0
-"""POSCONTROL_THROTTLE_CUTOFF_FREQ_HZ [Hz]."""
+"""Cut-off frequency of the throttle's low-pass: POSCONTROL_THROTTLE_CUTOFF_FREQ_HZ [Hz]."""
 
 
 FIXED: Settings = {VEL_I: 0.0}
@@ -136,18 +136,18 @@ class SubDepth(PositionLoop):
         return (pid + feed) * velocity * constant(settings[POS])
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return ``Pz Ia / (Pz (Pa + FF) + Ia)``."""
+        """Return the rate ``Pz Ia / (Pz (Pa + FF) + Ia)``."""
         return integral_over_proportional(settings[POS], settings[ACC] + settings[ACC_FF], settings[ACC_I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Return notes on what the gains do not cover."""
+        """Return notes on conditions for which the gains are not designed."""
         notes = []
         if SURFACE in settings:
             notes.append(
-                f"near the surface ArduSub limits the upward thrust ({SURFACE}). Prove the gains below that depth"
+                f"near the surface ArduSub limits the upward thrust ({SURFACE}). Test the gains below that depth"
             )
         if self._get(settings, "PSC_ACCZ_D") != 0.0:
-            notes.append("PSC_ACCZ_D is not zero; the design does not change or model it")
+            notes.append("PSC_ACCZ_D is not zero. The design neither changes nor models it")
         return notes
 
 

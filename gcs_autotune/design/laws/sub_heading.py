@@ -147,9 +147,9 @@ class SubHeading(PositionLoop):
         return pid * angle
 
     def integral_rate(self, settings: Settings, speed: float | None) -> float:
-        """Return ``A I / (A P + I)``."""
+        """Return the rate ``A I / (A P + I)``."""
         return integral_over_proportional(settings[ANG], settings[P], settings[I])
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Return notes on what the gains do not cover."""
-        return ["the yaw model was identified without speed; ArduSub does not scale its yaw gains with speed"]
+        """Return notes on conditions for which the gains are not designed."""
+        return ["the yaw model was identified without headway. ArduSub does not scale its yaw gains with speed"]

@@ -23,7 +23,7 @@ from gcs_autotune.models import SingleDof
 __all__ = ["SubYaw"]
 
 REPAID = 0.1
-"""Overshoot that the control structure causes.
+"""Overshoot, relative to the step, that the control structure causes.
 
 The craft lags the moving target at first and must then turn faster to catch up. No rate gains can avoid this.
 """
@@ -48,7 +48,7 @@ class SubYaw(VelocityLoop):
     _heading = SubHeading()
 
     def velocity_limit(self, settings: Settings, speed: float | None) -> float:
-        """Return ATC_ACCEL_Y_MAX [rad/s^2]."""
+        """Return the acceleration limit ATC_ACCEL_Y_MAX [rad/s^2]."""
         return self._heading.shaping(settings)
 
     def starts(
@@ -83,8 +83,8 @@ class SubYaw(VelocityLoop):
         return self._heading.integral_rate(settings, speed)
 
     def notes(self, model: SingleDof, settings: Settings, speed: float | None) -> list[str]:
-        """Return a note on why the angle gain is included."""
+        """Return a note that explains why the angle gain is included."""
         return [
-            f"ArduSub's yaw stick moves a heading target, so {ANG} is in the loop and chosen with the rate gains. Here "
-            "they are chosen for turn rates; `tune heading` chooses the same gains for headings"
+            f"ArduSub's yaw stick moves a heading target, so {ANG} is part of the loop and is chosen with the rate "
+            "gains. These gains are optimised for turn rates. `tune heading` optimises the same gains for headings"
         ]

@@ -14,7 +14,7 @@ from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, Structure
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.doubts import Findings, doubts_about
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.free_run import fit_percent_of, rms_of, run_freely
 from gcs_autotune.identify.method import Method
@@ -62,7 +62,7 @@ def fit_by_iso(case: Case) -> AxisFit:
     runs = [run_freely(model, record)[0] for record in case.records]
     motion = Motion(tuple(runs), fit_percent_of(runs), rms_of(runs))
     findings = Findings(case, model, structure, table.parameters, decision, motion.rms, motion.fit_percent)
-    doubts = [*collect(findings), _first_harmonic(), *([_undecided()] if undecided else [])]
+    doubts = [*doubts_about(findings), _first_harmonic(), *([_undecided()] if undecided else [])]
     main = case.records[0].main.name
     return fit_of(
         case,
@@ -114,8 +114,8 @@ def _both_drags(usable: Sequence[IsoEstimate]) -> tuple[Array, Array]:
     gain = np.array([quadratic_drag(e.cycle.nu_0, e.cycle.X_m * e.cycle.omega)[1] for e in usable])
     if len(usable) < 2 or float(np.ptp(gain)) < 0.1 * float(gain.max()):
         raise NotInformative(
-            "IS-O needs two clearly different limit cycles to separate the two drag terms. Fly another relay with "
-            "a clearly different C (output) or x_a (switching value)"
+            "IS-O needs two clearly different limit cycles to separate the two drag terms. Fly another relay with a "
+            "clearly different C (output) or x_a (switching value)"
         )
     table = np.column_stack([np.ones_like(gain), gain])
     beta, quadratic = np.linalg.lstsq(table, np.array([e.beta for e in usable]), rcond=None)[0]
@@ -126,8 +126,8 @@ def _first_harmonic() -> Doubt:
     return Doubt(
         "first-harmonic",
         "IS-O (identification by self-oscillation) uses only the first harmonic of the limit cycle. The standard "
-        f"errors include {SYSTEMATIC:.0%} of inertia and linear drag for that, and {SYSTEMATIC_QUADRATIC:.0%} of "
-        "quadratic drag. A craft with further dynamics can exceed this",
+        f"errors therefore include {SYSTEMATIC:.0%} of inertia and linear drag, and {SYSTEMATIC_QUADRATIC:.0%} of "
+        "quadratic drag. The error can be larger for a craft with further dynamics",
         "compare with method='output-error', which fits the whole motion",
     )
 
@@ -135,10 +135,10 @@ def _first_harmonic() -> Doubt:
 def _undecided() -> Doubt:
     return Doubt(
         "structure-undecided",
-        "one limit cycle, or two similar ones, cannot distinguish linear from quadratic damping. Linear damping "
-        "was used",
+        "one limit cycle, or two similar ones, cannot distinguish linear from quadratic damping. Linear damping was "
+        "used",
         "fly a second relay with a clearly different output C",
     )
 
 
-METHOD = Method("iso", "first harmonic of a self-oscillation (relay)", axis=fit_by_iso)
+METHOD = Method("iso", "first harmonic of a relay's self-oscillation", axis=fit_by_iso)

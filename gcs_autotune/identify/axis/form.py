@@ -124,7 +124,10 @@ class ExplicitForm(Form):
 
 
 def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bool, delay: float | None = 0.0) -> Form:
-    """Return the form of one axis; *delay* None makes it a free parameter, 0 leaves it out."""
+    """Return the form of one axis.
+
+    delay : fixed value [s]. 0 omits the delay, None makes it a free parameter.
+    """
     names = dof.derivative_names()
     free = [n for n, on in zip(names[:4], FREE[structure], strict=True) if on]
     known = {} if not delay else {"delay": float(delay)}

@@ -70,13 +70,13 @@ def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, .
     called = {word: getattr(axis, kind) for kind in KINDS for word in (kind, getattr(axis, kind))}
     if not use or any(u not in called for u in use):
         raise UsageError(
-            f"--use {','.join(use)}: {axis.name} is fitted to {axis.position} ('position'), {axis.velocity} "
-            "('velocity') or both"
+            f"--use {','.join(use)} is not valid. {axis.name} is fitted to {axis.position} ('position'), "
+            f"{axis.velocity} ('velocity') or both"
         )
     names = tuple(getattr(axis, kind) for kind in KINDS if getattr(axis, kind) in {called[u] for u in use})
     for record in records:
         if not set(names) & set(record.signals):
-            raise MissingChannel(f"run '{record.run}' has no {' or '.join(names)}. Omit use= (--use), or that run")
+            raise MissingChannel(f"run '{record.run}' has no {' or '.join(names)}. Omit use= (--use), or omit that run")
     return names
 
 
@@ -102,10 +102,10 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
     """
     for record in records:
         if record.velocity is None:
-            return f"run '{record.run}' has none"
+            return f"run '{record.run}' has no velocity"
     found = agreement(records, solution)
     if found is None:
-        return "the motion fitted without it diverges, so no comparison is possible"
+        return "the motion fitted without the velocity diverges, so no comparison is possible"
     std = found.std
     scaled, late = abs(found.gain) > max(GAIN, SURELY * std[0]), abs(found.lag) > max(LAG * found.step, SURELY * std[1])
     if (scaled or late) and not solution.white and all(_sensors_agree(record, solution) for record in records):
@@ -118,7 +118,7 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
         return f"it is biased by {found.bias:.3g}"
     colour = max(float(np.max(np.abs(autocorrelation(e, 3)))) for e in found.errors)
     if colour > max(COLOUR, 4.0 / np.sqrt(min(len(e) for e in found.errors))):
-        return f"its errors are correlated ({colour:.2f}): it is filtered, derived, or the model lacks a term"
+        return f"its errors are correlated ({colour:.2f}). It is filtered or derived, or the model lacks a term"
     return ""
 
 

@@ -234,7 +234,7 @@ LEAST = 50
 OPTIONS = (
     *LIMIT_OPTIONS,
     ("budget", f"number of simulations of the search (default: {BUDGET} per free parameter)"),
-    ("seed", "seed of the random numbers; the same seed gives the same result"),
+    ("seed", "seed of the random numbers. The same seed gives the same result"),
 )
 """Options of ``fit`` that this method reads, with a line of help each."""
 
@@ -258,7 +258,7 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     seed = int(case.options.get("seed", 0))
     budget = int(case.options.get("budget", BUDGET * len(form.free)))
     if budget < LEAST:
-        raise UsageError(f"a budget of {budget} simulations is too small: use {LEAST} or more")
+        raise UsageError(f"a budget of {budget} simulations is too small. Use {LEAST} or more")
     limits = limits_of(form, case)
     records = tuple(r.after(form.known.get("delay", 0.0)) for r in case.records)
     ground = initial_guess_of(form, records)
@@ -266,15 +266,15 @@ def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
     polished = solve_form(form, records, found.theta, ground.initial, limits, levels=ground.levels, robust=case.robust)
     if polished is None:
         raise NotInformative(
-            f"no model '{form.name}' could be simulated on run '{records[0].run}': both global searches found only "
+            f"no model '{form.name}' could be simulated on run '{records[0].run}'. Both global searches found only "
             "diverging motions. Narrow the bounds or increase the budget"
         )
-    told = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}
+    summary = {"winner": found.winner, "margin": found.margin, "costs": found.costs, "evaluations": found.evaluations}
     plain = _from_regression(form, records, limits, robust=case.robust)
     ahead = math.nan if plain is None else polished.log_likelihood - plain.log_likelihood
     if plain is not None and ahead < 0.0:
         polished = plain
-    extra = {"search": {**told, "ahead_of_local": ahead}}
+    extra = {"search": {**summary, "ahead_of_local": ahead}}
     return outcome(case, Delayed(LocalFit(polished, records), 0.0), limits, "global", extra)
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.by_output_error import fit_by_output_error
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.coupled.limits import OPTIONS, horizon_of, limits_of
-from gcs_autotune.identify.coupled.local import Delayed, LocalFit, fit_with_delay, local_fit
+from gcs_autotune.identify.coupled.local import Delayed, fit_with_delay, local_fit
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import delay_fitted
+from gcs_autotune.identify.doubts import FittedDelay, Gains, doubts_about
 from gcs_autotune.identify.fit_builder import Motion, fit_of, form_table, solution_extra
 from gcs_autotune.identify.method import Method
 from gcs_autotune.identify.outlier_run import outlier_run
@@ -24,7 +24,6 @@ from gcs_autotune.identify.problems.quick_fit import quanta_of
 from gcs_autotune.identify.problems.solution import solve
 from gcs_autotune.identify.problems.stamp_correction import corrected
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.solution_doubts import reversed_input, solution_doubts
 from gcs_autotune.models import CoupledModel, Form
 
 __all__ = ["METHOD", "fit_coupled_by_output_error", "outcome", "with_known_delay"]
@@ -127,29 +126,18 @@ def _doubts(chosen: Delayed, limits: Limits) -> list[Doubt]:
     solution, records = chosen.local.solution, chosen.local.records
     std = np.sqrt(np.maximum(np.diag(solution.raised_covariance), 0.0)).tolist()
     values = dict(zip(solution.form.parameters, solution.theta.tolist(), strict=True))
-    of_its_own = (
-        _pieces(chosen.local),
-        reversed_input(solution.form, values, dict(zip(solution.names, std, strict=True))),
-        delay_fitted(solution, chosen.evidence),
+    return doubts_about(
+        solution,
+        chosen.local,
+        Gains(solution.form, values, dict(zip(solution.names, std, strict=True))),
+        FittedDelay(solution, chosen.evidence),
         outlier_run(solution, records, limits),
-    )
-    return [*solution_doubts(solution), *(d for d in of_its_own if d is not None)]
-
-
-def _pieces(local: LocalFit) -> Doubt | None:
-    if not local.pieces:
-        return None
-    longest = max(float(np.ptp(r.stamps)) for r in local.records)
-    return Doubt(
-        "short-horizon",
-        f"no model of this form follows a whole run. It was fitted to pieces of {longest:.0f} s each",
-        "check for a missing term, a run of another vehicle, or a course-unstable craft",
     )
 
 
 METHOD = Method(
     "output-error",
-    "simulated against measured motion, by maximum likelihood",
+    "maximum likelihood fit of the simulated to the measured motion",
     axis=fit_by_output_error,
     coupled=fit_coupled_by_output_error,
     options=OPTIONS,

@@ -15,8 +15,8 @@ __all__ = ["LONGEST_DELAY", "OPTIONS", "horizon_of", "limits_of"]
 
 OPTIONS = (
     ("bounds", "limits per parameter, e.g. {'X_u': (-inf, 0)}"),
-    ("physical", "True: inertia stays positive and drag damps"),
-    ("horizon", "time [s] a simulation runs before it restarts from the measurement; inf: whole runs"),
+    ("physical", "True: inertia stays positive and drag always damps"),
+    ("horizon", "longest time [s] that a simulation runs before it restarts from the measurement (inf: whole runs)"),
 )
 """Options of ``fit`` that set limits, with a line of help each."""
 
@@ -43,9 +43,12 @@ def limits_of(form: Form, case: Case) -> Limits:
     bounds = case.options.get("bounds") or {}
     for name, (least, most) in bounds.items():
         if name not in (*form.free, "delay"):
-            raise UsageError(f"bounds name '{name}', which is not free in '{form.name}': {', '.join(form.free)}")
+            raise UsageError(
+                f"bounds are given for '{name}', which is not free in '{form.name}'. Free parameters: "
+                f"{', '.join(form.free)}"
+            )
         if not float(least) < float(most):
-            raise UsageError(f"the bounds of {name} are in the wrong order: {least}, {most}")
+            raise UsageError(f"the bounds of {name} are in the wrong order: {least}, {most}. Put the smaller one first")
         low[name], high[name] = max(float(least), low.get(name, -math.inf)), min(float(most), high.get(name, math.inf))
     return Limits(low, high)
 
@@ -64,5 +67,5 @@ def horizon_of(case: Case) -> float | None:
     if horizon is None:
         return None
     if not float(horizon) > 0.0:
-        raise UsageError(f"a horizon of {horizon} s is not valid: use more than 0 s, or inf for whole runs")
+        raise UsageError(f"a horizon of {horizon} s is not valid. Use more than 0 s, or inf for whole runs")
     return float(horizon)

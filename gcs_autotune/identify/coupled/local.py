@@ -93,8 +93,8 @@ def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust:
             return LocalFit(cut, pieces, pieces=True)
     if best is None:
         raise NotInformative(
-            f"no model '{form.name}' could be simulated on run '{records[0].run}': every start diverged. Supply "
-            "start values in the form, or check that inputs and outputs belong together"
+            f"no model '{form.name}' could be simulated on run '{records[0].run}', because the motion diverged from "
+            "every start. Supply start values in the form, or check that inputs and outputs belong together"
         )
     effort = THOROUGH if _excess(best, ground.rough) < GOOD else MISFIT
     last = solve_form(form, records, best.theta, best.initial, limits, levels=best.noise, robust=robust, effort=effort)

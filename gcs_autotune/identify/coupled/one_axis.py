@@ -18,7 +18,8 @@ from gcs_autotune.effects import ExtendedModel
 from gcs_autotune.errors import NotInformative
 from gcs_autotune.identify.axis.form import FREE, SIGNS, Structure
 from gcs_autotune.identify.case import Case
-from gcs_autotune.identify.doubts import OF_THE_RUNS, once
+from gcs_autotune.identify.doubt import once
+from gcs_autotune.identify.doubts import OF_THE_RUNS
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, Table, axis_table, fit_of
 from gcs_autotune.identify.free_run import rms_of
 from gcs_autotune.identify.result import AxisFit, Fit, Model, Status, StructureFit
@@ -97,7 +98,7 @@ def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
 
 
 def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tuple[SingleDof, Table]:
-    """Return model and parameters of a form of one axis."""
+    """Return the model in physical parameters and their table, from the fit of a form of one axis."""
     names = dof.derivative_names()
     order = list(fit.parameters)
     values = [s * fit.parameters[n].value if n in fit.parameters else 0.0 for n, s in zip(names, SIGNS, strict=True)]
@@ -137,7 +138,9 @@ def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
             candidates.append(StructureFit(structure, fit.model, fit.residual_rms, log_likelihood, spent, bic))
             found.append((bic if sane else bic + 1e6, fit))
         if not found:
-            raise NotInformative(f"run '{case.names[0]}': no drag structure could be fitted by this method")
+            raise NotInformative(
+                f"run '{case.names[0]}': this method could not fit any drag structure. Use method='output-error'"
+            )
         return replace(min(found, key=lambda pair: pair[0])[1], candidates=tuple(candidates))
 
     return fit_one_axis

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from gcs_autotune.effects import EFFECTS, DataSummary, EffectInstance, ExtendedModel
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
+from gcs_autotune.identify.doubts import EffectTest, doubts_about
 from gcs_autotune.identify.extended.effect_spec import EffectSpec
 from gcs_autotune.identify.fit_builder import Motion, Table, fit_of, solution_extra, table_of
 from gcs_autotune.identify.problems.base_model import fit_base, given_base
@@ -18,7 +19,6 @@ from gcs_autotune.identify.problems.problem import Problem
 from gcs_autotune.identify.problems.quick_fit import quanta_of
 from gcs_autotune.identify.problems.solution import Solution, solution_of, solve
 from gcs_autotune.identify.result import Fit
-from gcs_autotune.identify.solution_doubts import effect_doubts, solution_doubts
 from gcs_autotune.models import CoupledModel, unit_of
 
 __all__ = ["fit_with_effects", "with_effects"]
@@ -62,8 +62,8 @@ def _solution(case: Case, problem: Problem, fitted: Fitted) -> Solution:
     if any(EFFECTS[e.slug].is_disturbance for e in fitted.effects):
         if case.robust:
             raise UsageError(
-                "--robust cannot be used with an effect fitted to the residuals, because that effect also "
-                "explains outliers. Omit --robust"
+                "--robust cannot be used with an effect fitted to the residuals, because that effect also explains "
+                "outliers. Omit --robust"
             )
         last = problem.fit(fitted.theta, fitted.effects, fitted.initial, shift=fitted.shift) or fitted
         return solution_of(problem, last)
@@ -90,10 +90,7 @@ def _outcome(case: Case, problem: Problem, fitted: Fitted, solution: Solution) -
         table,
         Motion.of_solution(problem.segments, solution),
         structure=" + ".join((solution.form.name, *(f"{e.slug}@{e.place}" for e in solution.effects))),
-        doubts=[
-            *solution_doubts(solution),
-            *effect_doubts(problem, fitted, table.parameters, solution.correlation),
-        ],
+        doubts=doubts_about(solution, EffectTest(problem, fitted, table.parameters, solution.correlation)),
         extra={
             "signals": list(solution.noise),
             "inputs": dict(known.inputs),

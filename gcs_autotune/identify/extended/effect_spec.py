@@ -36,7 +36,8 @@ class EffectSpec:
             raise UsageError(f"these runs cannot identify '{self.slug}' ({entry.meaning}). Omit it")
         if self.place is not None and self.place not in places:
             raise UsageError(
-                f"'{self.slug}' cannot be placed at '{self.place}' in these runs. Possible places: {', '.join(places)}"
+                f"'{self.slug}' cannot act on '{self.place}' in these runs. Use one of these places: "
+                f"{', '.join(places)}"
             )
         for place in places if self.place is None else (self.place,):
             constants = entry.constants(place, data_summary)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs_autotune.errors import NotInformative, UsageError
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.doubts import Findings, doubts_about
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.frequency.nomoto import EVIDENCE, NomotoFit, fit_nomoto
 from gcs_autotune.identify.frequency.response import COHERENT, FrequencyResponse
@@ -50,9 +50,9 @@ def _coherence(response: FrequencyResponse) -> Doubt | None:
         return None
     return Doubt(
         "low-coherence",
-        f"the squared coherence is below {COHERENT:g} at {poor} of {len(excited)} excited frequencies: the input "
-        "does not cause most of the motion there",
-        "use a larger input, calmer water, or a longer record; check for motion of other axes",
+        f"the squared coherence is below {COHERENT:g} at {poor} of {len(excited)} excited frequencies. At those "
+        "frequencies the input does not cause most of the motion",
+        "use a larger input, calmer water, or a longer record. Check for motion of other axes",
     )
 
 
@@ -61,18 +61,29 @@ def _band(response: FrequencyResponse, model: Nomoto1) -> Doubt | None:
     if not len(measured):
         return Doubt(
             "narrow-band",
-            "no frequency was measured with enough coherence: gain and time constant are unreliable",
+            "no frequency was measured with enough coherence, so gain and time constant are unreliable",
             "fly a sweep or a relay with a larger input",
         )
     low, high = float(measured.omega.min()), float(measured.omega.max())
-    band = f"the input excited {low:.2g} to {high:.2g} rad/s with coherence"
+    band = f"the coherent frequencies range from {low:.2g} to {high:.2g} rad/s"
     corner = 1.0 / abs(model.T) if model.T and math.isfinite(model.T) else 0.0
     if corner < low:
-        what = f"{band}. The corner 1/T = {corner:.2g} rad/s is lower. T/K (inertia) is measured, K and T are not"
-        return Doubt("narrow-band", what, "fly slower motion: longer steps, a slower sweep, a relay with a larger x_a")
+        what = (
+            f"{band}. The corner 1/T = {corner:.2g} rad/s is lower. The runs determine T/K (inertia), but not K "
+            "and T separately"
+        )
+        return Doubt(
+            "narrow-band",
+            what,
+            "fly slower motion, such as longer steps, a slower sweep or a relay with a larger x_a (switching value)",
+        )
     if corner > high:
-        what = f"{band}. The corner 1/T = {corner:.2g} rad/s is higher: K is measured, T is extrapolated"
-        return Doubt("narrow-band", what, "fly faster motion: a faster sweep, a relay with a smaller x_a")
+        what = f"{band}. The corner 1/T = {corner:.2g} rad/s is higher, so K is measured but T is extrapolated"
+        return Doubt(
+            "narrow-band",
+            what,
+            "fly faster motion, such as a faster sweep or a relay with a smaller x_a (switching value)",
+        )
     if high < DECADE_PART * low:
         return Doubt("narrow-band", f"{band}, less than half a decade", "sweep over a wider band")
     return None
@@ -82,23 +93,23 @@ def _misfit(first: NomotoFit, second: NomotoFit | None) -> Doubt | None:
     better = second is not None and first.bic - second.bic > EVIDENCE
     if first.misfit <= MISFIT and not better:
         return None
-    also = "" if second is None else f", the second-order model {100 * second.misfit:.0f} %"
+    also = "" if second is None else f", and the second-order model {100 * second.misfit:.0f} %"
     return Doubt(
         "model-misfit",
         f"the first-order Nomoto model leaves {100 * first.misfit:.0f} % of the motion unexplained beyond noise{also}",
         "use the second-order model (nomoto_2)"
         if better
-        else "check for quadratic damping or runs of different amplitude; method='output-error' models both",
+        else "check for quadratic damping or runs of different amplitude. method='output-error' models both",
     )
 
 
 SOURCES = ("auto", "harmonics", "spectrum")
 
 OPTIONS = (
-    ("source", "harmonics (of a relay's limit cycles), spectrum (any run), or auto"),
+    ("source", "data source: harmonics (of a relay's limit cycles), spectrum (any run), or auto"),
     (
         "tapers",
-        f"number of spectra averaged at low frequency (default: {TAPERS}); more give a smoother, coarser response",
+        f"number of spectra averaged at low frequency (default: {TAPERS}). More give a smoother, coarser response",
     ),
 )
 
@@ -118,8 +129,8 @@ def fit_by_frequency(case: Case) -> AxisFit:
     """
     if case.structure not in (None, "linear"):
         raise UsageError(
-            f"method 'frequency' fits linear damping only, not {case.structure}: a frequency response does not "
-            "depend on amplitude. Use method='output-error'"
+            f"method 'frequency' fits linear damping only, not {case.structure}, because a frequency response does "
+            "not depend on amplitude. Use method='output-error'"
         )
     response = _response(case)
     used = response.at((response.input_power >= STRONG) & (response.coherence > 1.0 / response.averages))
@@ -129,7 +140,7 @@ def fit_by_frequency(case: Case) -> AxisFit:
     states: list[Status] = ["fitted", "fitted", "absent", "fitted", _delay_status(case, model)]
     table = axis_table(model, covariance, states)
     motion = _motion(model, case)
-    doubts = collect(Findings(case, model, "linear", table.parameters, None, motion.rms, motion.fit_percent))
+    doubts = doubts_about(Findings(case, model, "linear", table.parameters, None, motion.rms, motion.fit_percent))
     main = case.records[0].main.name
     return fit_of(
         case,
@@ -169,7 +180,7 @@ def _runs_away(first: NomotoFit) -> Doubt:
         "runs-away",
         f"the model cannot be simulated on its own run ({early}). The inertia is too small to measure, or the time "
         "stamps are not synchronous",
-        "check the time stamps of input and output; record faster, or sweep over a wider band",
+        "check the time stamps of input and output. Record faster, or sweep over a wider band",
     )
 
 
@@ -182,10 +193,10 @@ def _settled(case: Case) -> bool:
 def _response(case: Case) -> FrequencyResponse:
     source = str(case.options.get("source", "auto"))
     if source not in SOURCES:
-        raise UsageError(f"unknown source '{source}'; use {', '.join(SOURCES)}")
+        raise UsageError(f"unknown source '{source}'. Use {', '.join(SOURCES)}")
     tapers = int(case.options.get("tapers", TAPERS))
     if tapers < 2:
-        raise UsageError(f"{tapers} tapers give no coherence: use 2 or more")
+        raise UsageError(f"the coherence cannot be computed from {tapers} tapers. Use 2 or more")
     dof = case.records[0].dof
     if source == "harmonics":
         return harmonic_response(case.trials, dof)
@@ -226,7 +237,7 @@ def _delay_status(case: Case, model: SingleDof) -> Status:
 
 METHOD = Method(
     "frequency",
-    "Bode response of a sweep or relay, Nomoto fitted",
+    "Nomoto model fitted to the Bode response of a sweep or relay",
     axis=fit_by_frequency,
     options=OPTIONS,
 )

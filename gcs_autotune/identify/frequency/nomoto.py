@@ -131,8 +131,8 @@ def _fit(response: FrequencyResponse, order: int, delay: float, *, free: bool) -
 def _check_reach(model: Nomoto2, lowest: float) -> None:
     if max(abs(model.T_1), abs(model.T_3)) * lowest > REACH:
         raise NotInformative(
-            f"the time constants of the second-order model lie beyond the lowest frequency measured, {lowest:.2g} "
-            "rad/s. Use the first-order model, or record slower motion"
+            "the time constants of the second-order model correspond to frequencies below the lowest measured one, "
+            f"{lowest:.2g} rad/s. Use the first-order model, or record slower motion"
         )
 
 
@@ -290,7 +290,7 @@ def _named(theta: Array, order: int) -> tuple[Nomoto1 | Nomoto2, Array]:
     times = sorted((0.5 * (total + root), 0.5 * (total - root)), key=abs, reverse=True)
     if times[1] <= 0.0:
         raise NotInformative(
-            "the fast pole of the second-order model is unstable, because it lies above the frequencies measured. "
+            "the fast pole of the second-order model is unstable, because it lies above the measured frequencies. "
             "Use the first-order model, or sweep to a higher frequency"
         )
     for row, T in enumerate(times, start=1):

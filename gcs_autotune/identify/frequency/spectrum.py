@@ -77,7 +77,7 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As :func:`gcs_autotune.identify.signals.preparation.prepare`; NotInformative, too, when the runs are too short
+        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative also if the runs are too short
         for a single point.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
@@ -87,7 +87,7 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     omega, count = _grid(duration, max(run.dt for run in series), tapers)
     if len(omega) == 0:
         raise NotInformative(
-            f"{duration:.3g} s of record are too short for a frequency response with {tapers} tapers. Record longer"
+            f"a record of {duration:.3g} s is too short for a frequency response with {tapers} tapers. Record longer"
         )
     raw = _spectra(series, omega, count)
     found = _response(omega, raw, raw, np.zeros(len(omega)))

@@ -1,7 +1,8 @@
 """Kalman filters that fit a model sample by sample, with process noise.
 
-:class:`NoisyProblem` is the problem of one degree of freedom whose model has a :class:`ProcessNoise`: ``fit`` it with
-any effects, ``judge`` a fit on other segments, predict ``ahead``. The methods need no door: ``METHODS`` names them.
+:class:`NoisyProblem` is a fit of one degree of freedom with :class:`ProcessNoise`. Its method ``fit`` fits any effects,
+``judge`` evaluates a fit on other segments, and ``ahead`` predicts ahead of the samples. The identification methods of
+this package are available through ``METHODS``.
 
 ================  ===========================================================================
 start             start values: smooth the motion without a model, then regress the equations on it

@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 
 FILTER_OPTIONS = (
     *OPTIONS,
-    ("parameter_walk", "how far a parameter may drift in 1 s, as a share of its natural scale (0: constants)"),
-    ("passes", "maximum number of passes over the runs (40); 1 is the recursive filter"),
+    ("parameter_walk", "drift of a parameter in 1 s, as a fraction of its natural scale (0: constant parameters)"),
+    ("passes", "maximum number of passes over the runs (40). 1 is the recursive filter"),
 )
 
 PASSES = 40
@@ -56,7 +56,7 @@ def fit_by_ekf(case: Case) -> Fit[CoupledModel]:
 
 @on_settled_stamps
 def fit_by_ukf(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by the sigma-point filter; see :mod:`.sigma`.
+    """Fit a coupled model by the sigma-point filter; see :func:`.transition.sigma_step`.
 
     This filter cannot estimate a shift of stamps.
     """
@@ -68,7 +68,7 @@ def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
     passes = int(case.options.get("passes", PASSES))
     walk = float(case.options.get("parameter_walk", 0.0))
     if passes < 1 or walk < 0.0:
-        raise UsageError(f"passes must be 1 or more and parameter_walk not negative, not {passes} and {walk}")
+        raise UsageError(f"passes must be 1 or more, not {passes}. parameter_walk must not be negative, not {walk}")
     drift = (walk * task.start.scale) ** 2
     ended = _passes(task, task.prior, replace(task.start.levels, walk=drift), passes, sigma=sigma)
     rescued = passes > 1 and (ended is None or not positive_inertia(task, ended.result.parameters))
@@ -80,8 +80,8 @@ def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
         ended = _passes(task, near, replace(smooth.levels, walk=drift), passes, sigma=sigma) or ended
     if ended is None:
         raise NotInformative(
-            f"the filter diverged on run '{case.names[0]}' from these start values. Supply others (start=...), or "
-            "a larger state_noise"
+            f"the filter diverged on run '{case.names[0]}' from these start values. Supply other start values "
+            "(start=...), or a larger state_noise"
         )
     std = np.sqrt(np.diag(ended.covariance))
     found = Found(
@@ -195,7 +195,7 @@ def _history(task: Task, result: FilterResult) -> dict[str, Any]:
 
 EKF = Method(
     "ekf",
-    "extended Kalman filter, parameters in its state",
+    "extended Kalman filter with the parameters in its state",
     axis=for_axis(fit_by_ekf),
     coupled=fit_by_ekf,
     options=FILTER_OPTIONS,
@@ -204,7 +204,7 @@ EKF = Method(
 
 UKF = Method(
     "ukf",
-    "sigma-point Kalman filter, parameters in its state",
+    "sigma-point Kalman filter with the parameters in its state",
     axis=for_axis(fit_by_ukf),
     coupled=fit_by_ukf,
     options=FILTER_OPTIONS,

@@ -40,6 +40,16 @@ class NoisyFit(ModelFit):
     innovations: tuple[tuple[Array, Array, Array], ...]
 
     @property
+    def gain(self) -> float:
+        """Acceleration per input, the first parameter of the form."""
+        return float(self.theta[0])
+
+    @property
+    def damping(self) -> float:
+        """Damping per inertia [1/s], the second parameter of the form; negative if it damps."""
+        return float(self.theta[1])
+
+    @property
     def total(self) -> float:
         """Log-likelihood of all records together."""
         return float(self.log_likelihood.sum())

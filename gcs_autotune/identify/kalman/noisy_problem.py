@@ -55,21 +55,21 @@ class NoisyProblem(NoiseFilter):
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
 
     def says(self, fit: NoisyFit) -> RunLikelihoods | None:
-        """Return the likelihood of each run's own constant force and thrust at *fit*; None if the filter fails."""
-        full = abs(float(fit.theta[0])) * sum(self.data_summary.amplitude.values())
+        """Return the likelihood of each run's own constant force and thrust at *fit*, or None if the filter fails."""
+        full = abs(fit.gain) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
         noise = replace(fit.noise, day_force=float(wide[0]), day_thrust=float(wide[1]))
         done = self.run(fit.theta, fit.effects, noise, full=True)
         if done is None:
             return None
         bank, result, _ = done
-        first, gain, found = len(bank.states) + 1, float(fit.theta[0]), {}
+        first, gain, found = len(bank.states) + 1, fit.gain, {}
         for track, history in zip(bank.tracks, result.histories, strict=True):  # of a run in parts the last knows all
             scale = np.array([1.0, gain])
             cov = history.covariance[-1, first : first + 2, first : first + 2] / np.outer(scale, scale)
-            told: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
+            precision: Array = np.asarray(np.linalg.inv(cov), dtype=np.float64)
             mean = (history.mean[-1, first : first + 2] - [0.0, gain]) / scale
-            found[track.record.run] = RunLikelihood(track.record.run, told - np.diag(wide**-2.0), told @ mean)
+            found[track.record.run] = RunLikelihood(track.record.run, precision - np.diag(wide**-2.0), precision @ mean)
         return RunLikelihoods(tuple(found.values()))
 
     def fit(

@@ -226,7 +226,7 @@ def _as_it_was(result: FilterResult, levels: Levels) -> Found:
 
 METHOD = Method(
     "prediction-error",
-    "likelihood of the innovations; separates process noise such as gusts from measurement noise",
+    "maximum likelihood of the innovations. It separates process noise such as gusts from measurement noise",
     axis=for_axis(fit_by_prediction_error),
     coupled=fit_by_prediction_error,
     options=PEM_OPTIONS,

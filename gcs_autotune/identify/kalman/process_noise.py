@@ -24,7 +24,8 @@ LONGEST_WAVE = 20.0
 LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
 """Limits of the damping ratio of waves.
 
-A narrower band is the hum of a machine; a wider one is not a band. Fossen2011 fits 0.1 to 0.26 to usual sea states.
+Below the lower limit the motion is vibration of a machine. Above the upper limit it is not a narrow band. Fossen2011
+fits 0.1 to 0.26 to usual sea states.
 """
 
 
@@ -76,7 +77,7 @@ class ProcessNoise:
 
     @property
     def is_band(self) -> bool:
-        """Whether the damping ratio of the waves is within its limits: at a limit they are no band."""
+        """Whether the damping ratio is within its limits, so that the waves are a narrow band."""
         return 1.01 * LEAST_DAMPING < self.wave_damping < 0.99 * MOST_DAMPING
 
     @property

@@ -142,8 +142,8 @@ def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, mode
         doubts.append(
             Doubt(
                 "not-seen",
-                f"these runs hardly determine {', '.join(unseen)}: the printed value is mostly the start value",
-                "fly a manoeuvre that excites the motion they act on, or omit them from the form",
+                f"these runs hardly determine {', '.join(unseen)}. The values shown are mostly the start values",
+                "fly a manoeuvre that excites the motion on which they act, or omit them from the form",
             )
         )
     M = model.inertia
@@ -152,7 +152,7 @@ def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, mode
             Doubt(
                 "inertia-not-positive",
                 "the fitted inertia matrix is not positive definite, which is physically impossible",
-                "fly steps of the inputs, so that accelerations determine the inertia; check the signs of the inputs",
+                "fly steps of the inputs, so that accelerations determine the inertia. Check the signs of the inputs",
             )
         )
     return tuple(doubts)
@@ -171,7 +171,7 @@ def _consistency(task: Task, last: FilterResult) -> list[Doubt]:
                 Doubt(
                     "filter-inconsistent",
                     f"{name}: innovations are {np.sqrt(nis / n):.2f} times as large as the filter expects (NIS test)",
-                    "let the method estimate the noise levels; if it already did, add the missing term to the form",
+                    "let the method estimate the noise levels. If it already did, add the missing term to the form",
                 )
             )
         colour = float(z[1:] @ z[:-1] / max(nis, 1e-300))
@@ -179,8 +179,8 @@ def _consistency(task: Task, last: FilterResult) -> list[Doubt]:
             doubts.append(
                 Doubt(
                     "innovations-coloured",
-                    f"{name}: neighbouring innovations are correlated ({colour:+.2f}), so they contain more than noise",
-                    "add the missing term to the form; check whether the sensor filters its signal",
+                    f"{name}: successive innovations are correlated ({colour:+.2f}), so they contain more than noise",
+                    "add the missing term to the form. Check whether the sensor filters its signal",
                 )
             )
     return doubts

@@ -92,25 +92,34 @@ def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None
 
 @dataclass(frozen=True, slots=True)
 class RunLikelihoods:
-    """The likelihoods of all runs together."""
+    """Likelihoods of the constant force and thrust of all runs."""
 
     runs: tuple[RunLikelihood, ...]
 
     def offsets(self, force: float, thrust: float) -> tuple[RunOffset, ...]:
-        """Return each run's own constant force and thrust, for a prior with zero means and these deviations."""
+        """Return each run's own constant force and thrust, for a prior with zero means.
+
+        force, thrust : standard deviations of the prior.
+        """
         return tuple(one.day(force, thrust) for one in self.runs)
 
     def gain(self, force: float, thrust: float) -> float:
-        """Return the log-likelihood gained by deviations of these sizes, about the best common part, over none."""
+        """Return the log-likelihood of deviations between runs about the best common part.
+
+        It is relative to no constant force and no change of thrust. *force* and *thrust* are the standard deviations.
+        """
         constant, q, Q = self._parts(force, thrust)
         return constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q)
 
     def spread(self, least: float, widest: float, *, force: bool, thrust: bool) -> tuple[float, float]:
         """Return the standard deviations of force and thrust between runs, about their common part.
 
-        The estimate is by restricted likelihood (Patterson1971), that is, after the common part is taken out. With few
-        runs the plain likelihood makes the spread too small. least, widest : limits of the force [per inertia]. force,
-        thrust : whether the force differs by more than the least, and whether the thrust differs at all.
+        The estimate is by restricted likelihood (Patterson1971), that is, after the common part is removed. With few
+        runs the plain likelihood underestimates the spread.
+
+        least, widest : limits of the standard deviation of the force [per inertia].
+        force, thrust : whether each may differ between runs. If not, the standard deviation is *least* for the force
+            and zero for the thrust.
         """
         best, found = -math.inf, (least, 0.0)
         wide = force and widest > least
@@ -119,13 +128,16 @@ class RunLikelihoods:
         for b in forces:
             for s in thrusts:
                 constant, q, Q = self._parts(float(b), float(s))
-                told = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
-                if told > best:
-                    best, found = told, (float(b), float(s))
+                likelihood = constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q) - 0.5 * float(np.linalg.slogdet(Q)[1])
+                if likelihood > best:
+                    best, found = likelihood, (float(b), float(s))
         return found
 
     def _parts(self, force: float, thrust: float) -> tuple[float, Array, Array]:
-        """Return the log-likelihood of deviations of these sizes about a common x, ``c + q x - x Q x / 2``: c, q, Q."""
+        """Return ``c``, ``q`` and ``Q`` of the log-likelihood ``c + q x - x Q x / 2`` of a common part ``x``.
+
+        Runs deviate from it with standard deviations *force* and *thrust*.
+        """
         P = np.diag([force**2, thrust**2])
         constant, q, Q = 0.0, np.zeros(2), np.zeros((2, 2))
         for one in self.runs:

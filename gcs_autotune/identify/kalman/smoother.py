@@ -189,7 +189,7 @@ def _smoothed(task: Task, smoothed: Smoothed) -> list[dict[str, Any]]:
 
 METHOD = Method(
     "smoother",
-    "iterated smoother; needs positions only",
+    "iterated smoother that needs only positions",
     axis=for_axis(fit_by_smoother),
     coupled=fit_by_smoother,
     options=SMOOTHER_OPTIONS,

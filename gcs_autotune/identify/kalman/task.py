@@ -21,8 +21,11 @@ __all__ = ["OPTIONS", "REPEAT", "Task", "first_states", "task_of"]
 Array = NDArray[np.float64]
 
 OPTIONS = (
-    ("state_noise", "process noise: standard deviation a velocity gains in 1 s [m/s, rad/s], one or by velocity"),
-    ("measurement_noise", "standard deviation of every signal, by name [SI]; estimated when not given"),
+    (
+        "state_noise",
+        "process noise: standard deviation that a velocity gains in 1 s [m/s, rad/s], one number or one per velocity",
+    ),
+    ("measurement_noise", "standard deviation of each signal, by name [SI] (default: estimated)"),
     ("start", "start values of some or all parameters, by name (default: from a regression)"),
     ("spread", "initial standard deviation of a parameter, in units of its natural scale (1)"),
 )
@@ -107,7 +110,9 @@ def task_of(case: Case) -> Task:
     if case.delay and "delay" not in form.free:
         form = form.fixing({"delay": case.delay})
     if not form.free:
-        raise NotInformative(f"form '{form.name}' has no free parameter: there is nothing to identify")
+        raise NotInformative(
+            f"form '{form.name}' has no free parameter, so there is nothing to identify. Free at least one"
+        )
     dating = max((s.dating for s in case.records), default=0.0)
     stamps = form.known.get("delay", 0.0) if dating > 0.0 and "delay" not in form.free else None
     asked = form
@@ -116,7 +121,9 @@ def task_of(case: Case) -> Task:
     given = {**form.start, **_numbers(case.options, "start")}
     unknown = set(given) - set(asked.parameters)
     if unknown:
-        raise UsageError(f"start contains {', '.join(sorted(unknown))}, which form '{form.name}' does not have")
+        raise UsageError(
+            f"start contains {', '.join(sorted(unknown))}, which form '{form.name}' does not have. Omit it"
+        )
     if stamps is not None:
         given = {**given, "delay": stamps}
     start = begin(bank, given)
@@ -150,5 +157,5 @@ def _drive(bank: FilterBank, given: Any) -> Array:
     velocities = [s for s in bank.states if s in "uvwpqr"]
     values = dict.fromkeys(velocities, float(given)) if isinstance(given, (int, float)) else dict(given)
     if set(values) - set(velocities) or any(float(v) < 0.0 for v in values.values()):
-        raise UsageError(f"state_noise needs numbers >= 0 for {', '.join(velocities)}, not {given!r}")
+        raise UsageError(f"state_noise needs numbers of at least 0 for {', '.join(velocities)}, not {given!r}")
     return np.array([float(values.get(s, 0.0)) ** 2 for s in bank.states])

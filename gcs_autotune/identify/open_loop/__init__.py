@@ -1,7 +1,7 @@
 """The methods ``step`` and ``zig-zag``, which read a model off open-loop manoeuvres.
 
-Ship figures are read with the same tools: a :class:`Reading` has a value and a standard error, a :class:`ShipLog` is a
-run in a ship's terms.
+Figures of ship trials use the same tools. A :class:`Reading` has a value and a standard error. A :class:`ShipLog`
+contains heading and steering of a run.
 
 ================  =================================================================================
 readings          values with standard errors, from local polynomials; intervals of constant input

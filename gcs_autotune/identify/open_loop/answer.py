@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs_autotune.identify.axis.form import Structure
 from gcs_autotune.identify.case import Case
 from gcs_autotune.identify.doubt import Doubt
-from gcs_autotune.identify.doubts import Findings, collect
+from gcs_autotune.identify.doubts import Findings, doubts_about
 from gcs_autotune.identify.fit_builder import AxisDetails, Motion, axis_table, fit_of
 from gcs_autotune.identify.result import AxisFit, Status
 from gcs_autotune.models import SingleDof
@@ -58,7 +58,7 @@ def axis_answer(
         table,
         motion,
         structure=structure,
-        doubts=(*collect(findings), *motion.doubts, *doubts),
+        doubts=(*doubts_about(findings), *motion.doubts, *doubts),
         extra=extra,
         axis=AxisDetails(record.main.name),
     )

@@ -133,11 +133,11 @@ def _inertia(readings: Sequence[StepReading], theta: Array) -> float:
 
 def _dynamics(r: StepReading, theta: Array) -> float | None:
     """Return the lag, or the time to the knee, that a model predicts; None if the reading has neither."""
-    drags = (float(theta[1]), float(theta[2]))
-    force = r.tau + float(theta[3])
+    inertia, linear, quadratic, constant = theta.tolist()
+    drags, force = (linear, quadratic), r.tau + constant
     if r.has_lag:
-        return lag(float(theta[0]), drags, force, r.nu_0.value)
-    return time_to(float(theta[0]), drags, force, r.nu_0.value, r.level) if r.has_knee else None
+        return lag(inertia, drags, force, r.nu_0.value)
+    return time_to(inertia, drags, force, r.nu_0.value, r.level) if r.has_knee else None
 
 
 POINTS, TOP = 240, 20.0
@@ -202,10 +202,12 @@ def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> A
     read : the same values read off the model's response.
     """
 
-    def drag(nu: float) -> float:
-        return float((theta[1] + theta[2] * abs(nu)) * nu)
+    _, linear, quadratic, constant = theta.tolist()
 
-    asked = r.tau + float(theta[3]) if math.isnan(read[0]) else drag(read[0])
+    def drag(nu: float) -> float:
+        return float((linear + quadratic * abs(nu)) * nu)
+
+    asked = r.tau + constant if math.isnan(read[0]) else drag(read[0])
     balance = asked - drag(r.k_ss.value)
     predicted = read[1] if r.has_lag and math.isfinite(read[1]) else _dynamics(r, theta)
     if predicted is None:
@@ -215,15 +217,16 @@ def _errors(r: StepReading, theta: Array, read: tuple[float, float, float]) -> A
 
 def _whitener(r: StepReading, theta: Array) -> Array:
     """Return the matrix that makes the residuals of a step uncorrelated, with unit variance."""
-    std, slope = r.k_ss.std, abs(theta[1] + 2.0 * theta[2] * abs(r.k_ss.value))
-    least = 1e-9 * max(abs(r.tau), float(np.max(np.abs(theta[1:3]))) * abs(r.k_ss.value), 1e-12)
-    force = (slope * std) ** 2 + 2.0 * (theta[2] * std**2) ** 2 + least**2
+    _, linear, quadratic, _ = theta.tolist()
+    std, slope = r.k_ss.std, abs(linear + 2.0 * quadratic * abs(r.k_ss.value))
+    least = 1e-9 * max(abs(r.tau), max(abs(linear), abs(quadratic)) * abs(r.k_ss.value), 1e-12)
+    force = (slope * std) ** 2 + 2.0 * (quadratic * std**2) ** 2 + least**2
     predicted = _dynamics(r, theta)
     if predicted is None:
         return np.array([[1.0 / math.sqrt(force)]])
     reading = r.lag if r.has_lag else r.knee
     variance = reading.std**2 + (_sensitivity(r, theta) * r.nu_0.std) ** 2 + (1e-9 * abs(predicted)) ** 2
-    sign = math.copysign(1.0, theta[1] + theta[2])
+    sign = math.copysign(1.0, linear + quadratic)
     shared = -sign * slope * r.shared if r.has_lag else 0.0
     covariance = np.array([[force, shared], [shared, variance]])
     result: Array = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -233,11 +236,12 @@ def _whitener(r: StepReading, theta: Array) -> Array:
 def _sensitivity(r: StepReading, theta: Array) -> float:
     """Return the derivative of the predicted lag, or time to the knee, by the velocity at the step."""
     h = max(abs(r.k_ss.value) * 1e-4, 1e-9)
-    drags, force = (float(theta[1]), float(theta[2])), r.tau + float(theta[3])
+    inertia, linear, quadratic, constant = theta.tolist()
+    drags, force = (linear, quadratic), r.tau + constant
     if r.has_lag:
-        low, high = (lag(float(theta[0]), drags, force, r.nu_0.value + d) for d in (-h, h))
+        low, high = (lag(inertia, drags, force, r.nu_0.value + d) for d in (-h, h))
     else:
-        low, high = (time_to(float(theta[0]), drags, force, r.nu_0.value + d, r.level) for d in (-h, h))
+        low, high = (time_to(inertia, drags, force, r.nu_0.value + d, r.level) for d in (-h, h))
     return (high - low) / (2.0 * h)
 
 
@@ -263,7 +267,7 @@ def fit_by_steps(case: Case) -> AxisFit:
     if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
             f"run '{case.names[0]}' contains no usable step. The input must be constant before the step. After it, "
-            "the input must be constant for at least five time constants, until the velocity has settled. For "
+            "the input must stay constant for at least five time constants, until the velocity has settled. For "
             "other inputs use method='output-error'"
         )
     models = _candidates(readings, case.structure)
@@ -359,7 +363,8 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
         found.append(
             Doubt(
                 "not-settled",
-                f"{short} of {len(everything)} step(s) had not settled when the input changed and were left out",
+                f"{short} of {len(everything)} step(s) were left out, because they had not settled when the input "
+                "changed",
                 "hold each step for at least five time constants",
             )
         )
@@ -368,15 +373,16 @@ def _doubts(everything: Sequence[StepReading], used: int, model: StepModel) -> l
             Doubt(
                 "no-disturbance",
                 "one input level cannot separate drag from a constant force. No constant force was assumed",
-                "fly steps to both sides",
+                "fly steps in both directions",
             )
         )
     if model.spare > 0 and model.scatter > 2.0:
         found.append(
             Doubt(
                 "steps-disagree",
-                f"the steps differ {model.scatter:.1f} times more than their noise. The standard errors were increased",
-                "try the other structure; check whether load, battery or current changed between the steps",
+                f"the steps differ {model.scatter:.1f} times more than their noise explains. The standard errors "
+                "were increased",
+                "try the other structure. Check whether load, battery or current changed between the steps",
             )
         )
     return found
@@ -406,4 +412,4 @@ def _plain(r: StepReading) -> dict[str, float | str | bool]:
     }
 
 
-METHOD = Method("step", "settled responses to steps of the input (Miskovic2010, table 4.1)", axis=fit_by_steps)
+METHOD = Method("step", "settled responses to input steps (Miskovic2010, table 4.1)", axis=fit_by_steps)

@@ -92,7 +92,11 @@ def fit_by_zigzag(case: Case) -> AxisFit:
     doubts = [*_doubts(every, structure, theta, covariance, free)]
     if not free[3]:
         doubts.append(
-            Doubt("no-bias", "too few half periods to fit a rudder bias. No bias was assumed", "fly more half periods")
+            Doubt(
+                "no-bias",
+                "too few half periods to fit a rudder bias. No bias was assumed",
+                "fly more half periods",
+            )
         )
     if theta[1] * theta[0] < 0.0 and structure == "linear":
         doubts.append(
@@ -100,7 +104,7 @@ def fit_by_zigzag(case: Case) -> AxisFit:
                 "unstable-craft",
                 "inertia and drag have opposite signs. The craft is course-unstable with the rudder amidships, so "
                 "its linear model diverges",
-                "use structure='affine', whose quadratic drag limits the turn rate; fly a spiral to measure the "
+                "use structure='affine', whose quadratic drag limits the turn rate. Fly a spiral to measure the "
                 "instability loop",
             )
         )
@@ -156,8 +160,8 @@ def _doubts(
             found.append(
                 Doubt(
                     f"{kind}-drag",
-                    f"the half periods show {kind} drag too ({clear:.0f} standard errors). The fit is valid for "
-                    "this rudder angle only",
+                    f"the half periods also show {kind} drag ({clear:.0f} standard errors). The fit is therefore "
+                    "valid only for this rudder angle",
                     "use structure='affine' to fit both, or method='output-error' to choose",
                 )
             )
@@ -165,7 +169,7 @@ def _doubts(
         found.append(
             Doubt(
                 "few-half-periods",
-                f"{count} equations for {sum(free)} parameters: standard errors are unreliable",
+                f"{count} equations for {sum(free)} parameters are too few, so the standard errors are unreliable",
                 "fly on",
             )
         )

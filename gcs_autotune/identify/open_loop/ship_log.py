@@ -101,12 +101,17 @@ def ship_log(trial: Trial) -> ShipLog:
     _check_units(trial, steering, notes)
     channels = {n: clean(c, trial.name, notes) for n, c in trial.channels.items() if n != steering.name}
     if "psi" not in channels:
-        raise MissingChannel(f"run '{trial.name}' has no heading psi; ship figures are read from psi and delta (or N)")
+        raise MissingChannel(f"run '{trial.name}' has no heading psi. Ship figures need psi and delta (or N)")
     psi, rate = channels.pop("psi"), channels.get("r")
     if len(psi) < LEAST:
-        raise NotInformative(f"run '{trial.name}' is too short: {len(psi)} heading samples, {LEAST} are needed")
+        raise NotInformative(
+            f"run '{trial.name}' is too short. It has {len(psi)} heading samples, but {LEAST} are needed"
+        )
     if len(steering) == 0 or float(np.ptp(steering.values)) == 0.0:
-        raise NotInformative(f"the input {steering.name} of run '{trial.name}' never changes: there is no manoeuvre")
+        raise NotInformative(
+            f"the input {steering.name} of run '{trial.name}' never changes, so the run contains no manoeuvre. "
+            "Check which column is the rudder"
+        )
     psi = replace(psi, values=unwrap(psi.t, psi.values, rate))
     unique = {(d.slug, d.cause): d for d in notes}
     doubts = tuple(unique.values())
@@ -134,7 +139,10 @@ def _steering(trial: Trial) -> Channel:
     have = [n for n in INPUTS if n in trial and len(trial[n])]
     if not have:
         there = ", ".join(trial.channels) or "nothing"
-        raise MissingChannel(f"run '{trial.name}' has neither delta nor N; it has {there}")
+        raise MissingChannel(
+            f"run '{trial.name}' has neither delta nor N. Its columns are {there}. Rename the rudder column to "
+            "delta[deg]"
+        )
     moving = [n for n in have if float(np.ptp(trial[n].values)) > 0.0]
     steering, full = trial[(moving or have)[0]], trial.meta.get("full_rudder")
     if steering.name == "N" and steering.unit == "1" and isinstance(full, float):
@@ -147,14 +155,15 @@ def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:
     if steering.name != "delta":
         return
     if steering.unit not in ("1", "rad"):
-        raise BadFile(f"the rudder angle of run '{trial.name}' is in {steering.unit}; write delta[deg] or delta[rad]")
+        raise BadFile(f"the rudder angle of run '{trial.name}' is in {steering.unit}. Write delta[deg] or delta[rad]")
     if float(np.max(np.abs(steering.values), initial=0.0)) > STEEPEST_RUDDER:
         raise BadFile(
-            f"the column delta of run '{trial.name}' cannot be radians; write delta[deg] and psi[deg] in the head line"
+            f"the column delta of run '{trial.name}' cannot be in radians. Write delta[deg] and psi[deg] in the "
+            "header line"
         )
     if steering.unit == "1":
         notes.append(
-            Doubt("unit-missing", f"delta of run '{trial.name}' has no unit; radians were assumed", "write delta[rad]")
+            Doubt("unit-missing", f"delta of run '{trial.name}' has no unit. Radians were assumed", "write delta[rad]")
         )
 
 

@@ -243,7 +243,8 @@ def unevenness_doubts(rows: Sequence[StepRow], structure: str) -> list[Doubt]:
 
 
 _CURE = (
-    "a model with constant parameters holds on average only. Identify each side, or the range you will use, separately"
+    "a model with constant parameters is valid only on average. Identify each side, or the range you will use, "
+    "separately"
 )
 
 
@@ -255,7 +256,7 @@ def _sentence(found: Unevenness) -> str:
         "size-": f"{found.parameter} changes by {effect} from the smallest to the largest negative input",
         "small": f"{found.parameter} for the smallest third of the inputs differs by {effect} from the others",
         "small-scatter": (
-            f"{found.parameter} for the smallest third of the inputs scatters {effect} more than for the others"
+            f"{found.parameter} scatters {effect} more for the smallest third of the inputs than for the others"
         ),
     }
     return f"{words[found.kind]} (chance {found.p:.1g})"

@@ -105,10 +105,10 @@ class Chosen:
     def _means(self, trial: Trial) -> bool:
         if self.runs:
             return any(fnmatch.fnmatchcase(trial.name, pattern) for pattern in self.runs)
-        told, dof = trial.meta.get("manoeuvre"), trial.meta.get("dof")
+        manoeuvre, dof = trial.meta.get("manoeuvre"), trial.meta.get("dof")
         if dof in DOFS and dof not in self.dofs:
             return False
-        return told is not None and any(same_name(told, name) for name in self.manoeuvres)
+        return manoeuvre is not None and any(same_name(manoeuvre, name) for name in self.manoeuvres)
 
     def __str__(self) -> str:
         of = " or ".join(f"'{name}'" for name in self.manoeuvres)
@@ -199,91 +199,93 @@ def plan_from(data: Mapping[str, Any], origin: str) -> Plan:
 
     Errors are those of :func:`load_plan`.
     """
-    told = conformed(data, _PlanData, origin)
-    steps = tuple(_step(step, told, origin) for step in told.step)
-    final = None if told.final is None else _final(told.final, steps, told.known, origin)
-    plan = Plan(told.name, told.title or told.name, told.known, told.start, steps, final, data)
+    parsed = conformed(data, _PlanData, origin)
+    steps = tuple(_step(step, parsed, origin) for step in parsed.step)
+    final = None if parsed.final is None else _final(parsed.final, steps, parsed.known, origin)
+    plan = Plan(parsed.name, parsed.title or parsed.name, parsed.known, parsed.start, steps, final, data)
     _check_order(plan, origin)
     return plan
 
 
-def _chosen(told: _Motion, where: str) -> Chosen:
-    manoeuvres = (told.manoeuvre,) if isinstance(told.manoeuvre, str) else tuple(told.manoeuvre)
-    chosen = Chosen(manoeuvres, tuple(told.runs), tuple(told.dofs))
+def _chosen(parsed: _Motion, where: str) -> Chosen:
+    manoeuvres = (parsed.manoeuvre,) if isinstance(parsed.manoeuvre, str) else tuple(parsed.manoeuvre)
+    chosen = Chosen(manoeuvres, tuple(parsed.runs), tuple(parsed.dofs))
     if not any(chosen.manoeuvres) and not chosen.runs:
-        raise BadFile(f'{where}: name the runs with manoeuvre = "..." or runs = ["name*"]')
+        raise BadFile(f'{where}: select the runs with manoeuvre = "..." or runs = ["name*"]')
     return chosen
 
 
-def _step(told: _StepData, plan: _PlanData, origin: str) -> PlanStep:
-    where = f"{origin}, step '{told.name}'"
-    identified = (*told.isolated, *told.shared, *told.local)
-    both = [n for n in told.held if n in identified]
-    if both or not (told.isolated or told.shared):
-        raise BadFile(f"{where}: {', '.join(both)} both held and identified" if both else f"{where} identifies nothing")
-    ashore = [n for n in told.held if n in plan.known]
+def _step(parsed: _StepData, plan: _PlanData, origin: str) -> PlanStep:
+    where = f"{origin}, step '{parsed.name}'"
+    identified = (*parsed.isolated, *parsed.shared, *parsed.local)
+    both = [n for n in parsed.held if n in identified]
+    if both or not (parsed.isolated or parsed.shared):
+        raise BadFile(
+            f"{where}: {', '.join(both)} cannot be both held and identified" if both else f"{where} identifies nothing"
+        )
+    ashore = [n for n in parsed.held if n in plan.known]
     form = form_from(
         {
-            "name": told.name,
-            "dofs": told.dofs,
-            "free": [*identified, *(n for n in told.held if n not in ashore)],
-            "known": {**{n: plan.known[n] for n in ashore}, **told.known},
-            "inputs": told.inputs,
-            "coriolis": told.coriolis,
-            "start": {n: v for n, v in {**plan.start, **told.start}.items() if n in identified or n in told.held},
+            "name": parsed.name,
+            "dofs": parsed.dofs,
+            "free": [*identified, *(n for n in parsed.held if n not in ashore)],
+            "known": {**{n: plan.known[n] for n in ashore}, **parsed.known},
+            "inputs": parsed.inputs,
+            "coriolis": parsed.coriolis,
+            "start": {n: v for n, v in {**plan.start, **parsed.start}.items() if n in identified or n in parsed.held},
         },
         where,
     )
     return PlanStep(
-        name=told.name,
-        chosen=_chosen(told, where),
+        name=parsed.name,
+        chosen=_chosen(parsed, where),
         form=form,
-        isolated=tuple(told.isolated),
-        shared=tuple(told.shared),
-        held=tuple(n for n in told.held if n not in ashore),
-        local=tuple(told.local),
-        signals=tuple(told.signals),
-        validate=told.validate,
-        method=told.method,
-        delay=told.delay,
+        isolated=tuple(parsed.isolated),
+        shared=tuple(parsed.shared),
+        held=tuple(n for n in parsed.held if n not in ashore),
+        local=tuple(parsed.local),
+        signals=tuple(parsed.signals),
+        validate=parsed.validate,
+        method=parsed.method,
+        delay=parsed.delay,
     )
 
 
-def _final(told: _Motion, steps: Sequence[PlanStep], known: Mapping[str, float], origin: str) -> Final:
+def _final(parsed: _Motion, steps: Sequence[PlanStep], known: Mapping[str, float], origin: str) -> Final:
     where = f"{origin}, final"
     found = dict.fromkeys(n for s in steps for n in (*s.isolated, *s.shared))
     form = form_from(
         {
             "name": "final",
-            "dofs": told.dofs,
+            "dofs": parsed.dofs,
             "free": [n for n in found if n not in known],
             "known": known,
-            "inputs": told.inputs,
-            "coriolis": told.coriolis,
+            "inputs": parsed.inputs,
+            "coriolis": parsed.coriolis,
         },
         where,
     )
-    return Final(_chosen(told, where), form, tuple(told.signals))
+    return Final(_chosen(parsed, where), form, tuple(parsed.signals))
 
 
 def _check_order(plan: Plan, origin: str) -> None:
     """Raise BadFile for a held parameter that is not yet known, or an isolated one that another step identifies."""
     names = [s.name for s in plan.steps]
     if not names or len(set(names)) < len(names):
-        raise BadFile(f"{origin}: a plan needs steps, each with a name of its own")
+        raise BadFile(f"{origin}: a plan needs steps with different names")
     seen = set(plan.start)
     for step in plan.steps:
         blind = [n for n in step.held if n not in seen and n not in step.form.start]
         if blind:
             raise BadFile(
-                f"{origin}, step '{step.name}': {', '.join(blind)} is held, but no earlier step identifies it and "
-                "neither [known] nor [start] has it"
+                f"{origin}, step '{step.name}': {', '.join(blind)} is held, but no earlier step identifies it. Add "
+                "it to [known] or [start]"
             )
         for other in plan.steps:
             again = [n for n in step.isolated if other is not step and n in (*other.isolated, *other.shared)]
             if again:
                 raise BadFile(
-                    f"{origin}: {', '.join(again)} is isolated in '{step.name}' but identified in '{other.name}' too"
+                    f"{origin}: {', '.join(again)} is isolated in '{step.name}' but also identified in '{other.name}'"
                 )
         seen |= {*step.isolated, *step.shared}
 

@@ -116,22 +116,12 @@ MISFIT = 1.3
 """Misfit per sample of the joint fit above which the steps' equations are reported as contradictory."""
 
 
-def plan_doubts(
-    plan: Plan,
-    done: Sequence[StepResult],
-    rows: Sequence[Agreement],
-    joint: Joint | None,
-    parameters: Mapping[str, Parameter],
-    covariance: Array,
-    skipped: Sequence[str],
-    final: Validation | None,
-    unused: Sequence[str] = (),
-) -> tuple[Doubt, ...]:
-    """Return the doubts about the whole plan. Doubts about a step are in its fit.
+def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] = ()) -> tuple[Doubt, ...]:
+    """Return the doubts about a whole plan. Doubts about a step are in its fit.
 
-    unused : names of runs that belong to no step.
+    joint : the fit of all runs. unused : names of runs that belong to no step.
     """
-    found: list[Doubt] = []
+    plan, rows, found = result.plan, result.agreements, list[Doubt]()
     if unused:
         chosen = [*(s.chosen for s in plan.steps), *([] if plan.final is None else [plan.final.chosen])]
         manoeuvres = ", ".join(dict.fromkeys(name for c in chosen for name in c.manoeuvres))
@@ -140,28 +130,28 @@ def plan_doubts(
                 "runs-of-no-step",
                 f"{', '.join(unused)} belong{'s' if len(unused) == 1 else ''} to no step of plan '{plan.name}' and "
                 "were not used",
-                f'give the side file a "manoeuvre" of the plan ({manoeuvres}), or name the runs in the plan',
+                f'set "manoeuvre" in the side file to one of the plan\'s ({manoeuvres}), or list the runs in the plan',
             )
         )
-    if skipped:
-        missed = dict.fromkeys(n for s in plan.steps if s.name in skipped for n in (*s.isolated, *s.shared))
-        lost = [n for n in missed if n not in parameters]
+    if result.skipped:
+        missed = dict.fromkeys(n for s in plan.steps if s.name in result.skipped for n in (*s.isolated, *s.shared))
+        lost = [n for n in missed if n not in result.parameters]
         found.append(
             Doubt(
                 "steps-without-runs",
-                f"no runs for {', '.join(skipped)}" + (f"; not identified: {', '.join(lost)}" if lost else ""),
-                "fly these runs, with the manoeuvre's name in the side file",
+                f"no runs for {', '.join(result.skipped)}" + (f". Not identified: {', '.join(lost)}" if lost else ""),
+                "fly these runs, and set the manoeuvre's name in the side file",
             )
         )
     for row in rows:
         if row.probability < SURE / len(rows):
-            told = ", ".join(
+            estimates = ", ".join(
                 f"{s}: {format_value(v, e)}" for s, v, e in zip(row.steps, row.values, row.stds, strict=True)
             )
             found.append(
                 Doubt(
                     "steps-disagree",
-                    f"{row.name} differs between steps by more than their errors ({told})",
+                    f"{row.name} differs between steps by more than its standard errors ({estimates})",
                     "look for a missing term in a step's equations, or a change of load or trim between the steps",
                 )
             )
@@ -173,24 +163,27 @@ def plan_doubts(
         found.append(
             Doubt(
                 "joint-misfit",
-                f"all runs together fit {joint.misfit:.2f} times worse than each step alone",
-                "one set of parameters does not explain all steps: check the steps that disagree",
+                f"all runs together fit {joint.misfit:.2f} times worse than each step alone. One set of parameters "
+                "does not explain all steps",
+                "check the steps that disagree",
             )
         )
-    found.extend(_together(parameters, covariance))
-    fitted_on = [s.step.name for s in done if not s.unseen]
+    found.extend(_together(result.parameters, result.covariance))
+    fitted_on = [s.step.name for s in result.steps if not s.unseen]
     if fitted_on:
         found.append(
             Doubt(
                 "validated-on-itself",
-                f"only one run for {', '.join(fitted_on)}, so no held-out run for validation",
+                f"steps with only one run have no held-out run for validation: {', '.join(fitted_on)}",
                 "repeat",
             )
         )
-    if plan.final is not None and final is None:
+    if plan.final is not None and result.final is None:
         found.append(
             Doubt(
-                "no-final-validation", f"no usable run {plan.final.chosen}", "record a run of free driving and add it"
+                "no-final-validation",
+                f"there is no usable run {plan.final.chosen}",
+                "record a run of free driving and add it",
             )
         )
     return tuple(found)
@@ -209,7 +202,7 @@ def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Do
     return [
         Doubt(
             "move-together",
-            f"{a} and {b} are correlated ({r:.3f}). The runs determine a combination of both better than each one",
+            f"{a} and {b} are correlated ({r:.3f}). The runs determine a combination of the two better than each one",
             "fly a manoeuvre that excites one without the other, or measure one of them ashore",
         )
         for a, b, r in pairs
@@ -255,28 +248,28 @@ def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
         }
     if not done:
         wanted = "; ".join(f"'{s.name}': runs {s.chosen}" for s in plan.steps)
-        raise NotInformative(f"no run given belongs to a step of plan '{plan.name}' ({wanted})")
+        raise NotInformative(f"none of the runs belongs to a step of plan '{plan.name}' ({wanted})")
     seen = {n for step, _ in used for n in (*step.isolated, *step.shared)}
     parts = [_part(step, runs, r.fit, values, seen) for (step, runs), r in zip(used, done, strict=True)]
     joint = fit_jointly(parts, values)
     parameters, covariance = _parameters(plan, done, values, joint, estimates)
     model, final = _finally(plan.final, parameters, trials)
-    rows = agreements(estimates)
     ends = () if plan.final is None else plan.final.chosen.of(trials)
     meant = [*ends, *(run for step in plan.steps for run in step.chosen.of(trials))]
     unused = [run.name for run in trials if not any(run is other for other in meant)]
-    return PlanResult(
+    found = PlanResult(
         plan=plan,
         steps=tuple(done),
         parameters=parameters,
         covariance=covariance,
         combined={n: values[n] for n in parameters},
-        agreements=rows,
+        agreements=agreements(estimates),
         model=model,
         final=final,
         skipped=tuple(skipped),
-        doubts=plan_doubts(plan, done, rows, joint, parameters, covariance, skipped, final, unused),
+        doubts=(),
     )
+    return replace(found, doubts=plan_doubts(found, joint, unused))
 
 
 def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> tuple[StepResult, tuple[Trial, ...]]:
@@ -284,8 +277,8 @@ def _do(step: PlanStep, runs: Sequence[Trial], values: Mapping[str, float]) -> t
     lost = [n for n in step.held if n not in values and n not in step.form.start]
     if lost:
         raise NotInformative(
-            f"step '{step.name}' holds {', '.join(lost)}, but the step that identifies it has no runs; fly that one, "
-            "or give an a-priori value in the plan's [start]"
+            f"step '{step.name}' holds {', '.join(lost)}, but the step that identifies it has no runs. Fly that "
+            "step, or supply an a-priori value in the plan's [start]"
         )
     kept = min(step.validate, len(runs) - 1)
     own = tuple(runs[: len(runs) - kept])

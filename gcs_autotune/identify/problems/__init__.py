@@ -1,23 +1,23 @@
-"""Data and a form as an optimisation problem, its solution, and what the data determine.
+"""Define a fit as an optimisation problem, solve it, and calculate the information in the data.
 
-A :class:`Problem` is segments and a form. ``Problem.fit`` fits its free numbers together with any effects and returns a
-:class:`Fitted`. Costs of fits with different effects can be compared. :func:`fit_base` does it for the plain model of a
-simulation. :func:`fitted_model_of` is the way back from a ``Fit``: :func:`information_on` is its Fisher information,
-:class:`MostLikely` its likelihood with a parameter held.
+A :class:`Problem` consists of segments and a form. ``Problem.fit`` fits its free parameters together with any effects
+and returns a :class:`Fitted`. Costs of fits with different effects can be compared. :func:`fit_base` fits the base
+model of a diagnosis. :func:`fitted_model_of` converts a ``Fit`` to a model on its runs. :func:`information_on` returns
+the Fisher information of this model. :class:`MostLikely` returns its likelihood with one parameter fixed.
 
 ================  ===============================================================================
-free_numbers      which numbers are free, their order and limits
-likelihood        of parameters, effects, initial states and the shift of stamps
-simulators        simulate a segment for it: one axis, coupled forms, forms with effects
-noise             Gaussian, robust, rounded by a coarse sensor; ``reweighting`` estimates it
-least_squares     Levenberg-Marquardt within limits
-problem           the fit for searches over effects; ``fitted``: its result
+free_numbers      the free parameters, their order and limits
+likelihood        likelihood of parameters, effects, initial states and the shift of stamps
+simulators        simulators of a segment: one axis, coupled forms, forms with effects
+noise             noise models: Gaussian, robust, rounded by a coarse sensor; ``reweighting``: their levels
+least_squares     Levenberg-Marquardt search within limits
+problem           the fit used in searches over effects; ``fitted``: its result
 solution          maximum likelihood with covariance, corrected for coloured residuals
 initial_guess     start values of a form; ``quick_fit``: estimates before any fit
-base_model        the plain model of a simulation, fitted
-delay             decides whether there is a delay: one rule for every form
-stamp_correction  the autopilot loop at which an input changed
-information       Fisher information of a fit on runs; ``most_likely``: its likelihood
+base_model        the base model of a diagnosis and its fit
+delay             decision whether there is a delay, for every form
+stamp_correction  decision at which autopilot loop an input changed
+information       Fisher information of runs on a fit; ``most_likely``: likelihood with one parameter fixed
 ================  ===============================================================================
 """
 

@@ -99,8 +99,8 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
     if not dofs:
         have = ", ".join(sorted(there)) or "nothing"
         raise MissingChannel(
-            "no degree of freedom has both a varying input and a measured motion (for yaw: N[N m] or delta[rad] with "
-            f"psi[rad] or r[rad/s]; surge: X and u; heave: Z and z or w); the runs have {have}"
+            "no degree of freedom has both a varying input and a measured motion. Yaw needs N[N m] or delta[rad] "
+            f"with psi[rad] or r[rad/s]. Surge needs X and u. Heave needs Z and z or w. The runs have {have}"
         )
     title = "uncoupled, linear damping: " + ", ".join(dofs)
     return Form("plain", title, tuple(dofs), tuple(free), known, inputs, coriolis=False)
@@ -120,7 +120,7 @@ def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
     strange = [d for d in names if d not in DOFS and d not in FORMS]
     if strange:
         raise MissingChannel(
-            f"no degree of freedom called {', '.join(strange)}; there are {', '.join(DOFS)}, and for several at once "
+            f"unknown degree of freedom {', '.join(strange)}. Use one of {', '.join(DOFS)}. For several at once use "
             f"{', '.join(FORMS)}"
         )
     return list(dict.fromkeys(d for n in names for d in (FORMS[n].dofs if n in FORMS else (n,))))
@@ -140,8 +140,8 @@ def overlooked(
         found.append(
             Doubt(
                 "not-looked-at",
-                f"{', '.join(missing)} was requested but not examined: the runs lack its input or its motion",
-                f"record the channels it needs ({columns})",
+                f"{', '.join(missing)} was requested but not analysed, because the runs lack its input or its motion",
+                f"record the missing channels ({columns})",
             )
         )
     compared = {n for s in segments for n in s.signals}
@@ -153,9 +153,9 @@ def overlooked(
         found.append(
             Doubt(
                 "not-looked-at",
-                f"{' and '.join(left)} were recorded but not compared. The recorded channels do not support a "
-                "model of motion in the plane, so effects on the track alone were not examined",
-                "record the thrust (X) and the speeds u and v, or only x, y and psi beside X and N",
+                f"{' and '.join(left)} were recorded but not compared. The recorded channels do not support a model "
+                "of motion in the plane. Effects on the track alone were therefore not analysed",
+                "record the thrust X and the speeds u and v, or only x, y and psi together with X and N",
             )
         )
     return found
@@ -167,8 +167,8 @@ def swung(runs: Sequence[Trial]) -> list[str] | None:
     A controller held the other degrees of freedom still during the run. Their motion shows the controller's performance
     only.
     """
-    told = {run.meta.get("dof") for run in runs}
-    return [str(d) for d in told] if len(told) == 1 and told <= set(DOFS) else None
+    stated = {run.meta.get("dof") for run in runs}
+    return [str(d) for d in stated] if len(stated) == 1 and stated <= set(DOFS) else None
 
 
 def by_thrusters(runs: Sequence[Trial], dof: str) -> bool:
@@ -194,8 +194,12 @@ def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
         free += ["k_N", "N_r"]
     known = {"I_z": 1.0} if "yaw" in dofs else {}
     if not dofs:
-        raise MissingChannel(f"two thrusters are recorded, but none of u, r, psi: {', '.join(sorted(there))}")
-    return Form("plain", "two fixed thrusters, linear damping", tuple(dofs), tuple(free), known, inputs, coriolis=False)
+        raise MissingChannel(
+            f"two thrusters are recorded, but none of u, r and psi. Recorded: {', '.join(sorted(there))}"
+        )
+    return Form(
+        "plain", "two fixed thrusters with linear damping", tuple(dofs), tuple(free), known, inputs, coriolis=False
+    )
 
 
 def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] | None = None) -> DataSummary:
@@ -276,7 +280,7 @@ def _commanded_alike(pair: tuple[str, str], segments: Sequence[Segment]) -> bool
 
 
 def base_limits(form: Form) -> Limits:
-    """Return the limits of the base's parameters: positive inertia, drag that damps, either sign for a rudder."""
+    """Return the limits of the base parameters: positive inertia, positive drag, and either sign for a rudder."""
     limits = Limits.physical(form)
     rows = {force for force, _ in form.inputs.get(STEERED_BY_ANGLE, ())}
     low = {n: v for n, v in limits.low.items() if n[0] not in rows}
@@ -338,8 +342,8 @@ def given_base(
     best = _best_from(problem, chain([own], starts), effects)
     if best is None:
         raise NotInformative(
-            f"the model '{form.title}' diverges on these runs for all parameter values. Check that it describes "
-            "this craft and uses the units of the runs"
+            f"the model '{form.title}' diverges on these runs for all parameter values. Check that it describes this "
+            "craft and uses the units of the runs"
         )
     return _known(form, segments, limits, best), given, best
 

@@ -206,7 +206,7 @@ class ModelFit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names (f,) of the fitted numbers: base parameters, then those of the effects as a fit calls them."""
+        """Names (f,) of the fitted parameters: those of the base, then the labels of those of the effects."""
         return (*self.free, *(self.effects[i].label_of(n) for i, n in self.free_effects))
 
     def own(self, effect: EffectInstance) -> EffectInstance:

@@ -12,14 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs_autotune.errors import DataError, NotInformative, UsageError
-from gcs_autotune.identify.axis.form import PHYSICAL, SIGNS, axis_form, structure_of
-from gcs_autotune.identify.axis.uncertainty import cramer_rao
+from gcs_autotune.errors import NotInformative, UsageError
+from gcs_autotune.identify.axis.form import SIGNS, axis_form, structure_of
 from gcs_autotune.identify.problems.initial_guess import RecordedMotion, initial_guess_of
 from gcs_autotune.identify.problems.likelihood import Limits, Objective
 from gcs_autotune.identify.problems.problem import Problem
@@ -31,7 +29,7 @@ from gcs_autotune.models import CoupledModel, Form, Simulator
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Trial
 
-__all__ = ["BLIND", "FittedModel", "Information", "fitted_model_of", "information_on", "root_of", "with_bounds"]
+__all__ = ["BLIND", "FittedModel", "Information", "fitted_model_of", "information_on", "root_of"]
 
 Array = NDArray[np.float64]
 
@@ -91,8 +89,10 @@ class FittedModel:
         return stamps, found[0]
 
     def recorded_motion(self, record: int) -> RecordedMotion:
-        """Return the simulated motion of one record with its accelerations and the inputs that act; errors as
-        :meth:`motion`."""
+        """Return the simulated motion of one record, with its accelerations and the inputs in force.
+
+        Errors are those of :meth:`motion`.
+        """
         own = self.records[record]
         t, X = self.motion(record)
         t, at = np.unique(t, return_index=True)
@@ -129,12 +129,14 @@ def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedM
             "choose the next manoeuvre"
         )
     if not free:
-        raise UsageError(f"no parameter of '{fit.structure}' was fitted, so there is no bound to report")
+        raise UsageError(f"no parameter of '{fit.structure}' was fitted, so there is no error bound to report")
     records = tuple(r for run in runs for r in prepare_form(run, form, _signals(fit, form, run)))
     ground = initial_guess_of(form, records, model_delay(form, theta))
     found = solve_form(form, records, theta, ground.initial, Limits({}, {}), levels=ground.levels, free=())
     if found is None:
-        raise NotInformative(f"the model '{form.name}' diverges on run '{records[0].run}': its drag destabilises it")
+        raise NotInformative(
+            f"the model '{form.name}' diverges on run '{records[0].run}' because its drag is destabilising"
+        )
     noise = {n: fit.noise[n] if fit.noise.get(n, 0.0) > 0.0 else level for n, level in found.noise.items()}
     units = tuple(fit.parameters[n].unit for n in names)
     return FittedModel(form, theta, free, names, signs, units, records, found.initial, noise)
@@ -166,8 +168,6 @@ def _signals(fit: Fit[Model], form: Form, run: Trial) -> tuple[str, ...] | None:
     there = tuple(n for n in signals_of(form) if n in fit.noise and n in run and len(run[n]) >= MIN_SAMPLES)
     return there or None
 
-
-ModelT = TypeVar("ModelT", bound=Model)
 
 BLIND = 1e-8
 """Limit of a singular value below which a direction of the parameters is not observable. It applies after scaling the
@@ -278,7 +278,7 @@ def information_on(subject: FittedModel) -> Information:
     objective = subject.objective()
     found = objective.residuals(objective.pack())
     if found is None:
-        raise NotInformative(f"the model '{subject.form.name}' diverges: no information can be computed")
+        raise NotInformative(f"the model '{subject.form.name}' diverges, so no information can be computed")
     p = len(subject.free)
     _, weight = objective.known()
     rows = []
@@ -308,34 +308,3 @@ def _without(J: Array, states: Array) -> Array:
         J -= U @ (U.T @ J)
     left: Array = np.where(np.linalg.norm(J, axis=0) > BLIND * lengths, J, 0.0)
     return left
-
-
-def with_bounds(fit: Fit[ModelT], trials: Trial | Sequence[Trial]) -> Fit[ModelT]:
-    """Return *fit* with the Cramer-Rao bound of every fitted parameter.
-
-    A fit of one degree of freedom uses its own likelihood, including rounding sensors and inexact stamps. Fits of
-    several degrees of freedom use :func:`information_on`. A parameter without information has an infinite bound. The
-    fit is returned unchanged if its bounds are known, or if its model cannot be simulated on the runs.
-    """
-    if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
-        return fit
-    try:
-        if is_of_one_axis(fit):
-            bounds = _axis_bounds(fit, trials)
-        else:
-            bounds = information_on(fitted_model_of(fit, trials)).bounds
-    except (DataError, UsageError):
-        return fit
-    parameters = {n: replace(p, bound=bounds.get(n, p.bound)) for n, p in fit.parameters.items()}
-    return replace(fit, parameters=parameters)
-
-
-def _axis_bounds(fit: AxisFit, trials: Trial | Sequence[Trial]) -> dict[str, float]:
-    model = fit.model
-    names = dict(zip(PHYSICAL, fit.parameters, strict=True))
-    free = [n for n, label in names.items() if fit.parameters[label].status == "fitted"]
-    given: Mapping[str, float] = fit.extra.get("sigma") or fit.noise
-    noise = {n: float(s) for n, s in given.items() if n in (model.axis.position, model.axis.velocity) and s > 0.0}
-    quantum = {n: float(q) for n, q in (fit.extra.get("quantum") or {}).items() if n in noise}
-    found = cramer_rao(model, trials, noise or fit.noise_std, free, quantum)
-    return {names[n]: bound for n, bound in found.items()}

@@ -3,7 +3,7 @@
 Signals are smoothed by local polynomials, each at its own stamps. The equations (Miskovic2007, eq. (4)) are linear in
 the parameters (:mod:`gcs_autotune.models.coupled.regressors`), so bounded least squares gives start values. Parameters
 that this regression cannot determine (delay, lag, current, walls) start at :data:`SPECIAL_START`. If the simulation
-diverges with these values, more cautious start values follow. One axis has a more reliable method, :mod:`.axis.start`.
+diverges with these values, more cautious start values follow. One axis has a more reliable method, :mod:`..axis.start`.
 Filters use their own smoother.
 """
 

@@ -24,7 +24,7 @@ class Limits:
 
     @classmethod
     def physical(cls, form: Form) -> Limits:
-        """Return the limits that keep inertia positive and let every drag damp."""
+        """Return the limits that keep inertia positive and drag damping."""
         sides = {n: _physical_side(n) for n in form.free}
         return cls({n: 0.0 for n, s in sides.items() if s > 0}, {n: 0.0 for n, s in sides.items() if s < 0})
 
@@ -48,7 +48,7 @@ class Limits:
 
 
 def _physical_side(name: str) -> int:
-    """Return -1 for what is negative by nature, 1 for what is positive, 0 for what may be either."""
+    """Return the sign of a parameter that physics requires: -1, 1, or 0 for either sign."""
     if name in ("m", "I_x", "I_y", "I_z"):
         return 1
     if name in RIGID_BODY or "_" not in name or name[0] not in FORCES:

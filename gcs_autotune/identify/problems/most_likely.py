@@ -1,4 +1,4 @@
-"""A fitted model at its maximum of likelihood, and refitted with one of its parameters held."""
+"""Maximise the likelihood of a fitted model, and refit it with one parameter fixed."""
 
 from __future__ import annotations
 
@@ -22,8 +22,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MostLikely:
-    """``subject`` at its maximum of likelihood; ``cost``: minus twice the log-likelihood there, with ``noise_models``
-    per signal."""
+    """A fitted model at its maximum of likelihood.
+
+    ``subject``: the model and its runs. ``noise_models``: noise model per signal. ``cost``: minus twice the
+    log-likelihood at the maximum.
+    """
 
     subject: FittedModel
     noise_models: Mapping[str, NoiseModel]
@@ -31,7 +34,9 @@ class MostLikely:
 
     @classmethod
     def of(cls, subject: FittedModel, rounds: int) -> MostLikely:
-        """Fit *subject* and the noise of its signals in turn, for at most *rounds*.
+        """Return the maximum of the likelihood of *subject*.
+
+        The model and the noise of its signals are fitted in turn, for at most *rounds*.
 
         Raises
         ------
@@ -52,9 +57,10 @@ class MostLikely:
     def holding(
         self, place: int, value: float, theta: Array, initial: tuple[Array, ...]
     ) -> tuple[float, Array, tuple[Array, ...]] | None:
-        """Refit from *theta* and *initial* with the fitted parameter at *place* held at *value*.
+        """Return the refit with the fitted parameter at index *place* fixed at *value*.
 
-        Returns cost, theta and initial states; None if the model diverges.
+        The fit starts at *theta* and *initial*. The result is the cost, theta and the initial states, or None if the
+        model diverges.
         """
         subject, theta = self.subject, theta.copy()
         own = subject.free[place]

@@ -115,13 +115,13 @@ def likeliest(
     for name, law in laws.items():
         errors = errors_of(residuals, name)
         left = max(len(errors) * (1.0 - spent / total), 1.0)
-        swing = max(float(np.ptp(r.measured)) for r in residuals if r.signal == name)
+        span = max(float(np.ptp(r.measured)) for r in residuals if r.signal == name)
         spread = (
             MAD * float(np.median(np.abs(errors))) * math.sqrt(len(errors))
             if law.robust
             else math.sqrt(errors @ errors)
         )
-        level = max(spread / math.sqrt(left), rounding_error(residuals, name), 1e-12 * swing, LEAST)
+        level = max(spread / math.sqrt(left), rounding_error(residuals, name), 1e-12 * span, LEAST)
         found[name] = law.likeliest(errors, level)
     return found
 

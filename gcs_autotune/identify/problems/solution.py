@@ -100,7 +100,7 @@ class Solution(Fitted):
     def bic(self, correlation: float = 1.0) -> float:
         """Return the Bayesian information criterion, tempered by the *correlation* time.
 
-        See :mod:`.axis.evidence`.
+        See :mod:`..axis.evidence`.
         """
         n = self.samples / correlation
         return -2.0 * self.log_likelihood / correlation + self.unknowns * math.log(n)

@@ -1,6 +1,6 @@
 """Least-squares methods for any form whose equations of motion are linear in the parameters.
 
-:func:`motion_of` and :func:`drives_of` give other linear methods the same motion and inputs.
+:func:`motion_of` and :func:`drives_of` provide the same motion and inputs for other linear methods.
 
 ================  ==============================================================================================
 smoothing         value, rate and acceleration of one signal: Savitzky-Golay or a regularised spline

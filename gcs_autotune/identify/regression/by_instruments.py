@@ -69,8 +69,8 @@ def fit_by_instruments(case: Case) -> Fit[CoupledModel]:
         doubts.append(
             Doubt(
                 "no-instruments",
-                f"no instruments could be simulated ({error}). The result is the least-squares estimate, which is "
-                "biased by noise",
+                f"no instruments could be simulated ({error}). The result is the least-squares estimate, which noise "
+                "biases",
                 "use output-error, or a form with fewer terms",
             )
         )
@@ -114,7 +114,7 @@ def _simulated(recipe: Recipe, records: Sequence[Segment], theta: Array) -> _Ins
     """
     found = recipe.equations(as_simulated(recipe, records, theta)).errors(theta)
     if found is None:
-        raise NotInformative(f"the inertia of '{recipe.form.name}' became singular")
+        raise NotInformative(f"the inertia matrix of '{recipe.form.name}' became singular")
     return _Instruments(*found)
 
 
@@ -163,7 +163,7 @@ def _moved(recipe: Recipe, records: Sequence[Segment], theta: Array, step: Array
         except NotInformative:
             if halving == HALVINGS - 1:
                 raise
-    raise NotInformative(f"no step of '{recipe.form.name}' leads to a model that can be simulated")
+    raise NotInformative(f"no step from '{recipe.form.name}' leads to a model that can be simulated")
 
 
 def _inverse(A: Array) -> Array:
@@ -179,7 +179,7 @@ fit_axis_by_instruments = for_axis(lambda case: refusing_runaways(fit_by_instrum
 
 METHOD = Method(
     "instrumental-variables",
-    "least squares without noise bias, by simulated instruments",
+    "least squares with simulated instruments, which remove the noise bias",
     axis=fit_axis_by_instruments,
     coupled=fit_by_instruments,
     options=OPTIONS,

@@ -48,7 +48,10 @@ __all__ = [
     "solve_physical",
 ]
 
-OPTIONS = (*RECIPE_OPTIONS, ("physical", "True: M and D(nu) held positive definite (constrained least squares)"))
+OPTIONS = (
+    *RECIPE_OPTIONS,
+    ("physical", "True: M and D(nu) are constrained to be positive definite (constrained least squares)"),
+)
 """Options of ``fit`` that this method reads, with a line of help each."""
 
 
@@ -225,7 +228,7 @@ def feasible_start(form: Form, theta: Array, visited: Array) -> Array:
 
 METHOD = Method(
     "least-squares",
-    "the equations of motion as a linear regression",
+    "linear regression of the equations of motion",
     axis=fit_axis_by_least_squares,
     coupled=fit_by_least_squares,
     options=OPTIONS,

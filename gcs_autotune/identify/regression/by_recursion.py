@@ -41,7 +41,7 @@ __all__ = ["METHOD", "OPTIONS", "History", "fit_axis_by_recursion", "fit_by_recu
 
 Array = NDArray[np.float64]
 
-OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of forgetting [s] (default: no forgetting)"))
+OPTIONS = (*RECIPE_OPTIONS, ("forgetting", "time constant of the forgetting factor [s] (default: no forgetting)"))
 """Options of ``fit`` that this method reads, with a line of help each."""
 
 LEARNT = 4
@@ -76,7 +76,7 @@ def fit_by_recursion(case: Case) -> Fit[CoupledModel]:
     """
     forgetting = case.options.get("forgetting")
     if forgetting is not None and not float(forgetting) > 0.0:
-        raise UsageError(f"forgetting with a time constant of {forgetting} s is not valid: use more than 0 s")
+        raise UsageError(f"a forgetting time constant of {forgetting} s is not valid. Use more than 0 s")
     recipe, motions, batch, _ = recipe_of(case, robust=case.robust)
     rows = recipe.rows(case.records, motions)
     estimate, history = recursive(batch, rows, math.inf if forgetting is None else float(forgetting))
@@ -139,7 +139,9 @@ def recursive(batch: Estimate, rows: Sequence[Rows], forgetting: float) -> tuple
         at.append(t[i])
     found = equations.errors(theta)
     if found is None:
-        raise NotInformative(f"the recursion of '{equations.form.name}' ended in a singular inertia: use least-squares")
+        raise NotInformative(
+            f"the recursion of '{equations.form.name}' ended in a singular inertia matrix. Use least-squares"
+        )
     estimate = Estimate(equations, theta, found[0], found[1], batch.weights, P, converged=True)
     return estimate, History(np.array(at), np.array(values), np.array(stds))
 
@@ -179,7 +181,7 @@ def _drift(history: History, names: Sequence[str]) -> list[Doubt]:
         Doubt(
             "drifting",
             f"{', '.join(moved)} still changed by more than {DRIFT:.0f} standard errors in the last third of the runs",
-            "check for a change of craft or conditions, or a missing term; inspect the history and identify the "
+            "check for a change of craft or conditions, or a missing term. Inspect the history and identify the "
             "parts separately",
         )
     ]

@@ -48,19 +48,19 @@ def collinearity_doubts(estimate: Estimate) -> list[Doubt]:
     R = information[np.ix_(alive, alive)] / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(R)
     factors = inflation_factors(information[np.ix_(alive, alive)])
-    told: set[int] = set()
+    reported: set[int] = set()
     for value, vector in zip(values, vectors.T, strict=True):
         together = [int(i) for i in np.flatnonzero(np.abs(vector) > SHARE) if factors[i] > TOO_MUCH]
-        if value > 0.05 or len(together) < 2 or told & set(together):
+        if value > 0.05 or len(together) < 2 or reported & set(together):
             continue
-        told |= set(together)
+        reported |= set(together)
         terms = " and ".join(names[int(alive[i])] for i in together)
         largest = max(float(factors[i]) for i in together)
         doubts.append(
             Doubt(
                 "collinear",
                 f"the terms of {terms} are collinear in these runs (variance inflation {largest:.0f})",
-                "fly other speeds and turn rates as well, or omit one of the terms",
+                "also fly other speeds and turn rates, or omit one of the terms",
             )
         )
     return doubts

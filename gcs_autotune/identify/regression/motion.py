@@ -103,9 +103,9 @@ def _grid(record: Segment) -> tuple[Array, float]:
     step = min(float(np.median(np.diff(s.t))) for s in signals)
     if not end - begin >= LEAST_POINTS * step:
         raise NotInformative(
-            f"the signals {', '.join(record.signals)} of run '{record.run}' overlap for "
-            f"{max(end - begin, 0.0):.3g} s only: least squares needs them at the same time. Fit fewer signals or "
-            "use output-error"
+            f"the signals {', '.join(record.signals)} of run '{record.run}' overlap for only "
+            f"{max(end - begin, 0.0):.3g} s. Least squares needs them at the same time. Fit fewer signals or use "
+            "output-error"
         )
     n = min(int((end - begin) / step + 1e-6) + 1, MOST_POINTS)
     return np.linspace(begin, end, n), (end - begin) / (n - 1)
@@ -120,7 +120,7 @@ def _angles_needed(record: Segment, form: Form) -> None:
     missing = [n for n in needed if n not in record.signals]
     if missing:
         raise MissingChannel(
-            f"least squares of '{form.name}' needs {', '.join(missing)} measured; run '{record.run}' has "
+            f"least squares of '{form.name}' needs measurements of {', '.join(missing)}. Run '{record.run}' has "
             f"{', '.join(record.signals)}. Use output-error, which needs no velocities"
         )
 
@@ -227,6 +227,6 @@ def _rotation(eta: Array) -> Array:
 
 def _unseen(record: Segment, form: Form, velocity: str, position: str) -> MissingChannel:
     return MissingChannel(
-        f"least squares of '{form.name}' needs the velocity {velocity}, or {position} to derive it from; run "
+        f"least squares of '{form.name}' needs the velocity {velocity}, or {position} to derive it from. Run "
         f"'{record.run}' has {', '.join(record.signals)}. Select more signals (--use), or use output-error"
     )

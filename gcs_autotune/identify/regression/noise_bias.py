@@ -96,9 +96,9 @@ def noise_bias_doubt(estimate: Estimate, bias: Array) -> Doubt | None:
     if not worst:
         return None
     names = estimate.equations.form.free
-    told = ", ".join(f"{names[i]} by {bias[i]:+.3g} ({share[i]:.1f} standard errors)" for i in worst)
+    biases = ", ".join(f"{names[i]} by {bias[i]:+.3g} ({share[i]:.1f} standard errors)" for i in worst)
     return Doubt(
         "noise-bias",
-        f"measurement noise and smoothing bias the least-squares estimate: {told}, approximately",
-        "use instrumental-variables or output-error, which are not biased by them",
+        f"measurement noise and smoothing bias the least-squares estimate approximately as follows: {biases}",
+        "use instrumental-variables or output-error, which they do not bias",
     )

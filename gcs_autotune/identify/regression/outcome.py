@@ -63,9 +63,9 @@ def _poor(motion: Motion) -> list[Doubt]:
     return [
         Doubt(
             "poor-fit",
-            f"in a free run, the model explains only {percent:.0f} % of the motion. The error of "
+            f"in a free simulation, the model explains only {percent:.0f} % of the motion. The error of "
             f"{', '.join(beyond)} exceeds the noise, but the standard errors include only the noise",
-            "check for an unknown delay, a missing term, wind or current; use output-error, or supply the delay",
+            "check for an unknown delay, a missing term, wind or current. Use output-error, or supply the delay",
         )
     ]
 

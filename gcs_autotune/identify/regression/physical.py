@@ -74,18 +74,18 @@ def _symmetric(M: Array) -> Check:
     size = float(np.max(np.abs(M)))
     off = float(np.max(np.abs(M - M.T))) / max(size, 1e-300)
     holds = off <= ROUNDING
-    told = "M is symmetric" if holds else f"M is not symmetric: entries differ from their mirrors by up to {off:.1%}"
-    return Check("M symmetric", holds, -off, told)
+    words = "M is symmetric" if holds else f"M is not symmetric. Mirrored entries differ by up to {off:.1%}"
+    return Check("M symmetric", holds, -off, words)
 
 
 def _positive(what: str, name: str, least: float) -> Check:
     holds = least > -ROUNDING
-    told = (
+    words = (
         f"{name} is positive definite"
         if holds
-        else f"{name} is not positive definite: least eigenvalue {least:.2g} times its diagonal"
+        else f"{name} is not positive definite. Its smallest eigenvalue is {least:.2g} times its diagonal"
     )
-    return Check(what, holds, least, told)
+    return Check(what, holds, least, words)
 
 
 def _least(A: Array) -> float:
@@ -110,16 +110,16 @@ def _skew(model: CoupledModel, visited: Array) -> Check:
             value = coefficient * (model.theta[par] if par >= 0 else 1.0)
             powers.append(value * visited[:, row] * visited[:, moving[0]] * visited[:, moving[1]])
     if not powers:
-        return Check("C skew", True, 0.0, "C is skew: Coriolis forces do no work")
+        return Check("C skew", True, 0.0, "C is skew-symmetric, so Coriolis forces do no work")
     left, whole = np.abs(np.sum(powers, axis=0)).max(), np.sum(np.abs(powers), axis=0).max()
     share = float(left / max(whole, 1e-300))
     holds = share <= POWERLESS
-    told = (
-        f"C is skew: coupling forces do no work (to {share:.1%})"
+    words = (
+        f"C is skew-symmetric, so coupling forces do no work (to {share:.1%})"
         if holds
-        else f"C is not skew: {share:.0%} of the coupling forces' power does not cancel"
+        else f"C is not skew-symmetric. The coupling forces do work, {share:.0%} of the sum of their powers"
     )
-    return Check("C skew", holds, POWERLESS - share, told)
+    return Check("C skew", holds, POWERLESS - share, words)
 
 
 def _damping(model: CoupledModel, visited: Array) -> Check:

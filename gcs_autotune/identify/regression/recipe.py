@@ -139,7 +139,7 @@ def _windows(case: Case, motions: Sequence[GriddedMotion]) -> tuple[float, ...]:
     given = case.options.get("window")
     if given is not None:
         if not float(given) > 0.0:
-            raise UsageError(f"a window of {given} s is not valid: use more than 0 s")
+            raise UsageError(f"a window of {given} s is not valid. Use more than 0 s")
         return (float(given),)
     step = max(m.step for m in motions)
     shortest = min(float(m.t[-1] - m.t[0]) for m in motions)

@@ -64,8 +64,8 @@ class Equations:
         odd = [n for n in form.free if n in SPECIAL]
         if odd:
             raise UsageError(
-                f"least squares cannot estimate {', '.join(odd)} of '{form.name}': the equations are not linear in "
-                "them. Make them known, or use output-error"
+                f"least squares cannot estimate {', '.join(odd)} of '{form.name}', because the equations are not "
+                "linear in them. Set them to known values, or use output-error"
             )
         active = program_of(form).active
         base = inertia_matrix(form, np.zeros(len(form.parameters)))
@@ -113,8 +113,8 @@ def _check_scale(form: Form, E: Array) -> None:
     lost = [d for d, has, any_free in zip(form.dofs, scaled, uses.any(axis=1), strict=True) if any_free and not has]
     if lost:
         raise UsageError(
-            f"the equation of {' and '.join(lost)} in '{form.name}' has no known force and no known parameter, so "
-            "only ratios of its parameters can be estimated. Make one of them known, for example its inertia"
+            f"the equation of {' and '.join(lost)} in '{form.name}' has no known force and no known parameter. Only "
+            "ratios of its parameters can be estimated. Set one of them to a known value, for example its inertia"
         )
 
 

@@ -3,8 +3,8 @@
 The residuals of a regression underestimate the error. A few windows contain most of the information, and there the fit
 follows the noise. Therefore noise with the measured standard deviation is added to the signals again. Its effect on
 smoothing, rows and estimate is calculated to first order. The standard error from coloured residuals
-(:mod:`.covariance`) is used if it is larger, because it includes errors other than sensor noise. Correlations are those
-of the information matrix.
+(:func:`.scores_covariance`) is used if it is larger, because it includes errors other than sensor noise. Correlations
+are those of the information matrix.
 """
 
 from __future__ import annotations
@@ -98,9 +98,10 @@ def excess_doubt(estimate: Estimate) -> Doubt | None:
     wrong = [(d, float(x)) for d, x, s in zip(equations.form.dofs, excess, share, strict=True) if x > FAR and s > SMALL]
     if not wrong:
         return None
-    told = ", ".join(f"{dof} {factor:.0f} times" for dof, factor in wrong)
+    excesses = ", ".join(f"{dof} {factor:.0f} times" for dof, factor in wrong)
     return Doubt(
         "beyond-noise",
-        f"the errors of the equations of motion exceed the signal noise ({told}), so the standard errors are too small",
-        "check for an unknown delay, a missing term, wind or current; supply the delay, add terms, or use output-error",
+        f"the errors of the equations of motion exceed the signal noise ({excesses}), so the standard errors are "
+        "too small",
+        "check for an unknown delay, a missing term, wind or current. Supply the delay, add terms, or use output-error",
     )

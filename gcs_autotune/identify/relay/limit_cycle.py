@@ -380,8 +380,8 @@ def _groups(halves: Sequence[HalfPeriod]) -> list[list[HalfPeriod]]:
     groups: list[list[HalfPeriod]] = [[]]
     for half in halves:
         group = groups[-1]
-        swing = abs(group[-1].level - half.level) if group else 0.0
-        alike = len(group) < 2 or abs(group[-2].level - half.level) <= 2.0 * LEVEL_TOLERANCE * swing
+        change = abs(group[-1].level - half.level) if group else 0.0
+        alike = len(group) < 2 or abs(group[-2].level - half.level) <= 2.0 * LEVEL_TOLERANCE * change
         if math.isnan(half.level) or not alike:
             group = [] if math.isnan(half.level) else group[-1:]
             groups.append(group)

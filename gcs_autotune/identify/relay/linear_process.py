@@ -132,8 +132,9 @@ def _solve(
     needed = experiments_needed(n, m, gain_known=gain is not None)
     if len(omega) < needed:
         raise NotInformative(
-            f"{n} poles and {m} zeros need {needed} limit cycles or frequencies, {len(omega)} supplied. Fly "
-            "further relay experiments with other C or x_a, or request a lower order"
+            f"a model with {n} poles and {m} zeros needs {needed} limit cycles or frequencies, but {len(omega)} were "
+            "supplied. Fly further relay experiments with other C (output) or x_a (switching value), or request a "
+            "lower order"
         )
     rows = np.array([_row(w, v, n, m, integrators, delay) for w, v in zip(omega, balance, strict=True)])
     powers = (1j * np.asarray(omega))[:, None] ** np.arange(n + 1)
@@ -146,8 +147,8 @@ def _solve(
         theta, rank = _least_squares(np.asarray(rows * size[:, None], dtype=np.complex128), known * size)
         if rank < unknown:
             raise NotInformative(
-                f"the {len(omega)} limit cycles are too alike to determine {n} poles and {m} zeros. Use relays of "
-                "clearly different C or x_a, or request a lower order"
+                f"the {len(omega)} limit cycles are too similar to determine {n} poles and {m} zeros. Use relays of "
+                "clearly different C (output) or x_a (switching value), or request a lower order"
             )
         size = weight / np.maximum(np.abs(powers @ [1.0, *theta[:n]]), np.finfo(float).tiny)
     b = theta[n:] if gain is None else [gain, *theta[n:]]
@@ -208,8 +209,8 @@ def loop_trial(trial: Trial) -> Trial:
     found = next((r for r, (signal, _) in LOOPS.items() if r in trial and signal in trial), None)
     if found is None:
         raise MissingChannel(
-            f"run '{trial.name}' contains no closed loop. It needs psi_ref[rad] (the relay command) and psi[rad], "
-            f"or z_ref[m] and z[m], or u_ref[m/s] and u[m/s]; it has {', '.join(trial.channels)}"
+            f"run '{trial.name}' contains no closed loop. It needs psi_ref[rad] (the relay command) and psi[rad], or "
+            f"z_ref[m] and z[m], or u_ref[m/s] and u[m/s]. Its columns are {', '.join(trial.channels)}"
         )
     signal, dof = LOOPS[found]
     reference, names = trial[found], DOFS[dof]
@@ -229,7 +230,7 @@ def loop_cycles(trials: Trial | Sequence[Trial]) -> tuple[LimitCycle, ...]:
     Raises
     ------
     MissingChannel, BadFile, NotInformative
-        As for :func:`loop_trial` and :func:`gcs_autotune.identify.find_cycles`.
+        As for :func:`loop_trial` and :func:`gcs_autotune.identify.relay.limit_cycle.find_cycles`.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [loop_trial(run) for run in runs]

@@ -1,16 +1,16 @@
-"""A run as segments: what a model is fitted to, checked, before any model.
+"""Convert a run to checked segments, to which models are fitted.
 
-A :class:`Segment` is one uninterrupted stretch: signals with their own stamps, inputs that hold from theirs, the
-accuracy of both, in SI units. :func:`prepare` makes the segments of one degree of freedom of a run,
-:func:`prepare_form` those of a form, and :func:`prepare_as_recorded` those whose errors effects will explain.
+A :class:`Segment` is one uninterrupted stretch of a run, in SI units. Its signals have their own stamps, and its inputs
+are held from their stamps on. :func:`prepare` returns the segments for one degree of freedom, and :func:`prepare_form`
+those for a form. :func:`prepare_as_recorded` returns uncorrected segments for a fit with effects.
 
 ==============  ===============================================================================
-segment         the segment and its cuts
-preparation     a run to segments
-intake          a run on input: clock restarts, units, columns that contradict each other
-cleaning        one channel: invalid numbers, late stamps, clipping, gaps
-along_axis      speed along the track for surge
-whiteness       autocorrelation of a series, and how much of a residual is noise
+segment         the segment, and how it is cut
+preparation     from a run to its segments
+intake          checks of a run: clock restarts, units, columns that contradict each other
+cleaning        cleaning of one channel: invalid numbers, late stamps, clipping, gaps
+along_axis      surge and sway derived from positions
+whiteness       whiteness tests, and the part of a residual that is noise
 ==============  ===============================================================================
 """
 

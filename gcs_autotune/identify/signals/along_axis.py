@@ -81,14 +81,14 @@ def ahead_doubt(trial: Trial) -> Doubt | None:
     if "psi" not in trial or not len(trial["psi"]):
         return None
     psi = np.unwrap(trial["psi"].values[np.isfinite(trial["psi"].values)])
-    swing = float(np.quantile(psi, 0.95) - np.quantile(psi, 0.05)) if len(psi) else 0.0
-    if swing <= SWING:
+    spread = float(np.quantile(psi, 0.95) - np.quantile(psi, 0.05)) if len(psi) else 0.0
+    if spread <= SWING:
         return None
     return Doubt(
         "not-facing",
-        f"the heading of run '{trial.name}' varies by {np.degrees(swing):.0f} deg, but surge is derived from the "
-        "distance to a surface. At an angle that distance changes only by cos(angle) of the path",
-        "hold the heading square to the surface; tune the heading controller first (Miskovic2010, Algorithm 8.5)",
+        f"the heading of run '{trial.name}' varies by {np.degrees(spread):.0f} deg, but surge is derived from the "
+        "distance to a surface. At an angle, that distance changes by only cos(angle) times the path",
+        "hold the heading square to the surface. Tune the heading controller first (Miskovic2010, Algorithm 8.5)",
     )
 
 
@@ -127,8 +127,8 @@ def projected_track(
     if spread > CROOKED:
         raise NotInformative(
             f"run '{trial.name}' has no {axis.velocity}, and its heading varies by {np.degrees(spread):.0f} deg. "
-            "North and east then do not determine one axis. Record the velocity, keep a straight course, or use --dof "
-            "horizontal"
+            "North and east then do not determine one axis. Record the velocity, keep a straight course, or use "
+            "--dof horizontal"
         )
     if spread > STRAIGHT:
         notes.append(

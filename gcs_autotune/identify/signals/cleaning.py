@@ -99,7 +99,7 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
         where = float(t[(jumps[0] if len(jumps) else int(np.argmax(late))) - 1])
         raise BadFile(
             f"the clock of run '{run}' jumps back after t = {where:.3f} s (channel {channel.name}). Cut the file "
-            "there and identify the parts as two runs"
+            "there and identify the two parts as separate runs"
         )
     t, values = _in_order(t, values, late)
     first = np.concatenate([[True], np.diff(t) > 0.0]) if len(t) else np.zeros(0, dtype=bool)
@@ -109,7 +109,7 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             Doubt(
                 "missing-samples",
                 f"{lost} samples of {channel.name} in run '{run}' are not numbers",
-                "the samples were left out; check the sensor and the logger",
+                "these samples were left out. Check the sensor and the logger",
             )
         )
     if late.any():
@@ -118,7 +118,7 @@ def clean(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
                 "late-samples",
                 f"{int(late.sum())} samples of {channel.name} in run '{run}' have an earlier time stamp than the "
                 "sample before them",
-                "the samples were sorted, or left out if far too old; log with the vehicle's own time stamps",
+                "the samples were sorted, or left out if far too old. Log with the vehicle's own time stamps",
             )
         )
     if repeated > 0.02 * len(t):
@@ -135,7 +135,7 @@ def _note_repeats(count: int, name: str, run: str, notes: list[Doubt]) -> None:
             if name not in others:
                 notes[i] = replace(note, cause=f"{start}{', '.join([*others, name])}{end}")
             return
-    cure = "the first sample of each was kept; log with the vehicle's own time stamps, with enough digits"
+    cure = "only the first sample of each stamp was kept. Log with the vehicle's own time stamps, with enough digits"
     notes.append(Doubt("repeated-stamps", f"{start}{name}{end}", cure))
 
 
@@ -237,7 +237,7 @@ def within_range(channel: Channel, run: str, notes: list[Doubt]) -> Channel:
             "clipped",
             f"{int(out.sum())} samples of {channel.name} in run '{run}' are at the limit of the sensor's range "
             f"({worst} {channel.unit})",
-            "these samples were left out; use smaller inputs or a sensor with a wider range",
+            "these samples were left out. Use smaller inputs or a sensor with a wider range",
         )
     )
     return replace(channel, t=channel.t[~out], values=channel.values[~out])
@@ -259,7 +259,7 @@ def holes_of(drive: Channel, run: str, notes: list[Doubt]) -> list[tuple[float, 
             Doubt(
                 "input-gaps",
                 f"the input {drive.name} of run '{run}' is not recorded for {sum(b - a for a, b in found):.1f} s",
-                "the motion during the gap was left out; stay within good radio range",
+                "the motion during the gap was left out. Stay within good radio range",
             )
         )
     return found

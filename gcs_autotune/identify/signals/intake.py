@@ -79,7 +79,7 @@ def prepared_runs(
 def left_out(name: str, error: Exception) -> Doubt:
     """Return a doubt that the run called *name* was left out, with the reason."""
     return Doubt(
-        "run-left-out", f"run '{name}' was left out: {error}", "the other runs were used; repair or drop that run"
+        "run-left-out", f"run '{name}' was left out: {error}", "the other runs were used. Repair or omit that run"
     )
 
 
@@ -110,7 +110,7 @@ def parts_of(trial: Trial) -> list[Trial]:
         where = next(f"{float(trial[n].t[c[0] - 1]):.3f} s (channel {n})" for n, c in cuts.items() if len(c))
         raise BadFile(
             f"the clock of run '{trial.name}' jumps back after t = {where}, but not equally on every channel. Cut "
-            "the file there and identify the parts as two runs"
+            "the file there and identify the two parts as separate runs"
         )
     pieces = [_piece(trial, cuts, k) for k in range(counts.pop() + 1)]
     doubt = clock_jump(trial.name, len(pieces) - 1)
@@ -123,7 +123,7 @@ def clock_jump(name: str, times: int) -> Doubt:
     return Doubt(
         "clock-jump",
         f"the clock of run '{name}' jumps back {times} time(s)",
-        "the parts were used as separate runs; check the logger, and that all parts are of one craft",
+        "the parts were used as separate runs. Check the logger, and that all parts are of one craft",
     )
 
 
@@ -198,7 +198,7 @@ def contradictions_of(trial: Trial, use: Sequence[str] | None = None) -> list[Do
     for c in found:
         size = max(abs(c.value), 1.0 / abs(c.value)) if math.isfinite(c.value) and c.value else 0.0
         if c.unit and size > GROSS:
-            raise BadFile(f"{c.cause}; correct the unit in the head, or leave the wrong column out (--use)")
+            raise BadFile(f"{c.cause}. Correct the unit in the header, or omit the wrong column (--use)")
     return [Doubt(CONTRADICTION, c.cause, c.cure) for c in found]
 
 
@@ -235,8 +235,8 @@ def check_axes(trial: Trial) -> None:
     )
     if by_track < ALONG_TRACK * by_craft and by_track < ALONG_TRACK * float(np.sum(moved**2)):
         raise BadFile(
-            f"u and v of run '{trial.name}' are the rates of x and y, not the speeds ahead and to starboard. "
-            "Rotate them by psi (u = dx cos psi + dy sin psi, v = dy cos psi - dx sin psi), or omit them"
+            f"u and v of run '{trial.name}' are the rates of x and y, not the speeds ahead and to starboard. Rotate "
+            "them by psi (u = dx cos psi + dy sin psi, v = dy cos psi - dx sin psi), or omit them"
         )
 
 
@@ -252,12 +252,20 @@ def _inputs_alone(trial: Trial) -> list[Doubt]:
         size = float(np.max(np.abs(trial[name].values), initial=0.0, where=np.isfinite(trial[name].values)))
         if trial[name].unit == "rad" and size > 1.1 * math.pi:
             raise BadFile(
-                f"{name} of run '{trial.name}' goes to {size:.3g} rad, more than half a turn of the rudder. If the "
-                f"numbers are degrees, write {name}[deg] in the head (or --columns OLD={name}[deg])"
+                f"{name} of run '{trial.name}' reaches {size:.3g} rad, more than half a turn of the rudder. If the "
+                f"numbers are degrees, write {name}[deg] in the header (or --columns OLD={name}[deg])"
             )
         if trial[name].unit == "1" and size > OVERFULL:
-            cause = f"{name} of run '{trial.name}' reaches {size:.3g} without a unit, where 1 is full output"
-            found.append(Doubt("unit", cause, f"write {name}[count] in the head, or its unit, or divide by full"))
+            cause = (
+                f"{name} of run '{trial.name}' reaches {size:.3g} without a unit. Without a unit, 1 means full output"
+            )
+            found.append(
+                Doubt(
+                    "unit",
+                    cause,
+                    f"write {name}[count] or its unit in the header, or divide by the value at full output",
+                )
+            )
     return found
 
 
@@ -282,13 +290,16 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
     for height, said, really in ((360.0, "radians", "degrees"), (2.0 * math.pi / DEG, "degrees", "radians")):
         if len(wraps) and np.all(np.abs(wraps / height - 1.0) < 0.05) and np.ptp(x) <= 1.01 * height:
             raise BadFile(
-                f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad: its head states "
-                f"{said}, but the numbers are {really}. Correct the unit in the head"
+                f"psi of run '{trial.name}' wraps round at {float(np.median(wraps)):.4g} rad. Its header states "
+                f"{said}, but the numbers are {really}. Correct the unit in the header"
             )
     is_smooth = float(np.median(np.abs(np.diff(x, n=2)))) < 0.5 * usual
     if is_smooth and float(np.mean(steps > math.pi)) > 0.1:
-        cause = f"psi of run '{trial.name}' changes by more than half a turn from sample to sample, and smoothly"
-        return [Doubt("unit", cause, "its head states radians: are the numbers degrees? correct the unit in the head")]
+        cause = (
+            f"psi of run '{trial.name}' changes smoothly, but by more than half a turn from sample to sample. "
+            "Its header states radians"
+        )
+        return [Doubt("unit", cause, "check whether the numbers are degrees, and correct the unit in the header")]
     lag = max(1, round(0.5 * WINDOW / max(float(np.median(np.diff(t))), 1e-6)))
     turned = np.concatenate([[0.0], np.cumsum(np.angle(np.exp(1j * np.diff(x))))])
     if len(t) <= lag + 20:
@@ -296,5 +307,8 @@ def _heading_alone(trial: Trial, psi: Channel) -> list[Doubt]:
     rate = float(np.median(np.abs(turned[lag:] - turned[:-lag]) / (t[lag:] - t[:-lag])))
     if rate <= TURN:
         return []
-    cause = f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s)"
-    return [Doubt("unit", cause, "its head states radians: are the numbers degrees? correct the unit in the head")]
+    cause = (
+        f"psi of run '{trial.name}' turns faster than {TURN:g} rad/s half of the time ({rate:.1f} rad/s). Its "
+        "header states radians"
+    )
+    return [Doubt("unit", cause, "check whether the numbers are degrees, and correct the unit in the header")]

@@ -95,15 +95,15 @@ def guess_dof(trial: Trial) -> Dof:
     have = ", ".join(trial.channels) or "nothing"
     if not pairs:
         raise MissingChannel(
-            f"run '{trial.name}' has no input with its output; it has {have}. It needs a pair such as N (or delta) "
-            f"with psi or r, Z with z or w, X with u or x, Y with v or y{_several_at_once(trial)}"
+            f"run '{trial.name}' has no input with its output. Its columns are {have}. It needs a pair such as N (or "
+            f"delta) with psi or r, Z with z or w, X with u or x, Y with v or y{_several_at_once(trial)}"
         )
     if not moving:
         if len(pairs) == 1:
             return pairs[0]
         raise NotInformative(f"no input of run '{trial.name}' ever changes, so nothing can be identified from it")
     names = ", ".join(d.name for d in moving)
-    raise UsageError(f"run '{trial.name}' moves in several degrees of freedom ({names}): choose one with --dof")
+    raise UsageError(f"run '{trial.name}' moves in several degrees of freedom ({names}). Choose one with --dof")
 
 
 def form_driven(runs: Sequence[Trial]) -> Form | None:
@@ -163,8 +163,8 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     if not names or not outputs:
         want = f"{' or '.join(INPUTS[axis.name])} with {axis.position} or {axis.velocity}"
         raise MissingChannel(
-            f"run '{trial.name}' lacks what {axis.name} needs ({want}); it has {', '.join(trial.channels)}"
-            f"{_several_at_once(trial)}"
+            f"run '{trial.name}' lacks what {axis.name} needs ({want}). Its columns are "
+            f"{', '.join(trial.channels)}{_several_at_once(trial)}"
         )
     source = next((n for n in names if _varies(trial[n])), names[0])
     doubt = ahead_doubt(trial) if trial is not measured else None
@@ -181,7 +181,7 @@ def prepare(trial: Trial, dof: Dof | str) -> tuple[Segment, ...]:
     if position is not None and rate is not None and _varies(position) is not _varies(rate):
         dead = rate if _varies(position) else position
         position, rate = (None if c is dead else c for c in (position, rate))
-        cause = f"{dead.name} of run '{trial.name}' never changes: it was left out"
+        cause = f"{dead.name} of run '{trial.name}' never changes, so it was left out"
         notes.append(Doubt("dead-column", cause, "check that sensor"))
     if position is not None and axis.angular:
         position = replace(position, values=unwrap(position.t, position.values, rate))
@@ -195,17 +195,20 @@ def _check_excitation(trial: Trial, drive: Channel, outputs: Sequence[Channel]) 
     most = max((len(c) for c in outputs), default=0)
     if most < MIN_SAMPLES:
         raise NotInformative(
-            f"run '{trial.name}' is too short: {most} output samples, at least {MIN_SAMPLES} are needed"
+            f"run '{trial.name}' is too short. It has {most} output samples, but at least {MIN_SAMPLES} are needed. "
+            "Record longer"
         )
     overlap = drive.t[(drive.t <= outputs[0].t[-1])] if len(drive) else drive.t
     if len(overlap) == 0 or not _varies(drive.between(-np.inf, float(outputs[0].t[-1]))):
         raise NotInformative(
-            f"the input {drive.name} of run '{trial.name}' never changes while the output is recorded: inertia, "
+            f"the input {drive.name} of run '{trial.name}' never changes while the output is recorded. Inertia, "
             "damping and constant force cannot be separated. Fly a relay or a sequence of steps"
         )
     if not any(_varies(c) for c in outputs):
         names = " and ".join(c.name for c in outputs)
-        raise NotInformative(f"nothing moves in run '{trial.name}': {names} never changes. Check sensor and actuator")
+        raise NotInformative(
+            f"the craft does not move in run '{trial.name}', since {names} never changes. Check sensor and actuator"
+        )
 
 
 def prepare_form(
@@ -231,7 +234,9 @@ def prepare_form(
     absent = [c for c in form.inputs if c not in trial or not len(trial[c])]
     if absent:
         have = ", ".join(trial.channels) or "nothing"
-        raise MissingChannel(f"run '{trial.name}' lacks the input {', '.join(absent)} of '{form.name}'; it has {have}")
+        raise MissingChannel(
+            f"run '{trial.name}' lacks the input {', '.join(absent)} of '{form.name}'. Its columns are {have}"
+        )
     names = _names(trial, form, use)
     notes = noted(trial)
     drives = [clean(trial[c], trial.name, notes) for c in form.inputs]
@@ -253,15 +258,17 @@ def _names(trial: Trial, form: Form, use: Sequence[str] | None) -> list[str]:
         missing = [n for n in use if n not in there]
         if missing:
             have = ", ".join(there) or "nothing"
-            raise MissingChannel(f"run '{trial.name}' has no {', '.join(missing)} for '{form.name}'; it has {have}")
+            raise MissingChannel(
+                f"run '{trial.name}' has no {', '.join(missing)} for '{form.name}'. Its columns are {have}"
+            )
         return list(use)
     dofs = [DOFS[d] for d in form.dofs]
     taken = [d.velocity for d in dofs if d.velocity in there]
     taken += [d.position for d in dofs if d.position in there and (d.angular or d.velocity not in there)]
     if not taken:
         raise MissingChannel(
-            f"run '{trial.name}' has none of the signals of '{form.name}' ({', '.join(signals_of(form))}) in at least "
-            f"{MIN_SAMPLES} samples; it has {', '.join(trial.channels)}"
+            f"run '{trial.name}' has none of the signals of '{form.name}' ({', '.join(signals_of(form))}) in at "
+            f"least {MIN_SAMPLES} samples. Its columns are {', '.join(trial.channels)}"
         )
     return taken
 
@@ -271,11 +278,14 @@ def _check_form(trial: Trial, form: Form, drives: Sequence[Channel], channels: M
     moving = [d for d in drives if len(d) and np.ptp(d.between(-np.inf, end).values) > 0.0]
     if form.inputs and not moving and not any(_gathers_way(c) for n, c in channels.items() if n in _VELOCITIES):
         raise NotInformative(
-            f"no input of run '{trial.name}' ({', '.join(form.inputs)}) ever changes: inertia and drag cannot be "
+            f"no input of run '{trial.name}' ({', '.join(form.inputs)}) ever changes, so inertia and drag cannot be "
             "separated. Fly steps, a zig-zag or a relay"
         )
     if all(np.ptp(c.values) == 0.0 for c in channels.values()):
-        raise NotInformative(f"nothing moves in run '{trial.name}': {', '.join(channels)} never change")
+        raise NotInformative(
+            f"the craft does not move in run '{trial.name}', since {', '.join(channels)} never change. Check "
+            "sensor and actuator"
+        )
 
 
 def _gathers_way(velocity: Channel) -> bool:
@@ -352,7 +362,7 @@ def _cut(
             Doubt(
                 "gaps",
                 f"run '{trial.name}' has {len(borders) - 2} gap(s) in its telemetry",
-                "each part was fitted with its own initial state; stay within good radio range",
+                "each part was fitted with its own initial state. Stay within good radio range",
             )
         )
     channels = {n: within_range(c, trial.name, notes) for n, c in channels.items()}
@@ -383,7 +393,9 @@ def _cut(
             name = trial.name if len(borders) == 2 else f"{trial.name}#{len(parts) + 1}"
             parts.append(replace(whole, name=name, signals=signals, notes=() if parts else tuple(notes)))
     if not parts:
-        raise NotInformative(f"run '{trial.name}' has no uninterrupted stretch of {MIN_SAMPLES} samples")
+        raise NotInformative(
+            f"run '{trial.name}' has no uninterrupted stretch of {MIN_SAMPLES} samples. Stay within good radio range"
+        )
     return tuple(parts)
 
 

@@ -214,7 +214,7 @@ def within_horizon(segments: Sequence[Segment], horizon: float) -> list[Segment]
         The horizon is not above zero.
     """
     if not horizon > 0.0:
-        raise UsageError(f"a horizon of {horizon} s is not valid: use more than 0 s, or inf for whole runs")
+        raise UsageError(f"a horizon of {horizon} s is not valid. Use more than 0 s, or inf for whole runs")
     return [piece for s in segments for piece in s.within(horizon)]
 
 

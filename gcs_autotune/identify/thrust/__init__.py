@@ -1,9 +1,11 @@
-"""Actuators that are weak for small commands, dead near neutral, or weaker one way, identified together with the craft.
+"""Identify nonlinear actuators together with the craft.
+
+They may be weak for small commands, inactive near neutral, or weaker in one direction.
 
 =================  =================================================================================
 thrust_curve       an ROV's thrusters, from oscillations of two sizes and a step
 surge              a boat's throttle, inertia and drag, from throttle steps
-asymmetric_thrust  the doubt that thrust is weaker one way
+asymmetric_thrust  doubt about thrust that is weaker in one direction
 =================  =================================================================================
 """
 

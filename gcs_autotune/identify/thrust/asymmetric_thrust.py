@@ -50,9 +50,9 @@ def with_doubt_of_thrust(fit: AxisFit, used: Sequence[Trial], directory: Path) -
     name, inertia = fit.model.axis.parameter_names()[0], other.parameters[f"{force}_{fit.model.axis.velocity}dot"]
     doubt = Doubt(
         "lopsided-thrust",
-        f"thrust {way} is {100.0 * ratio.value:.0f} ± {100.0 * ratio.std:.0f} % of that {one}, and this model has one "
-        f"gain for both: with two, {name} is {abs(inertia.value):.3g} ± {inertia.std:.2g}",
-        f"Fit it so: gcs-autotune identify {shlex.quote(str(directory))} --dof {fit.model.dof} "
-        f"--effects {_LOPSIDED}@{force}.",
+        f"thrust {way} is {100.0 * ratio.value:.0f} ± {100.0 * ratio.std:.0f} % of that {one}, but this model has "
+        f"one gain for both. With two gains, {name} is {abs(inertia.value):.3g} ± {inertia.std:.2g}",
+        f"fit two gains: gcs-autotune identify {shlex.quote(str(directory))} --dof {fit.model.dof} --effects "
+        f"{_LOPSIDED}@{force}",
     )
     return replace(fit, doubts=(*fit.doubts, doubt))

@@ -252,8 +252,8 @@ def _with_square(fit: AxisFit, square: float, std: float, slope: Array) -> AxisF
     if not std <= UNKNOWN:
         unknown = Doubt(
             "thrust-curve-unknown",
-            "these runs hardly determine thrust over throttle",
-            "fly with a larger --throttle, so that the levels differ more",
+            "these runs hardly determine the relation between throttle and thrust",
+            "fly with a larger --throttle, so that the throttle levels differ more",
         )
         doubts = (*doubts, unknown)
     extra = {**fit.extra, CURVE: {"square": square, "std": std}}
@@ -390,8 +390,9 @@ def doubt_of(found: AlongTrack) -> Doubt:
     comes_from = math.degrees(found.heading + (math.pi if found.set > 0.0 else 0.0)) % 360.0
     return Doubt(
         "set-along-the-track",
-        f"at the same throttles it made {found.out:.2f} m/s over ground one way and {found.back:.2f} m/s the "
+        f"at the same throttles the boat made {found.out:.2f} m/s over ground one way and {found.back:.2f} m/s the "
         f"other. This indicates a current (or wind) of {abs(found.set):.2f} m/s from {comes_from:03.0f} deg, which "
         "was corrected before the fit",
-        "repeat in slack water and little wind; the correction is along the track only and treats wind as a current",
+        "repeat in slack water and little wind. The correction covers only the direction of the track and treats "
+        "wind as a current",
     )

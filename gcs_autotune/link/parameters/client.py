@@ -1,4 +1,4 @@
-"""The vehicle's parameters: read by name, write and verify, monitor for changes by others.
+"""Parameters of the vehicle: read them by name, write and verify them, and detect changes by other stations.
 
 ArduPilot packs every value as a float (C cast), ignores unknown names, echoes the stored value and saves at once. So
 every request is repeated until answered, the echo is compared, the value is read back, and a difference counts as a
@@ -37,9 +37,9 @@ from gcs_autotune.untrusted_text import quoted
 __all__ = ["Intrusion", "Parameters", "read_confirmed", "same_float32"]
 
 PACKED = "@PARAM/param.pck?withdefaults=1"
-"""The file of ArduPilot's packed parameters on its MAVLink FTP server."""
+"""Path of ArduPilot's packed parameter file on its MAVLink FTP server."""
 _ROUNDS = 8
-"""Requests after which contradicting answers are reported. Chosen."""
+"""Requests after which contradicting answers are reported. Project choice."""
 _ENOUGH = 2
 
 
@@ -51,7 +51,7 @@ def read_confirmed(parameters: Parameters, names: Iterable[str]) -> dict[str, fl
     ParameterMissing, NoReply
         As ``Parameters.read_all``.
     TelemetryFault
-        The answers go on contradicting each other.
+        The answers still contradict each other.
     """
     wanted = list(dict.fromkeys(names))
     votes: dict[str, Counter[float]] = {name: Counter() for name in wanted}
@@ -103,8 +103,8 @@ class Parameters:
     Attributes
     ----------
     session : the session they are read and written through.
-    known : last value heard of every name; ``types`` : as what type (MAV_PARAM_TYPE).
-    intrusions : watched parameters that somebody else changed.
+    known : last value received of every name; ``types`` : their MAV_PARAM_TYPE.
+    intrusions : monitored parameters that another station changed.
     """
 
     def __init__(self, session: Session) -> None:
@@ -123,7 +123,7 @@ class Parameters:
         Raises
         ------
         ParameterMissing
-            The vehicle answers nothing under that name.
+            The vehicle has no parameter of that name.
         """
         return self.read_all([name])[name]
 
@@ -133,11 +133,11 @@ class Parameters:
         Raises
         ------
         ParameterMissing
-            When one or more of them do not exist; the message names all of those.
+            One or more of them do not exist; the message lists all of these.
         NoReply
-            The vehicle no longer answers such questions at all, not even for a name that it has.
+            The vehicle no longer answers such requests, even for a parameter that it has.
         PreconditionFailed
-            One has a value that no vehicle can mean, and is not wanted *as_is*.
+            One has an invalid value, and *as_is* is not set.
         """
         wanted = list(dict.fromkeys(names))
         found = self.read_existing(wanted, as_is=as_is)
@@ -148,25 +148,26 @@ class Parameters:
             self._check_answers(missing)
             raise ParameterMissing(
                 f"{self.session.vehicle} has no parameter {', '.join(missing)}. "
-                "Its firmware is too old, too new or lacks that feature",
+                "Check the firmware: it is too old, too new, or built without this feature",
                 name=missing[0],
             )
         return found
 
     def request_also(self, names: Iterable[str]) -> None:
-        """Request several parameters in addition to a pending read; do not wait."""
+        """Request several parameters in addition to a pending read, without waiting."""
         for name in names:
             self._exchange.request(name)
 
     def read_existing(self, names: Iterable[str], *, as_is: bool = False) -> dict[str, float]:
-        """Return the values of those of *names* that the vehicle has.
+        """Return the values of those parameters in *names* that the vehicle has.
 
-        Three tries of a second each; six when some answers come only after a second try, since the link loses messages.
+        There are three attempts of a second each. There are six if some answers come only after a second attempt,
+        because the link then loses messages.
 
         Raises
         ------
         PreconditionFailed
-            One has a value that no vehicle can mean, and is not wanted *as_is*.
+            One has an invalid value, and *as_is* is not set.
         """
         wanted, heard = list(dict.fromkeys(names)), self._exchange
         for name in wanted:
@@ -191,22 +192,22 @@ class Parameters:
         ParameterMissing, NoReply
             As :meth:`read_all`.
         TelemetryFault
-            The answers go on contradicting each other.
+            The answers still contradict each other.
         """
         return read_confirmed(self, names)
 
     def _check_answers(self, missing: Collection[str]) -> None:
-        """Distinguish a missing parameter from a vehicle that no longer answers."""
+        """Determine whether parameters are missing or the vehicle no longer answers, and raise the matching error."""
         if not self.known and self.session.contested:
             raise NoReply(
-                f"{self.session.contested}. That one answers no parameter requests "
+                f"{self.session.contested}. The sender in use answers no parameter requests "
                 f"({', '.join(missing)}), so it may not be the vehicle. End the other program, or use a signed link"
             )
         known = next((name for name in self.known if name not in missing), None)
         if known is not None and not self.read_existing([known], as_is=True):
             raise NoReply(
                 f"{self.session.vehicle} sends messages, but no longer answers parameter requests "
-                f"({', '.join(missing)}). Check for a restart, and the speed of the link"
+                f"({', '.join(missing)}). Check whether the vehicle restarted, and the speed of the link"
             )
 
     def read_first(self, names: Iterable[str]) -> tuple[str, float]:
@@ -215,9 +216,9 @@ class Parameters:
         Raises
         ------
         ParameterMissing
-            When none does.
+            None of them exists.
         PreconditionFailed
-            It has a value that no vehicle can mean.
+            It has an invalid value.
         """
         wanted, heard = list(names), self._exchange
         heard.forget(wanted)
@@ -233,7 +234,7 @@ class Parameters:
     def read_any(self, groups: Iterable[Sequence[str]]) -> dict[str, float]:
         """Return, for each group of alternative names, the existing one (the first, if several) with its value.
 
-        Once a name of a group has answered, the group is not requested again, so missing names cost no waiting. Groups
+        Once a name of a group is answered, the group is not requested again, so missing names cause no delay. Groups
         without an existing name are absent from the result. ``PreconditionFailed``: a value that no vehicle can have.
         """
         wanted, heard = [list(dict.fromkeys(group)) for group in groups], self._exchange
@@ -244,22 +245,23 @@ class Parameters:
         return checked_all({name: heard.fresh[name] for name in found if name is not None})
 
     def read_full(self, timeout: float = 120.0) -> dict[str, float]:
-        """Return all parameters: the whole list, then missing ones by index.
+        """Return all parameters from the parameter list; missing ones are requested by index.
 
         Raises
         ------
         NoReply
-            The list did not come, or stayed incomplete.
+            The list did not arrive, or stayed incomplete.
         """
         return read_list(self.session, self._exchange, timeout)
 
     def read_whole(self) -> PackedParameters:
-        """Return all parameters, by MAVLink FTP within a second including defaults, else as :meth:`read_full`.
+        """Return all parameters and their defaults, read by MAVLink FTP within a second; if that fails, as
+        :meth:`read_full`.
 
         Raises
         ------
         NoReply
-            Neither came whole.
+            Neither method returned a complete list.
         """
         try:
             return unpack_parameters(read_remote_file(self.session, PACKED))
@@ -276,9 +278,9 @@ class Parameters:
         Raises
         ------
         ParameterNotAccepted
-            The vehicle holds something else afterwards.
+            The vehicle has another value afterwards.
         ParameterMissing
-            The vehicle answers nothing under that name.
+            The vehicle has no parameter of that name.
         UsageError
             The value is not a finite number a 32-bit float can hold.
         """
@@ -297,8 +299,8 @@ class Parameters:
 
     def _not_accepted(self, name: str, wanted: float, found: float) -> ParameterNotAccepted:
         return ParameterNotAccepted(
-            f"{name}: wrote {wanted:g}, but the vehicle holds {found:g}{self._why(name)}. "
-            "It may be read-only, limited to whole numbers, or set by another ground station",
+            f"{name}: wrote {wanted:g}, but the vehicle reports {found:g}{self._why(name)}. "
+            "The parameter may be read-only, limited to whole numbers, or set by another ground station",
             name=name,
             wanted=wanted,
             found=found,

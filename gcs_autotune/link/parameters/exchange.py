@@ -1,7 +1,7 @@
 """Parameter requests and their answers: PARAM_REQUEST_READ, PARAM_VALUE, PARAM_ERROR.
 
 Reads single parameters, or the whole list and then missing entries by index. Unrequested values show that another
-station has written a parameter that we rely on.
+station has written a parameter that this program depends on.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ _NAME = 16
 
 
 def same_float32(a: float, b: float) -> bool:
-    """Return whether two numbers are the same 32-bit float, up to its last bits."""
+    """Return whether two numbers are the same 32-bit float, except for rounding of the last bits."""
     if a == b or (math.isnan(a) and math.isnan(b)):
         return True
     return math.isfinite(a) and math.isfinite(b) and abs(a - b) <= 4.0 * 2.0**-24 * max(abs(a), abs(b))
 
 
 def encoded(name: str) -> bytes:
-    """Return *name* as it is sent.
+    """Return *name* encoded for sending.
 
     Raises
     ------
     UsageError
-        No parameter can be called that.
+        It is not a valid parameter name.
     """
     if not (0 < len(name) <= _NAME and name.isascii()):
-        raise UsageError(f"'{name}' is not a parameter name: 1 to {_NAME} plain letters")
+        raise UsageError(f"'{name}' is not a parameter name. Use 1 to {_NAME} plain characters")
     return name.encode("ascii")
 
 
@@ -70,20 +70,20 @@ def as_float32(name: str, value: float) -> float:
 
 
 REPLY = 1.0
-"""Seconds to wait for one answer. Chosen."""
+"""Seconds to wait for one answer. Project choice."""
 IN_FLIGHT = 10
-"""Requests outstanding at once. Chosen: about what the buffer of a slow radio holds."""
+"""Number of requests outstanding at once, about what the buffer of a slow radio can store. Project choice."""
 _NO_INDEX = 65535
 
 
 class ParamExchange:
-    """One session's questions and answers.
+    """Parameter requests and answers of one session.
 
     Attributes
     ----------
-    known : last value heard of every name; ``types`` : as what type (MAV_PARAM_TYPE).
-    fresh : what was answered since it was last forgotten, by name; ``refused`` : what the vehicle says it has not.
-    indices : place in the vehicle's list -> name; ``count`` : how long that list is, 0 when it has not been told.
+    known : last value received of every name; ``types`` : their MAV_PARAM_TYPE.
+    fresh : answers by name since the last :meth:`forget`; ``refused`` : names that the vehicle reports as missing.
+    indices : index in the vehicle's list -> name; ``count`` : length of that list, 0 if not reported.
     """
 
     def __init__(self, session: Session) -> None:
@@ -127,7 +127,7 @@ class ParamExchange:
         return next((name for name in names if name in self.fresh), None)
 
     def ask(self, names: Sequence[str]) -> None:
-        """Request *names*, a few at a time; wait a second after the last answer of each group."""
+        """Request *names*, a few at a time. Wait a second after the last answer of each group."""
         for start in range(0, len(names), IN_FLIGHT):
             group = names[start : start + IN_FLIGHT]
             for name in group:
@@ -135,7 +135,7 @@ class ParamExchange:
             self._session.wait_for(partial(self._all_settled, group), REPLY)
 
     def ask_any(self, groups: Sequence[Sequence[str]]) -> None:
-        """Request one name of each of *groups* of alternative names, in the same way."""
+        """Request one name of each of *groups* of alternative names, a few at a time."""
         for start in range(0, len(groups), IN_FLIGHT // 2):
             batch = groups[start : start + IN_FLIGHT // 2]
             for name in (name for group in batch for name in group):
@@ -149,19 +149,19 @@ class ParamExchange:
         return True if all(self.any_settled(group) for group in groups) else None
 
     def request(self, name: str) -> None:
-        """Request one parameter; do not wait."""
+        """Request one parameter without waiting for the answer."""
         self._request(encoded(name), -1)
 
     def request_index(self, index: int) -> None:
-        """Request the parameter at one index of the list; do not wait."""
+        """Request the parameter at one index of the list without waiting for the answer."""
         self._request(b"", index)
 
     def request_list(self) -> None:
-        """Request the whole list; do not wait."""
+        """Request the whole list without waiting for it."""
         self._session.send(mavlink.MAVLink_param_request_list_message(*self._vehicle()))
 
     def set(self, name: str, value: float) -> None:
-        """Send PARAM_SET and discard previous answers for *name*; do not wait."""
+        """Discard previous answers for *name* and send PARAM_SET, without waiting."""
         vehicle = self._vehicle()
         self.forget([name])
         self._session.send(
@@ -174,16 +174,16 @@ class ParamExchange:
     def _vehicle(self) -> tuple[int, int]:
         vehicle = self._session.vehicle
         if vehicle is None:
-            raise NoReply("parameters were requested before a vehicle was found. Discover one first")
+            raise NoReply("parameters were requested before a vehicle was discovered. Discover a vehicle first")
         return vehicle.system, vehicle.component
 
 
 _QUIET = 1.5
-"""Seconds without new values after which missing ones are requested. Chosen."""
+"""Seconds without new values after which missing ones are requested. Project choice."""
 
 
 def read_list(session: Session, exchange: ParamExchange, timeout: float) -> dict[str, float]:
-    """Return every parameter, by name; errors as those of ``Parameters.read_full``."""
+    """Return every parameter by name; errors as for ``Parameters.read_full``."""
     exchange.fresh, exchange.indices, exchange.count = {}, {}, 0
     deadline = Deadline.after(session.liveness, timeout)
     exchange.request_list()
@@ -218,11 +218,11 @@ def _fill_gaps(exchange: ParamExchange) -> None:
 
 
 Intrusion = tuple[str, float, float]
-"""(name, value that we wrote, value written by another station)."""
+"""A changed parameter: (name, value that we wrote, value written by another station)."""
 
 
 class ParamWatch:
-    """Monitor of parameters; ``intrusions``: those changed by another station."""
+    """Monitors parameters; ``intrusions`` are those changed by another station."""
 
     def __init__(self, session: Session, exchange: ParamExchange) -> None:
         self._exchange = exchange
@@ -233,7 +233,7 @@ class ParamWatch:
         session.listen("PARAM_VALUE", self._on_value)
 
     def add(self, values: Mapping[str, float]) -> None:
-        """Monitor these values; a parameter already monitored with another value counts as changed."""
+        """Monitor these values. A parameter that is already monitored with another value counts as changed."""
         for name, value in values.items():
             before = self._watched.get(name, value)
             if not same_float32(before, value):
@@ -241,14 +241,14 @@ class ParamWatch:
         self._watched.update(values)
 
     def drop(self, names: Collection[str]) -> None:
-        """Stop monitoring these."""
+        """Stop monitoring these parameters."""
         for name in names:
             self._watched.pop(name, None)
             self._suspected.pop(name, None)
 
     @contextmanager
     def writing(self, name: str) -> Iterator[None]:
-        """Context in which we write *name*."""
+        """Return a context in which this program writes *name*."""
         self._busy.add(name)
         try:
             yield
@@ -256,7 +256,7 @@ class ParamWatch:
             self._busy.discard(name)
 
     def wrote(self, name: str, value: float) -> None:
-        """Record that we wrote *name*; if monitored, this is its new expected value."""
+        """Record that this program wrote *name*. If it is monitored, this is its new expected value."""
         if name in self._watched:
             self._watched[name] = value
 
@@ -266,7 +266,7 @@ class ParamWatch:
             self._judge(name, float(message.param_value))
 
     def _judge(self, name: str, value: float) -> None:
-        """Count a change only if another read confirms it: a late echo of our own write looks the same."""
+        """Count a change only if another read confirms it, because a late echo of our own write looks the same."""
         expected = self._watched[name]
         if same_float32(value, expected):
             self._suspected.pop(name, None)

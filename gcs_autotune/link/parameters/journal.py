@@ -1,12 +1,17 @@
-"""What was borrowed from the vehicle, on disk before the first write, so that a power cut loses nothing.
+"""Journal of temporary changes on the vehicle, written to disk before each change so that a power loss loses
+nothing.
 
-JSON lines, each forced to the disk before the next step. Events in order: ``opened`` (vehicle, link, mode,
-armed, fingerprint), ``lent`` (name, value), ``writing`` (name, value), ``written`` (name, value), then ``kept``
-(values) or ``returned`` (name, value), and ``closed``; ``resumed`` where a restore goes on with it. Between
-them what we order: ``ordering`` (mode or armed, the vehicle's time since boot) and, once the vehicle shows it,
-``ordered``; ``yielded`` (mode or armed) where another operator has ordered something else. Whoever writes
-holds a lock on the file, which the system lets go of when the program dies in whatever way. Reading one back, torn
-tails are expected.
+The file consists of JSON lines, each synced to disk before the next step. The events are, in order: ``opened``
+(vehicle, link, mode, armed, fingerprint), ``lent`` (name, value), ``writing`` (name, value), ``written`` (name, value),
+then ``kept`` (values) or ``returned`` (name, value), and ``closed``. A restore that continues the journal adds
+``resumed``.
+
+Commands for mode and arming are recorded too: ``ordering`` (mode or armed, the vehicle's time since boot) before the
+command, and ``ordered`` once the vehicle shows it. ``yielded`` (mode or armed) means that another operator has
+commanded something else.
+
+The writer locks the file; the system releases the lock when the program ends in any way. The reader accepts a truncated
+last line.
 """
 
 from __future__ import annotations
@@ -32,16 +37,17 @@ __all__ = ["Journal", "JournalState", "good_length", "is_being_written", "read_j
 
 @dataclass(frozen=True, slots=True)
 class JournalState:
-    """What a journal says.
+    """The state recorded in a journal.
 
-    ``vehicle``, ``link``, ``mode``, ``armed``, ``fingerprint`` : how things were found. ``debts`` : name -> old value
-    of what was written and neither returned nor kept; ``written`` : name -> the values we wrote there. ``opened`` is
-    False when not even the first line reached the disk: then nothing was touched.
+    ``vehicle``, ``link``, ``mode``, ``armed``, ``fingerprint`` : the original state. ``debts`` : name -> old value of
+    parameters written and neither restored nor kept. ``written`` : name -> the values written there. ``opened`` is
+    False if not even the first line reached the disk; then nothing was changed.
 
-    ``left_in`` : modes that we may have left it in: the last one ordered, and the one before while that is not
-    confirmed; none once another operator has ordered one. ``armed_by_us`` : whether an order of ours may have armed it.
-    ``mission`` : the vehicle's own ``items`` and ``current`` one and ``ours`` that replaced them, until it is restored.
-    ``boot`` [s] and ``stamp`` : the vehicle's time since boot, and ours, at the last order; None and empty if unknown.
+    ``left_in`` : modes that this program may have left the vehicle in: the last one commanded, and the previous one if
+    that is not confirmed. It is empty once another operator has commanded a mode. ``armed_by_us`` : whether a command
+    of this program may have armed it. ``boot`` [s] and ``stamp`` : the vehicle's time since boot and our time at the
+    last command; None and empty if unknown.
+    ``mission`` : the vehicle's own ``items`` and ``current`` item, and ``ours`` that replaced them; None once restored.
     """
 
     vehicle: Mapping[str, Any] = field(default_factory=dict)
@@ -71,7 +77,7 @@ def read_journal(path: Path) -> JournalState:
     Raises
     ------
     BadFile
-        When it cannot be read, or is damaged before its end.
+        It cannot be read, or is damaged before its end.
     """
     try:
         data = path.read_bytes()
@@ -90,7 +96,7 @@ def read_journal(path: Path) -> JournalState:
 
 
 def good_length(data: bytes) -> int:
-    """Return the number of bytes in complete lines; the last may lack its line end."""
+    """Return the number of bytes in complete lines; the last line may have no line end."""
     good = position = 0
     for line in data.split(b"\n"):
         position += len(line)
@@ -101,7 +107,7 @@ def good_length(data: bytes) -> int:
 
 
 def _event(line: bytes) -> dict[str, Any] | None:
-    """Return the event of a line, or None if it is damaged or empty."""
+    """Return the event in a line; None if the line is damaged or empty."""
     try:
         event = parse(line)
     except Refused:
@@ -203,7 +209,7 @@ _Event = (
 
 @dataclass(slots=True)
 class _Orders:
-    """Our orders according to the events read so far."""
+    """State of this program's commands according to the events read so far."""
 
     modes: tuple[str, ...] = ()
     armed: bool = False
@@ -244,7 +250,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
                 case _Closed() | _Resumed():
                     pass
                 case _ if head is None:
-                    raise Refused("it does not start with the original state")
+                    raise Refused("the journal does not start with the original state")
                 case _Ordering() | _Ordered() | _Yielded():
                     orders.take(event)
                 case _Lent():
@@ -296,7 +302,7 @@ except ImportError:  # pragma: no cover - Windows has neither locks of this kind
 
 SCHEMA = 1
 _ANCESTORS = 3
-"""Number of parent folders that are synced to disk: the run's, and those created for it."""
+"""Number of parent folders that are synced to disk: the run's folder and those created for it."""
 
 
 def _wall_stamp() -> str:
@@ -309,14 +315,14 @@ class Journal:
     Parameters
     ----------
     path : the file; created, or appended to.
-    vehicle, link, mode, armed : how things were found, for whoever restores later.
-    fingerprint : parameters to know the vehicle again by, when it has no unique id.
-    stamp : the time to write beside each event.
+    vehicle, link, mode, armed : the original state, for a later restore.
+    fingerprint : parameters to recognise the vehicle by if it has no unique id.
+    stamp : function that returns the time to write with each event.
 
     Raises
     ------
     PreconditionFailed
-        When the file cannot be written, or another program is writing it; then no parameter may be changed.
+        The file cannot be written, or another program is writing it. Then no parameter may be changed.
     """
 
     def __init__(
@@ -389,7 +395,7 @@ class Journal:
             raise self._unwritable(error) from error
 
     def _mend(self) -> None:
-        """Remove a truncated last line, or complete one that lacks only its line end."""
+        """Remove a truncated last line. If the line lacks only its line end, complete it."""
         try:
             data = self._path.read_bytes()
             length = good_length(data)
@@ -412,7 +418,7 @@ class Journal:
         Raises
         ------
         PreconditionFailed
-            When it cannot be written (a full disk, say).
+            It cannot be written (e.g. the disk is full).
         """
         line = json.dumps({"event": event, "time": self._stamp(), **details}) + "\n"
         data = line.encode()
@@ -420,7 +426,7 @@ class Journal:
             end = os.fstat(self._descriptor).st_size
             try:
                 if os.write(self._descriptor, data) != len(data):
-                    raise OSError(errno.ENOSPC, "the line was truncated; the disk is full")
+                    raise OSError(errno.ENOSPC, "the line was truncated: the disk is full")
                 _sync(self._descriptor)
             except OSError:
                 with suppress(OSError):
@@ -430,14 +436,17 @@ class Journal:
             raise self._unwritable(error) from error
 
     def close(self) -> None:
-        """Record the end and close the file."""
+        """Record the ``closed`` event and close the file."""
         try:
             self.record("closed")
         finally:
             self.leave()
 
     def leave(self) -> None:
-        """Close the file without an end, so that ``gcs-autotune restore`` restores the rest. May be called twice."""
+        """Close the file without a ``closed`` event, so that ``gcs-autotune restore`` can restore the rest.
+
+        It may be called twice.
+        """
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)
@@ -460,7 +469,7 @@ class Journal:
         Raises
         ------
         BadFile
-            When it cannot be read, or is damaged before its end.
+            It cannot be read, or is damaged before its end.
         """
         return read_journal(path)
 

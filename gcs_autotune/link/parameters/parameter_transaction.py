@@ -1,4 +1,7 @@
-"""Temporary parameter changes: old values are saved to disk first and restored in reverse order unless kept."""
+"""Temporary parameter changes.
+
+Old values are saved to disk first and restored in reverse order unless the new ones are kept.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +18,27 @@ from gcs_autotune.link.parameters.journal import Journal
 __all__ = ["ParameterTransaction"]
 
 _PATIENCE = 30.0
-"""Seconds to wait for a silent vehicle before restoring fails. Chosen: a boat may be behind a pier."""
+"""Time [s] to wait for a silent vehicle before the restore fails. A boat may be behind a pier. Project choice."""
 _ROUNDS = 3
-"""Rounds of restoring and verifying. Chosen: a delayed write of ours may arrive after the old value was restored."""
+"""Number of rounds of restoring and verifying.
+
+A delayed write of ours may arrive after the old value was restored. Project choice.
+"""
 
 
 class _Changed(AutotuneError):
-    """The parameter changed after it was restored: by a delayed write of ours, or by another station."""
+    """Raised if a parameter has changed after its restore, by a delayed write of ours or by another station."""
 
 
 class ParameterTransaction:
-    """Parameters in our hands for a while.
+    """Temporary changes of parameters.
 
-    As a context manager it gives everything back on leaving, unless :meth:`keep` was called.
+    As a context manager it restores everything on exit, unless :meth:`keep` was called.
 
     Attributes
     ----------
-    old : name -> the value as found, of everything lent.
-    written : names written and not yet kept or given back, in order.
+    old : name -> original value of every parameter lent.
+    written : names written and not yet kept or restored, in order.
     """
 
     def __init__(self, parameters: Parameters, journal: Journal) -> None:
@@ -49,9 +55,9 @@ class ParameterTransaction:
         Raises
         ------
         ParameterMissing, TelemetryFault
-            One of them does not exist, or is answered with contradicting values; then none is lent.
+            One of them does not exist, or the answers contradict each other. Then none is lent.
         PreconditionFailed
-            One holds what could not be put back (not a number), or the journal cannot be written.
+            The value of one could not be restored later (not a number), or the journal cannot be written.
         """
         wanted = list(dict.fromkeys(names))
         new = checked_all(self._parameters.read_confirmed([name for name in wanted if name not in self.old]))
@@ -67,9 +73,9 @@ class ParameterTransaction:
         Raises
         ------
         ParameterNotAccepted, ParameterMissing, LinkError, OperatorStopped
-            What went wrong; everything is as found.
+            The cause of the failure; everything is restored.
         NotAsFound
-            What went wrong, and not everything could be put back.
+            The cause of the failure; some values could not be restored.
         """
         self.lend(values)
         for name, before, now in self._parameters.intrusions:
@@ -106,14 +112,14 @@ class ParameterTransaction:
         Raises
         ------
         ParameterNotAccepted
-            It no longer holds what was written; nothing is kept.
+            A parameter no longer has the value written. Nothing is kept.
         """
         kept = self._parameters.read_confirmed(self.written)
         for name, value in kept.items():
             left = self._left[name]
             if not same_float32(value, left):
                 raise ParameterNotAccepted(
-                    f"{name} is {value:g}, but was proved with {left:g}: another station changed it",
+                    f"{name} is {value:g}, but was tested with {left:g}: another station changed it",
                     name=name,
                     wanted=left,
                     found=value,
@@ -123,14 +129,14 @@ class ParameterTransaction:
         return kept
 
     def give_back(self) -> None:
-        """Put every written parameter back as found, last first, and read them all again. The operator has to wait.
+        """Restore every written parameter, last first, and read them all again. The operator cannot interrupt.
 
-        A vehicle that has fallen silent is waited for once. What another station has written meanwhile stands.
+        If the vehicle has fallen silent, wait for it once. Values that another station has written since are kept.
 
         Raises
         ------
         NotAsFound
-            When some could not be put back; ``differences`` says which and why. The others are back.
+            Some could not be restored; ``differences`` lists them with the reasons. The others are restored.
         """
         with self._session.operator.shielded():
             self._leave_overwritten()
@@ -145,13 +151,13 @@ class ParameterTransaction:
             names = ", ".join(f"{name} (was {self.old[name]:g})" for name in failures)
             raise NotAsFound(
                 f"could not restore {names}. The old values are in {self._journal.path}. "
-                "Run `gcs-autotune restore` with it once the vehicle answers again",
+                "Run `gcs-autotune restore` with this file once the vehicle answers again",
                 differences={n: f"should be {self.old[n]:g}: {error}" for n, error in failures.items()},
             )
         self._release()
 
     def _leave_overwritten(self) -> None:
-        """Keep what another station has written since, if the vehicle confirms it."""
+        """Keep the value that another station has written since, if the vehicle confirms it."""
         names = {name for name, _, _ in self._parameters.intrusions if name in self._left}
         try:
             held = self._parameters.read_confirmed(names) if names else {}
@@ -161,14 +167,14 @@ class ParameterTransaction:
             if same_float32(value, self.old[name]) or same_float32(value, self._left[name]):
                 continue
             self._session.notes.append(
-                f"{name} stays at {value:g}, written by another station; its original value is {self.old[name]:g}"
+                f"{name} stays at {value:g}, written by another station. Its original value is {self.old[name]:g}"
             )
             self.written.remove(name)
             with suppress(PreconditionFailed):  # a full disk: the journal only says too much then
                 self._journal.record("returned", name=name, value=value, by="another station")
 
     def _put_back(self) -> dict[str, AutotuneError]:
-        """Write differing values and verify, until none differs; return what failed."""
+        """Write differing values and verify them, until none differs. Return those that failed."""
         failures: dict[str, AutotuneError] = {}
         owed = list(reversed(self.written))
         for _ in range(_ROUNDS):
@@ -187,7 +193,7 @@ class ParameterTransaction:
         return failures
 
     def _looked_at(self, names: list[str]) -> dict[str, AutotuneError]:
-        """Read *names* again and return those without the old value."""
+        """Read *names* again and return those that do not have the old value."""
         try:
             held = self._parameters.read_confirmed(names)
         except AutotuneError as error:
@@ -196,11 +202,11 @@ class ParameterTransaction:
         return {n: _Changed(f"it changed to {v:g} again after it was restored") for n, v in changed.items()}
 
     def _note_return(self, name: str) -> None:
-        """Record a restored value; a full disk must not stop the restore."""
+        """Record a restored value in the journal. A full disk must not stop the restore."""
         try:
             self._journal.record("returned", name=name, value=self.old[name])
         except PreconditionFailed as error:
-            self._session.notes.append(f"{name} is restored, but the journal could not record it: {error}")
+            self._session.notes.append(f"{name} is restored, but this could not be written to the journal: {error}")
 
     def _release(self) -> None:
         self._parameters.unwatch(list(self.old))

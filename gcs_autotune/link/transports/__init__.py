@@ -1,7 +1,8 @@
-"""Connection strings, as pymavlink, MAVProxy and MAVSDK users write them, to transports.
+"""Open a transport from a connection string in the notation of pymavlink, MAVProxy or MAVSDK.
 
-Adding one is a class with ``_read_available``, ``_write`` and ``_close``, a line in :data:`TRANSPORTS`, and its ends in
-the conformance suite (``tests/link/link_ends.py``); from another package an entry point (:data:`OFFERED`) is that line.
+To add a transport, write a class with ``_read_available``, ``_write`` and ``_close``. Add a line to :data:`TRANSPORTS`,
+and both ends to the conformance suite (``tests/link/link_ends.py``). Another package uses an entry point
+(:data:`OFFERED`) instead of the line.
 """
 
 from __future__ import annotations
@@ -69,11 +70,11 @@ def _sitl(rest: str, options: LinkOptions) -> Transport:
         given[key].append(unquote(value))
     for key in ("seed", "model", "names"):
         if len(given[key]) > 1:
-            raise UsageError(f"'sitl:{rest}': use only one {key}")
+            raise UsageError(f"'sitl:{rest}': the option {key} occurs more than once. Use it once")
     try:
         seed = whole(given["seed"][0], _MOST_SEED) if given["seed"] else options.seed
     except Refused as error:
-        raise UsageError(f"'sitl:{name}': a seed: {error}") from None
+        raise UsageError(f"'sitl:{name}': the seed is invalid: {error}") from None
     model, names = (given[key][0] if given[key] else None for key in ("model", "names"))
     return open_sitl(SitlArguments(name, seed, tuple(given["effect"]), tuple(given["param"]), model, names))
 
@@ -96,10 +97,10 @@ TRANSPORTS: Mapping[str, Opener] = {
     "serial_flowcontrol": lambda rest, options: SerialPort(_flow_controlled(rest, options)),
     "sitl": _sitl,
 }
-"""Scheme -> function that opens it, with our own sockets and ports."""
+"""Scheme -> function that opens it with this package's own sockets and ports."""
 
 OFFERED = "gcs_autotune.transports"
-"""Entry-point group of other packages that provide further schemes."""
+"""Group of entry points by which other packages provide further schemes."""
 
 MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "udpin": lambda rest, _: MavsdkLink("udpin", parse_host_port(rest)),
@@ -110,10 +111,10 @@ MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "serial_flowcontrol": lambda rest, options: MavsdkLink("serial", _flow_controlled(rest, options)),
     "sitl": _no_lockstep,
 }
-"""The same with MAVSDK."""
+"""Scheme -> function that opens it with MAVSDK."""
 
 BACKENDS: Mapping[str, Mapping[str, Opener]] = {"pymavlink": TRANSPORTS, "mavsdk": MAVSDK_TRANSPORTS}
-"""What carries the frames: our own sockets and ports with pymavlink's messages, or MAVSDK."""
+"""Libraries that can carry the frames: our own sockets and ports with pymavlink's messages, or MAVSDK."""
 
 _BARE_DEVICE = re.compile(r"(/|COM\d|\\\\)", re.IGNORECASE)
 
@@ -121,16 +122,19 @@ _BARE_DEVICE = re.compile(r"(/|COM\d|\\\\)", re.IGNORECASE)
 def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend: str = "pymavlink") -> Transport:
     """Open the connection that *uri* describes.
 
-    ``udpin:HOST:PORT`` (or ``udp:``) listens, ``udpout:HOST:PORT`` calls; ``tcp:HOST:PORT`` (or ``tcpout:``) calls,
-    ``tcpin:HOST:PORT`` listens; ``/dev/ttyUSB0,57600``, ``COM3,57600`` or ``serial:PATH:BAUD`` opens a port
-    (``serial_flowcontrol:`` with its RTS and CTS wires); ``sitl:NAME`` starts the embedded simulator
-    (``sitl:FILE.toml``: with a vehicle of your own), and what follows a ``?`` is told to it, joined by ``&``:
-    ``sitl:videoray?effect=dead-zone.width=0.05&effect=gyro-bias.bias=0.01&seed=3`` hides effects behind the wire
-    (as ``gcs-autotune sitl --effect``), ``model=FILE`` flies a model file, ``param=NAME=VALUE`` sets a parameter
-    before boot, ``names=4.7`` gives it that firmware's parameter names; a ``&`` in a value is written ``%26``.
+    * UDP: ``udpin:HOST:PORT`` (or ``udp:``) listens, ``udpout:HOST:PORT`` sends first.
+    * TCP: ``tcp:HOST:PORT`` (or ``tcpout:``) connects, ``tcpin:HOST:PORT`` listens.
+    * Serial: ``/dev/ttyUSB0,57600``, ``COM3,57600`` or ``serial:PATH:BAUD`` opens a port. ``serial_flowcontrol:`` also
+      uses its RTS and CTS wires.
+    * Simulator: ``sitl:NAME`` starts the embedded one (``sitl:FILE.toml``: with a vehicle of your own).
 
-    MAVSDK's ``scheme://`` is accepted too, with every *backend*. Its old ``udp://`` means two things: it calls a host
-    that is named, and listens on ``udp://:PORT`` and ``udp://0.0.0.0:PORT``.
+    Options of the simulator follow a ``?``, joined by ``&``; a ``&`` in a value is written ``%26``.
+    ``sitl:videoray?effect=dead-zone.width=0.05&effect=gyro-bias.bias=0.01&seed=3`` adds hidden effects to the vehicle
+    (as ``gcs-autotune sitl --effect``). ``model=FILE`` flies a model file. ``param=NAME=VALUE`` sets a parameter before
+    boot. ``names=4.7`` selects that firmware's parameter names.
+
+    MAVSDK's ``scheme://`` is accepted too, with every *backend*. Its old ``udp://`` has two meanings: with a host it
+    sends first, and as ``udp://:PORT`` or ``udp://0.0.0.0:PORT`` it listens.
 
     Parameters
     ----------
@@ -141,9 +145,9 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
     Raises
     ------
     UsageError, UnknownName
-        The string cannot be understood; unknown scheme, backend, simulated vehicle or effect; the backend cannot do it.
+        The string is not valid. Or a scheme, backend, simulated vehicle or effect is unknown, or not supported.
     CannotOpenLink
-        It can, but the port or address cannot be had; the message says why and what to try.
+        The port or address cannot be opened. The message states why and what to try.
     """
     options = LinkOptions(baud, seed)
     table = lookup(BACKENDS, backend, "backend")
@@ -152,7 +156,7 @@ def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend:
     scheme, colon, rest = uri.strip().partition(":")
     if not colon:
         raise UsageError(
-            f"'{uri}' is not a connection. Write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
+            f"'{uri}' is not a connection URI. Write e.g. udpin:0.0.0.0:14550, tcp:127.0.0.1:5760, "
             "/dev/ttyUSB0,57600 or sitl:charlie"
         )
     rest, has_slashes = rest.removeprefix("//"), rest.startswith("//")

@@ -1,4 +1,4 @@
-"""Host and port, or serial port and speed, as people write them."""
+"""Parse host and port, or serial port and speed, as users write them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["HostPort", "SerialName", "parse_host_port", "parse_serial", "resolve
 
 @dataclass(frozen=True, slots=True)
 class HostPort:
-    """An internet address; an empty host means every interface of this machine."""
+    """An internet address; an empty host means every interface of this computer."""
 
     host: str
     port: int
@@ -25,12 +25,12 @@ class HostPort:
 
 
 def parse_host_port(text: str, *, default_host: str = "0.0.0.0", default_port: int = 14550) -> HostPort:
-    """Read ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
+    """Parse ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
 
     Raises
     ------
     UsageError
-        When the port is not a number from 0 to 65535.
+        The port is not a number from 0 to 65535.
     """
     host, colon, port = text.strip().rstrip("/").rpartition(":")
     if not colon:
@@ -46,7 +46,7 @@ def parse_host_port(text: str, *, default_host: str = "0.0.0.0", default_port: i
 
 @dataclass(frozen=True, slots=True)
 class SerialName:
-    """A serial port and its speed ``baud``; ``flow_control`` by the RTS and CTS wires."""
+    """A serial port and its speed ``baud``; ``flow_control`` uses the RTS and CTS wires."""
 
     path: str
     baud: int
@@ -57,12 +57,12 @@ class SerialName:
 
 
 def parse_serial(text: str, *, default_baud: int, flow_control: bool = False) -> SerialName:
-    """Read ``PATH``, ``PATH:BAUD`` or ``PATH,BAUD``.
+    """Parse ``PATH``, ``PATH:BAUD`` or ``PATH,BAUD``.
 
     Raises
     ------
     UsageError
-        No path, or a speed of 0.
+        There is no path, or the speed is 0.
     """
     match = re.fullmatch(r"(?P<path>.+?)[,:](?P<baud>[0-9]{1,9})", text)
     path, baud = (match["path"], int(match["baud"])) if match else (text, default_baud)
@@ -77,7 +77,7 @@ def resolve(address: HostPort, kind: int) -> tuple[int, Any]:
     Raises
     ------
     CannotOpenLink
-        When the host name is not known.
+        The host name is not known.
     """
     try:
         family, _, _, _, target = socket.getaddrinfo(address.host, address.port, type=kind)[0]

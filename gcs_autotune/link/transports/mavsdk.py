@@ -1,14 +1,16 @@
-"""MAVSDK as the carrier: it owns the connection, we see every frame that it receives and hand it every frame we send.
+"""MAVSDK as the carrier: it owns the connection and exchanges complete MAVLink frames with this program.
 
-MAVSDK 4 runs inside our process. Two of its connections with forwarding on make it a router: the one to the vehicle,
-and ``raw://``, whose other end is this file. Frames pass through unchanged, signatures and unknown messages included,
-so session, log and signing work as on any other link. MAVSDK is a ground station of its own beside us (system 245):
-it sends its heartbeat and asks the vehicle who it is; what it sends itself is kept from our ears.
+MAVSDK 4 runs inside our process. Two of its connections with forwarding switched on make it a router. One leads to the
+vehicle. The other is ``raw://``, whose other end is this module. Frames pass through unchanged, including signatures
+and unknown messages. So session, log and signing work as on any other link. MAVSDK is also a ground station of its own
+(system 245). It sends its own heartbeat and asks the vehicle for its identity. The messages that it sends itself are
+not passed to this program.
 
-MAVSDK logs to standard output, once for the whole process: while a link of ours is open the log is ours, and what it
-complains of is kept. Every frame it receives is handed over on its own thread, which has to wait until our thread lets
-go of the interpreter: at Python's usual 5 ms that is 200 frames a second while we compute, and a parameter list from a
-fast simulator overruns the socket (measured: 1241 parameters in 3 to 32 s with losses; 0.20 s at 0.1 ms).
+MAVSDK logs to standard output, once for the whole process. While a link of ours is open, this module receives the log
+and stores its warnings. MAVSDK passes on each received frame on its own thread. That thread has to wait until our
+thread releases the interpreter lock. At Python's usual switch interval of 5 ms this limits it to 200 frames a second
+while we compute, and a parameter list from a fast simulator overruns the socket. Measured: 1241 parameters took 3 to 32
+s with losses, and 0.20 s at 0.1 ms.
 """
 
 from __future__ import annotations
@@ -31,15 +33,15 @@ __all__ = ["HOST", "Complain", "MavsdkHost", "MavsdkLink"]
 _SWITCH_INTERVAL = 1e-4
 _WARNING = 2
 _NOISE = ("Sending message failed", "Connection using ")
-"""Messages that MAVSDK logs in ordinary use: a peer that has not called yet, an old form of URL."""
+"""Messages that MAVSDK logs in ordinary use, such as a peer that has not connected yet or an old form of URL."""
 _NEWS = ("TCP connection closed", "TCP client disconnected")
-"""Messages that MAVSDK logs as information and that are errors for us."""
+"""Messages that MAVSDK logs as information but that are errors for this program."""
 
 Complain = Callable[[str], None]
 
 
 class MavsdkHost:
-    """Counter of open links; the first one sets up the process, the last one restores it."""
+    """Counts the open links. The first one sets up the process, the last one restores it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -47,7 +49,7 @@ class MavsdkHost:
         self._usual_interval = 0.0
 
     def join(self, module: Any, complain: Complain) -> None:
-        """Call *complain* with every warning, on MAVSDK's thread; *module* is the imported ``mavsdk``."""
+        """Call *complain* with every warning, on MAVSDK's thread. *module* is the imported ``mavsdk``."""
         with self._lock:
             self._listeners.append(complain)
             if len(self._listeners) == 1:
@@ -71,19 +73,19 @@ class MavsdkHost:
 
 
 HOST = MavsdkHost()
-"""The instance of this process."""
+"""The only instance in this process."""
 
 _SYSTEM, _COMPONENT = 245, 190
 """MAVSDK's usual ids for a ground station."""
 _HEADS = {0xFD: 5, 0xFE: 3}
 """Start byte -> index of the system id in the frame."""
 _CONNECT_PATIENCE = 0.3
-"""Seconds in which MAVSDK reports a rejected TCP connection; it then retries forever. Chosen."""
+"""Time [s] within which MAVSDK reports a rejected TCP connection; later it retries forever. Project choice."""
 _REFUSED = "Connect error"
 _BROKEN = ("write failure", "read failure")
 _NO_REOPENING = " (MAVSDK does not reopen a disconnected serial port; --backend pymavlink does)"
 _FRESH = 30.0
-"""Seconds for which a warning is related to a silence. Chosen."""
+"""Age [s] up to which a warning is considered the cause of a silence. Project choice."""
 _INSTALL = "python3 -m pip install 'mavsdk>=4'"
 
 _CAUSES = {
@@ -91,8 +93,8 @@ _CAUSES = {
     "another port",
     "SOCKET_ERROR": "cannot listen on {where}: {said}. Close another program that uses that port, or choose another "
     "port",
-    "CONNECTION_ERROR": "cannot open {where}: {said}. Check that it is plugged in, your permission, and that no other "
-    "program uses it",
+    "CONNECTION_ERROR": "cannot open {where}: {said}. Check that it is plugged in, that you have permission, and "
+    "that no other program uses it",
     "BAUDRATE_UNKNOWN": "cannot open {where}: MAVSDK does not support this speed. Try 57600 or 115200, or --backend "
     "pymavlink",
 }
@@ -104,14 +106,14 @@ class MavsdkLink(Transport):
     Parameters
     ----------
     scheme : ``udpin``, ``udpout``, ``tcpin``, ``tcpout`` or ``serial``.
-    address : where to.
+    address : the address to connect to or listen on.
 
     Raises
     ------
     UsageError
-        No usable MAVSDK is installed, or it cannot do what was asked.
+        No usable MAVSDK is installed, or it does not support the request.
     CannotOpenLink
-        The port, address or device cannot be had.
+        The port, address or device cannot be opened.
     """
 
     def __init__(self, scheme: str, address: HostPort | SerialName) -> None:
@@ -159,7 +161,7 @@ class MavsdkLink(Transport):
             self._see_refusal(where)
 
     def _see_refusal(self, where: str) -> None:
-        """Raise an early warning as an error: MAVSDK connects in the background and never gives up."""
+        """Raise an early warning as an error, because MAVSDK connects in the background and retries forever."""
         try:
             said = self._complaints.get(timeout=_CONNECT_PATIENCE)
         except queue.Empty:
@@ -206,8 +208,8 @@ def _import_mavsdk() -> Any:
     if not hasattr(module, "Mavsdk") or not hasattr(module, "ForwardingOption"):
         version = getattr(module, "__version__", "before 4")
         raise UsageError(
-            f"--backend mavsdk needs MAVSDK 4 or newer, which runs without a server process; installed is {version}: "
-            f"{_INSTALL}, or omit --backend"
+            f"--backend mavsdk needs MAVSDK 4 or newer, which runs without a server process. Installed is {version}. "
+            f"Run {_INSTALL}, or omit --backend"
         )
     return module
 

@@ -1,4 +1,4 @@
-"""A link inside this process to an object that simulates the vehicle. Time is simulated.
+"""A link inside this process to an object that simulates the vehicle, in simulated time.
 
 It delivers reliably and in order unless configured otherwise; bandwidth is not modelled.
 """
@@ -16,14 +16,15 @@ __all__ = ["MemoryLink", "Peer"]
 
 
 class Peer(Protocol):
-    """The other end: receives bytes at its present time, runs to a time, returns the bytes sent on the way."""
+    """The other end. It receives bytes at its present time, runs to a given time, and returns the bytes sent until
+    then."""
 
     def receive(self, data: bytes) -> object:
-        """Receive bytes that arrive now."""
+        """Receive bytes that arrive at the present time."""
         ...
 
     def advance_to(self, t: float) -> bytes:
-        """Run to *t* [s] and return everything sent on the way."""
+        """Run to *t* [s] and return everything sent until then."""
         ...
 
 
@@ -33,8 +34,8 @@ class MemoryLink(SteppedTransport):
     Parameters
     ----------
     loss : probability that a frame is lost, in each direction.
-    delay : seconds a frame takes, in each direction.
-    seed : of the random losses.
+    delay : delay of a frame [s], in each direction.
+    seed : seed of the random losses.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""A serial port: telemetry radio, USB cable, or one end of a pseudo-terminal."""
+"""A serial port: a telemetry radio, a USB cable, or one end of a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ __all__ = ["SerialPort", "cause_and_cure"]
 
 _WRITE_TIMEOUT = 2.0
 _LONGEST_QUEUE = 0.5
-"""Seconds of unsent bytes after which a message is dropped, since a late command is harmful. Chosen."""
+"""Time [s] of unsent bytes above which a message is dropped, because a late command is harmful. Project choice."""
 _BITS_PER_BYTE = 10
 
 _CURES = {
     errno.ENOENT: "the device does not exist. Check that it is plugged in; `ls /dev/tty*` lists the devices",
     errno.EACCES: "no permission. Add yourself to the dialout group (`sudo usermod -aG dialout $USER`) "
-    "and log in again",
+    "then log in again",
     errno.EBUSY: "another program is using it. Close the other ground station first",
     errno.EAGAIN: "another program is using it. Close the other ground station first",
 }
@@ -54,8 +54,12 @@ class SerialPort(ReconnectingTransport):
 
     @property
     def trouble(self) -> str:
-        """Report of dropped messages."""
-        return f"{self.dropped} messages did not fit on the serial line. Use a higher baud rate" if self.dropped else ""
+        """Text that reports dropped messages; empty if there are none."""
+        return (
+            (f"{self.dropped} messages were dropped: the serial line is too slow. Use a higher baud rate")
+            if self.dropped
+            else ""
+        )
 
     def _send(self, data: bytes) -> None:
         if self._unsent() > self._room:

@@ -22,19 +22,21 @@ __all__ = ["SitlArguments", "SitlProcess", "open_sitl"]
 
 _HEAD = struct.Struct("<dI")
 _PATIENCE = 30.0
-"""Wall seconds after which a step of the child counts as stuck (a first import is slow). Chosen."""
+"""Wall-clock time [s] after which a step of the child counts as stuck; the first import is slow. Project choice."""
 _GRACE = 2.0
 _VEHICLE_FILE = ".toml"
 _USAGE = 2
-"""The child's exit code for a wrong command line: an unknown vehicle, effect or parameter, an unusable file."""
+"""The child's exit code for a wrong command line: an unknown vehicle, effect or parameter, or an unusable file."""
 
 
 @dataclass(frozen=True, slots=True)
 class SitlArguments:
-    """What the embedded simulator is to fly: vehicle *name*, noise *seed* (its own when None), and behind the wire
-    ``effects`` (each ``SLUG[@PLACE].PARAM=VALUE,...``), ``parameters`` set before boot (``NAME=VALUE``) and the path of
-    a ``model`` file instead of the vehicle's own hull, ``names`` the firmware generation whose parameter names it has.
-    All as the simulator's command line has them.
+    """Arguments of the embedded simulator, in the notation of its command line.
+
+    *name*: the vehicle. *seed*: of its noise; None: the vehicle's own. ``effects``: effects added to the simulated
+    vehicle (each ``SLUG[@PLACE].PARAM=VALUE,...``). ``parameters``: set before boot (``NAME=VALUE``). ``model``: path
+    of a model file instead of the vehicle's own hull. ``names``: the firmware generation whose parameter names are
+    used.
     """
 
     name: str
@@ -58,7 +60,7 @@ class SitlArguments:
 
     @property
     def uri(self) -> str:
-        """The connection string for it, but for the seed."""
+        """The connection string for the simulator, without the seed."""
         told = [*(f"effect={e}" for e in self.effects), *(f"param={p}" for p in self.parameters)]
         if self.model is not None:
             told.append(f"model={self.model}")
@@ -68,10 +70,16 @@ class SitlArguments:
 
 
 class SitlProcess(SteppedTransport):
-    """Start *command* and grant it time. It has its own session, so Ctrl-C at the terminal does not reach it."""
+    """Start *command* and let it run in portions of simulated time.
+
+    It has its own session, so Ctrl-C at the terminal does not reach it.
+    """
 
     repeat_period = 0.1
-    """Repeat period of commands: nothing is lost or late here, and every repetition costs a grant of time."""
+    """Repeat period of commands [s].
+
+    Nothing is lost or late on this link, and every repetition needs a step of the simulator.
+    """
 
     def __init__(self, command: Sequence[str], description: str, *, quantum: float = 0.1) -> None:
         super().__init__(description, quantum)
@@ -174,8 +182,8 @@ def open_sitl(rehearsal: SitlArguments) -> SitlProcess:
     Raises
     ------
     UnknownName, UsageError
-        There is no such vehicle, effect or parameter, or the model cannot be flown; but for the vehicle the message is
-        the simulator's own.
+        There is no such vehicle, effect or parameter, or the model cannot be flown. Except for the vehicle, the message
+            comes from the simulator.
     CannotOpenLink
         It could not be started.
     """
@@ -186,13 +194,13 @@ def open_sitl(rehearsal: SitlArguments) -> SitlProcess:
 def _see_vehicle(name: str) -> None:
     """Verify that the simulator has a data file for the vehicle *name*, without starting or importing it.
 
-    The simulator reports this itself, but starting a process only for an error doubles the time. A path of a file, or a
-    simulator whose files are not accessible, is left to it.
+    The simulator reports this itself, but starting a process only for an error doubles the time. The path of a file is
+    not checked here. Nor is any name if the simulator's files are not accessible.
 
     Raises
     ------
     UnknownName
-        There is none.
+        There is no such file.
     """
     if name.endswith(_VEHICLE_FILE):
         return

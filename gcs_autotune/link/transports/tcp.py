@@ -1,4 +1,4 @@
-"""TCP: call a vehicle or simulator (``tcp``), or wait for one to call (``tcpin``)."""
+"""TCP: connect to a vehicle or simulator (``tcp``), or wait for a connection (``tcpin``)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _CONNECT_TIMEOUT = 5.0
 _RECONNECT_TIMEOUT = 0.5
 _WRITE_TIMEOUT = 2.0
 _DEAF = 3.0
-"""Seconds of silence after which another client replaces the present one. Chosen."""
+"""Silence [s] after which another client replaces the present one. Project choice."""
 
 
 class _TcpStream(ReconnectingTransport):
-    """Common part: reading, writing and losing one connection."""
+    """Common part of both ends: reading, writing and losing one connection."""
 
     _connection: socket.socket | None = None
     _heard_at = 0.0
@@ -103,7 +103,7 @@ class TcpIn(_TcpStream):
 
     @property
     def port(self) -> int:
-        """The bound port (useful after requesting port 0)."""
+        """The bound port, useful if port 0 was requested."""
         return int(self._server.getsockname()[1])
 
     def _receive(self, timeout: float) -> bytes:

@@ -1,8 +1,8 @@
-"""Common part of all connections: bytes in within a deadline, bytes out, a clock.
+"""Common part of all connections: read bytes with a deadline, write bytes, and provide a clock.
 
 A backend supplies three small methods; deadlines, closing and error texts are here. The clock belongs to the transport
-because only it knows whether time is real or simulated. Two subclasses: streams that reconnect, and links whose other
-end waits for our grants of time (decision 1).
+because only the transport determines whether time is real or simulated. There are two subclasses: streams that
+reconnect, and links whose other end runs only in time steps that we grant (decision 1).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["ReconnectingTransport", "SteppedTransport", "Transport", "idle"]
 
 
 def idle(seconds: float) -> None:
-    """Let real time pass on a link without a file descriptor to wait on."""
+    """Wait in real time on a link without a file descriptor to wait on."""
     time.sleep(seconds)
 
 
@@ -29,8 +29,8 @@ class Transport(ABC):
 
     Parameters
     ----------
-    description : how to name this connection to a person, e.g. ``udpin:0.0.0.0:14550``.
-    clock : the clock that time-outs on this link are measured with.
+    description : text for the user that identifies this connection, e.g. ``udpin:0.0.0.0:14550``.
+    clock : the clock for time-outs on this link.
     """
 
     is_simulated = False
@@ -40,8 +40,10 @@ class Transport(ABC):
     """Sender of the bytes returned by the last :meth:`read`, on links with several senders; else empty."""
 
     repeat_period = 0.04
-    """Seconds after which a command in force is repeated: 25 Hz, i.e. twelve within the half second after which
-    ArduRover without a receiver assumes that its pilot is lost."""
+    """Period [s] after which a command in force is repeated: 25 Hz.
+
+    ArduRover without a receiver assumes that its pilot is lost after half a second, in which twelve repetitions fit.
+    """
 
     def __init__(self, description: str, clock: Clock | None = None) -> None:
         self._description = description
@@ -60,23 +62,23 @@ class Transport(ABC):
 
     @property
     def carrier(self) -> str:
-        """The library that carries the bytes, if not this package, e.g. ``MAVSDK 4.1.0``; else empty."""
+        """The library that transports the bytes if it is not this package, e.g. ``MAVSDK 4.1.0``; else empty."""
         return ""
 
     @property
     def trouble(self) -> str:
-        """The carrier's last warning, for the error about a silence; empty if there is none."""
+        """The library's last warning, for the error about a silence; empty if there is none."""
         return ""
 
     def read(self, timeout: float) -> bytes:
         """Return the bytes that arrive within *timeout* [s of the link's clock]; ``b""`` if there are none.
 
-        Returns as soon as there is something.
+        It returns as soon as any bytes arrive.
 
         Raises
         ------
         LinkLost
-            The other end is gone for good, or this end was closed.
+            The other end is permanently lost, or this end was closed.
         """
         self._check_open()
         deadline = Deadline.after(self._clock, max(timeout, 0.0))
@@ -91,23 +93,23 @@ class Transport(ABC):
         Raises
         ------
         LinkLost
-            The other end is gone for good, or this end was closed.
+            The other end is permanently lost, or this end was closed.
         """
         self._check_open()
         if data:
             self._write(data)
 
     def follow_tick(self, at: float, period: float) -> None:  # noqa: B027 - real time needs no telling
-        """Learn that control decisions fall on ``at + k * period`` [s of the link's clock].
+        """Receive the instants at which control decisions are made: ``at + k * period`` [s of the link's clock].
 
-        Real links ignore it; simulated time is granted in these portions.
+        Real links ignore it. A simulated link advances time in these steps.
         """
 
     def hold(self, origin: str) -> None:  # noqa: B027 - a link with one other end has nobody else to talk to
-        """From now on send only to *origin*, as long as it sends; empty: to all again."""
+        """Send only to *origin* from now on, while it sends; if empty, send to all peers again."""
 
     def close(self) -> None:
-        """Release the port, socket or process. May be called twice."""
+        """Close the port, socket or process. It may be called twice."""
         if not self._closed:
             self._closed = True
             self._close()
@@ -142,14 +144,14 @@ class Transport(ABC):
 
 
 _RETRY = 1.0
-"""Seconds between two attempts to reconnect. Chosen."""
+"""Time [s] between two attempts to reconnect. Project choice."""
 
 
 class ReconnectingTransport(Transport):
     """A transport that reports a loss once and then reconnects.
 
-    The read or write that finds the stream broken raises ``LinkLost``. Later reads wait and try to reconnect once a
-    second; writes are dropped, as on a radio. So a session can wait for the vehicle to return.
+    The read or write that detects the broken stream raises ``LinkLost``. Later reads try to reconnect once a second.
+    Writes are dropped, as on a radio. So a session can wait for the vehicle to return.
     """
 
     def __init__(self, description: str) -> None:
@@ -193,15 +195,15 @@ class ReconnectingTransport(Transport):
 
     @abstractmethod
     def _receive(self, timeout: float) -> bytes:
-        """Wait at most *timeout* [s] for bytes. ``OSError`` or ``EOFError``: the stream is broken."""
+        """Wait at most *timeout* [s] for bytes. Raises ``OSError`` or ``EOFError`` if the stream is broken."""
 
     @abstractmethod
     def _send(self, data: bytes) -> None:
-        """Send all of *data*. ``OSError``: the stream is broken."""
+        """Send all of *data*. Raises ``OSError`` if the stream is broken."""
 
     @abstractmethod
     def _hang_up(self) -> None:
-        """Release this end of a broken or finished stream; may be called twice."""
+        """Close this end of a broken or finished stream; it may be called twice."""
 
     @abstractmethod
     def _call_again(self) -> bool:
@@ -216,10 +218,10 @@ _ROUNDING = 1e-6
 
 
 class SteppedTransport(Transport):
-    """A transport with its own time.
+    """A transport that advances simulated time in steps.
 
-    ``quantum`` [s] is the control period: one grant never runs past its next multiple (counted from ``phase``),
-    so what is decided on a message reaches the vehicle at the tick at which that message was sent.
+    ``quantum`` [s] is the control period. One time step never passes its next multiple, counted from ``phase``. So a
+    decision based on a message reaches the vehicle in the tick in which that message was sent.
     """
 
     is_simulated = True
@@ -232,7 +234,7 @@ class SteppedTransport(Transport):
         self._outgoing = bytearray()
 
     def follow_tick(self, at: float, period: float) -> None:
-        """Grant time up to ``at + k * period`` [s] from now on."""
+        """Advance time up to ``at + k * period`` [s] per step from now on."""
         self.phase, self.quantum = at, period
 
     def _read_available(self, timeout: float) -> bytes:
@@ -252,9 +254,9 @@ class SteppedTransport(Transport):
 
     @abstractmethod
     def _step(self, grant: float, outgoing: bytes) -> tuple[float, bytes]:
-        """Send *outgoing*, run to *grant* [s]; return the time reached and the bytes received."""
+        """Send *outgoing* and run to *grant* [s]. Return the time reached and the bytes received."""
 
 
 def _round_up(t: float) -> float:
-    """Return *t* [s] on the next whole nanosecond, so that a grant always reaches the deadline it is for."""
+    """Return *t* [s] rounded up to a whole nanosecond, so that a time step always reaches its deadline."""
     return round(t + 0.5e-9, 9)

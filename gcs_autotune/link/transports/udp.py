@@ -1,4 +1,4 @@
-"""UDP: listen for a vehicle (``udpin``) or call one (``udpout``)."""
+"""UDP: listen for a vehicle (``udpin``) or send to one (``udpout``)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ __all__ = ["UdpIn", "UdpOut"]
 
 _DATAGRAM = 65535
 _AT_ONCE = 256
-"""Datagrams read at once. Chosen: a parameter list arrives as a thousand of them."""
+"""Number of datagrams read at once; a parameter list arrives as a thousand of them. Project choice."""
 _ROOM = 1 << 20
-"""Receive buffer requested from the system [bytes]; it may grant less. Chosen."""
+"""Receive buffer requested from the system [bytes]; it may grant less. Project choice."""
 _REMEMBERED = 10.0
-"""Seconds after which a silent peer is no longer answered, unless it is the only one. Chosen."""
+"""Silence [s] after which a peer no longer receives our messages, unless it is the only one. Project choice."""
 _MOST_PEERS = 8
 _GONE = 3.0
-"""Silence of the selected sender after which we send to all peers again, since it may have moved [s]. Chosen."""
+"""Silence [s] of the selected sender after which we send to all peers again, since it may have moved. Project
+choice."""
 
 
 class _UdpSocket(Transport):
-    """Common part of both kinds."""
+    """Common part of both kinds of UDP link."""
 
     def __init__(self, description: str, address: HostPort) -> None:
         super().__init__(description)
@@ -65,7 +66,7 @@ class _UdpSocket(Transport):
 
 
 class UdpIn(_UdpSocket):
-    """Bind a port, wait for senders, and answer all recent ones (vehicle and relays alike)."""
+    """Bind a port, wait for senders, and send to all recent ones, vehicles and relays alike."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"udpin:{address}", address)
@@ -78,17 +79,17 @@ class UdpIn(_UdpSocket):
             self._socket.close()
             raise CannotOpenLink(
                 f"cannot listen on UDP {address}: {error.strerror}. Close another ground station that uses that "
-                "port, or choose another one. If a simulator itself listens there, use udpout:"
+                "port, or choose another port. If a simulator itself listens on this port, use udpout:"
             ) from error
         self._socket.setblocking(False)
 
     @property
     def port(self) -> int:
-        """The bound port (useful after requesting port 0)."""
+        """The bound port, useful if port 0 was requested."""
         return int(self._socket.getsockname()[1])
 
     def hold(self, origin: str) -> None:
-        """From now on send only to *origin*, as long as it sends; empty: to all again."""
+        """Send only to *origin* from now on, while it sends; if empty, send to all peers again."""
         self._held = next((peer for peer in self._peers if _named(peer) == origin), None)
 
     def _read_available(self, timeout: float) -> bytes:
@@ -127,13 +128,13 @@ class UdpIn(_UdpSocket):
 
 
 def _named(peer: Any) -> str:
-    """Return an address in the usual notation."""
+    """Return the text of an address in the usual notation."""
     host, port = str(peer[0]), int(peer[1])
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 class UdpOut(_UdpSocket):
-    """Send to a fixed address and receive its answers."""
+    """A UDP link that sends to a fixed address and receives its answers."""
 
     def __init__(self, address: HostPort) -> None:
         super().__init__(f"udpout:{address}", address)

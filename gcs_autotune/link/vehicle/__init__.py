@@ -1,1 +1,1 @@
-"""The vehicle as manoeuvres see it: handshake, telemetry, set-points, and monitors of both."""
+"""The vehicle as used by manoeuvres: handshake, telemetry and set-points, with their monitoring."""

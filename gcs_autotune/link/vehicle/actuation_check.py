@@ -1,7 +1,9 @@
-"""Verify that the vehicle takes our overrides, that its outputs follow, and that they are neutral when required.
+"""Verify that the vehicle accepts our overrides, that its outputs follow them, and that they are neutral when
+required.
 
 MAVLink reports none of the possible faults: a wrong system id, an option bit, a switch, another station's stream, a
-safety button. So both halves of the path are checked, and the cause of a failure is read from the vehicle and reported.
+safety button. So the path is checked in two parts, from override to RC input and from there to the output. The cause of
+a failure is read from the vehicle and reported.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ __all__ = ["TWITCH", "await_neutral", "check_outputs_follow", "check_overrides_t
 _TRIES = 10
 _WAIT = 0.5
 _ENOUGH = 2
-"""The second message is used; the first may have been sent before the change. Chosen."""
+"""Which message of outputs is used: the second one, because the first may have been sent before the change. Project
+choice."""
 
 
 def read_outputs(session: Session, servos: ServoMap) -> dict[str, float]:
@@ -46,20 +49,23 @@ def read_outputs(session: Session, servos: ServoMap) -> dict[str, float]:
 
 
 _NEUTRAL = 0.03
-"""Fraction of full output that still counts as neutral: a trim offset of a few microseconds. Chosen."""
+"""Fraction of full output that still counts as neutral.
+
+It allows for a trim offset of a few microseconds. Project choice.
+"""
 _TIMEOUT = 5.0
 _STALE_OUTPUTS = 0.5
-"""Seconds without outputs after which single messages are requested. Chosen."""
+"""Time [s] without outputs after which single messages are requested. Project choice."""
 _SERVO_OUTPUT_RAW = message_number("SERVO_OUTPUT_RAW")
 
 
 def await_neutral(session: Session, telemetry: Telemetry) -> None:
-    """Wait for neutral outputs; after a restart the autopilot must be asked for them again.
+    """Wait for neutral outputs. After a restart the autopilot must be asked for them again.
 
     Raises
     ------
     NotAsFound
-        They did not become neutral, or are not heard any more.
+        They did not become neutral, or are no longer received.
     """
     begun, deadline = telemetry.output_ticks, Deadline.after(session.liveness, _TIMEOUT)
     while not deadline.expired:
@@ -87,7 +93,8 @@ def _is_neutral(telemetry: Telemetry, begun: int) -> bool | None:
 
 
 TWITCH = 0.05
-"""Fraction of full output by which the steering is moved, without thrust ahead, to verify that it follows. Chosen."""
+"""Fraction of full output by which the steering is moved, without forward thrust, to verify that it follows. Project
+choice."""
 _LEVELS = (TWITCH, -TWITCH, TWITCH, -TWITCH, 0.0)
 
 
@@ -99,19 +106,17 @@ def check_overrides_taken(
     Raises
     ------
     PreconditionFailed
-        They are not there, with the likely cause and its cure.
+        They do not appear; the message states the likely cause and its remedy.
     """
     heard = rc_monitor.count
     taken = streamer.probe_override()
     if not taken and rc_monitor.count > heard:
         raise PreconditionFailed(
-            f"the vehicle does not accept our overrides: RC_CHANNELS shows {streamer.differing}; "
+            f"the vehicle does not accept this tool's overrides: RC_CHANNELS shows {streamer.differing}; "
             + why_deaf(parameters, firmware, session.port.system)
         )
     if not taken:
-        session.notes.append(
-            "the vehicle sends no RC_CHANNELS, so its acceptance of overrides is checked only at its outputs"
-        )
+        session.notes.append("the vehicle sends no RC_CHANNELS, so only its outputs show whether it accepts overrides")
     streamer.rest()
     session.wait_for(lambda: streamer.is_obeyed or None, 1.0)
 
@@ -121,7 +126,7 @@ def check_outputs_follow(
 ) -> None:
     """Twitch the steering by 5 % each way, without thrust, and verify that SERVO_OUTPUT_RAW follows.
 
-    observe : waits for the next control tick; commands go out on ticks, so that the loop is timed as it will be used.
+    observe : waits for the next control tick. Commands are sent on ticks, so that the loop is timed as in later use.
 
     Raises
     ------
@@ -139,7 +144,7 @@ def check_outputs_follow(
 
 def _deaf_outputs(level: float, streamer: SetpointStreamer, telemetry: Telemetry, mode: str) -> PreconditionFailed:
     output = telemetry.outputs.get("N", math.nan)
-    what = "RC_CHANNELS shows our overrides, but" if streamer.is_obeyed else "neither RC_CHANNELS nor"
+    what = "RC_CHANNELS shows the overrides, but" if streamer.is_obeyed else "neither RC_CHANNELS nor"
     return PreconditionFailed(
         f"the steering output does not follow: {level:+.0%} was sent, {what} SERVO_OUTPUT_RAW shows it "
         f"({output:+.0%} in {mode}). Check SERVOn_FUNCTION and the motor directions, the safety switch "

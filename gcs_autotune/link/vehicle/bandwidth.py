@@ -1,7 +1,7 @@
 """Share the capacity of a link among the requested messages, in order of need.
 
-A 57600 baud telemetry radio carries three to four kilobytes a second at best, half of that on a bad day. A full link
-loses messages at random; this decides which ones to reduce.
+A 57600 baud telemetry radio carries three to four kilobytes a second at best, or half of that in poor conditions. A
+full link loses messages at random. This module decides which ones to reduce.
 """
 
 from __future__ import annotations
@@ -16,10 +16,13 @@ __all__ = ["CHATTER", "FASTER", "USUAL_SIZE", "Demand", "least", "plan", "shortf
 
 FASTER = "Use a faster link (a higher baud rate, a better radio), or close other programs on this one"
 USUAL_SIZE = 40.0
-"""Assumed size of a message that has not arrived yet [bytes]."""
+"""Assumed size [bytes] of a message until one has arrived."""
 
 _SHARE = 0.8
-"""Share of a full link's measured capacity that is used; the rest is for commands, parameters and fading. Chosen."""
+"""Fraction of a full link's measured capacity that is used.
+
+The rest is for commands, parameters and fading. Project choice.
+"""
 
 _ORDER = (
     "ATTITUDE",
@@ -30,7 +33,7 @@ _ORDER = (
     "SYS_STATUS",
     "VFR_HUD",
 )
-"""Messages in order of need: control, outputs, position, other stations, battery, speed."""
+"""Messages in order of priority: control, outputs, position, other stations, battery, speed."""
 
 _FLOORS: Mapping[str, float] = {
     "ATTITUDE": 5.0,
@@ -41,9 +44,11 @@ _FLOORS: Mapping[str, float] = {
     "SYS_STATUS": 0.5,
     "VFR_HUD": 1.0,
 }
-"""Message -> rate [Hz] granted to it before any gets more. Chosen: a relay needs five attitudes a second, its
-switchings are dated by the outputs; a boat at 2 m/s moves a metre between two positions; a stick is noticed in two
-seconds."""
+"""Message -> rate [Hz] granted to it before any message gets more. Project choice.
+
+A relay needs five attitudes a second, and its switching times come from the outputs. A boat at 2 m/s moves a metre
+between two positions. The movement of a stick is detected within two seconds.
+"""
 
 _FLOOR = 0.5
 
@@ -75,7 +80,7 @@ CHATTER = frozenset(
         "VIBRATION",
     }
 )
-"""Messages that ArduPilot streams by default and a tune can do without for a few minutes."""
+"""Messages that ArduPilot streams by default and that a tune does not need for a few minutes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,27 +94,28 @@ class Demand:
 
     @property
     def floor(self) -> float:
-        """Rate granted before any other message gets more [Hz]."""
+        """Rate [Hz] granted before any other message gets more."""
         return min(self.rate, max(self.needed, _FLOORS.get(self.name, _FLOOR)))
 
 
 def least(demands: Sequence[Demand]) -> float:
-    """Return the bytes per second for the floors of *demands*; with less, nothing can be flown."""
+    """Return the bytes per second for the minimum rates of *demands*. With less capacity nothing can be flown."""
     return sum(d.floor * d.size for d in demands)
 
 
 def shortfall(carried: float, demands: Sequence[Demand], about: str = "") -> str:
-    """Return the numbers of a link that carries *carried* [bytes/s] where *demands* need more; *about* before theirs.
+    """Return a sentence on a link that carries *carried* [bytes/s] while *demands* need more; *about* precedes their
+    number.
 
-    What it carries is turned into the quickest oscillation it could show, every message thinned alike.
+    The capacity is also given as the shortest oscillation period that it allows, with all messages reduced equally.
     """
     needed, wanted = least(demands), ", ".join(f"{d.name} {d.floor:.3g} Hz" for d in demands)
     period = least_period(math.nan, next((d.floor for d in demands if d.name == "ATTITUDE"), 0.0))
-    said = f"it carries {carried:.0f} bytes/s, and an experiment needs at least {about}{needed:.0f} ({wanted})"
+    said = f"it carries {carried:.0f} bytes/s, but an experiment needs at least {about}{needed:.0f} ({wanted})"
     if not 0.0 < carried < needed or period <= 0.0:
         return said
     return (
-        f"{said} to show an oscillation of {period:.1f} s; at its speed the shortest visible period is "
+        f"{said} to record an oscillation with a period of {period:.1f} s. Its shortest period is "
         f"{period * needed / carried:.1f} s"
     )
 
@@ -117,11 +123,11 @@ def shortfall(carried: float, demands: Sequence[Demand], about: str = "") -> str
 def plan(
     demands: Sequence[Demand], chatter: Mapping[str, float], capacity: float
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return the rates [Hz] that fit, and which messages of the *chatter* have to be turned off for them.
+    """Return the rates [Hz] that fit, and which messages of the *chatter* have to be switched off for them.
 
-    chatter : message -> bytes per second of what is streamed without our asking. capacity : bytes per second.
+    chatter : message -> bytes per second of messages streamed without a request. capacity : bytes per second.
 
-    What is streamed anyway is left alone as long as there is room for the floors.
+    Streamed messages stay unchanged as long as the minimum rates fit.
     """
     room = _SHARE * capacity - sum(chatter.values())
     hushed: list[str] = []

@@ -1,4 +1,4 @@
-"""Commands to the autopilot, repeated until answered, and confirmed by its heartbeat."""
+"""Send commands to the autopilot, repeated until answered and confirmed by its heartbeat."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ _REPLY = 1.5
 _TRIES = 3
 _IN_PROGRESS_PATIENCE = 10.0
 _HEARTBEAT_PATIENCE = 3.5
-"""Three heartbeats [s]; a mode change shows in the next one or not at all. Chosen."""
+"""Time to wait for a mode change [s]: three heartbeats, because it shows in the next one or not at all. Project
+choice."""
 _KNOWN = 2.0
-"""Time for four requests of a HEARTBEAT before an unanswered order is repeated [s]. Chosen."""
+"""Time [s] for four requests of a HEARTBEAT before an unanswered command is repeated. Project choice."""
 _TEXT_DELAY = 0.5
-"""The STATUSTEXT that explains a rejection may follow the COMMAND_ACK by this time [s]. Chosen."""
+"""Longest time [s] by which the STATUSTEXT that explains a rejection may follow the COMMAND_ACK. Project choice."""
 _EXPLAINS = ("Arm:", "PreArm:")
 _KEPT = 20
 _COPIES = 5.0
-"""Longest delay of a duplicated order on any known link [s]. Chosen."""
+"""Longest delay [s] of a duplicated command on any known link. Project choice."""
 
 
 class Commands:
@@ -36,12 +37,12 @@ class Commands:
 
     Parameters
     ----------
-    session : with a vehicle found.
-    firmware : whose modes have the names we use.
+    session : a session whose vehicle is known.
+    firmware : the firmware, which defines the mode names.
 
     Attributes
     ----------
-    accepted_mode : number of the mode ordered last, where the vehicle has accepted the order; else -1.
+    accepted_mode : number of the mode commanded last, if the vehicle accepted the command; else -1.
     """
 
     def __init__(self, session: Session, firmware: Firmware) -> None:
@@ -54,22 +55,27 @@ class Commands:
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
     def _on_acknowledgement(self, ack: Message) -> None:
-        """Record an answer to us that nothing is waiting for: a copy of a mode order has arrived late."""
+        """Record an acknowledgement that no request is waiting for.
+
+        It means that a copy of a mode command arrived late.
+        """
         to_us = int(getattr(ack, "target_system", 0)) == self._session.port.system
         if to_us and ack.command == mavlink.MAV_CMD_DO_SET_MODE != self._in_progress:
             self._copies.append(self._session.clock.now())
 
     def has_ordered_mode(self, number: int, now: float) -> bool:
-        """Return whether we ordered mode *number* so recently that a copy may still arrive (*now*: link time [s])."""
+        """Return whether mode *number* was commanded so recently that a copy may still arrive (*now*: link time
+        [s])."""
         return any(mode == number for t, mode in self._ordered if t >= now - _COPIES)
 
     def copy_arrived(self, number: int, now: float) -> bool:
-        """Return whether the vehicle recently answered one order of mode *number* twice (*now*: link time [s])."""
+        """Return whether the vehicle recently acknowledged one command of mode *number* twice (*now*: link time
+        [s])."""
         return self.has_ordered_mode(number, now) and any(t >= now - _COPIES for t in self._copies)
 
     @property
     def mode(self) -> str:
-        """Present mode of the vehicle, by name."""
+        """The vehicle's present mode, by name."""
         return self._firmware.mode_name(self._session.custom_mode)
 
     def command_long(
@@ -80,16 +86,16 @@ class Commands:
         tries: int = _TRIES,
         is_done: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Send COMMAND_LONG until it is answered; ``IN_PROGRESS`` is waited on.
+        """Send COMMAND_LONG until it is answered. After ``IN_PROGRESS``, wait for the final answer.
 
-        is_done : asked before it is sent again: True where it must not be.
+        is_done : called before each repetition; True prevents it.
 
         Raises
         ------
         CommandDenied
-            Answered with anything but accepted; ``result`` is the MAV_RESULT.
+            The answer is not "accepted"; ``result`` is the MAV_RESULT.
         NoReply
-            Never answered.
+            No answer arrived.
         """
         answers: list[Message] = []
         stop = self._session.listen("COMMAND_ACK", lambda m: answers.append(m) if self._ours(m, command) else None)
@@ -122,7 +128,7 @@ class Commands:
                 raise NoReply(f"{enum_name('MAV_CMD', command)} started but did not finish. Try again")
         raise NoReply(
             f"no answer to {enum_name('MAV_CMD', command)} within {waited:g} s; "
-            "check the losses of the link, and that the autopilot accepts our system id"
+            "check the losses of the link, and that the autopilot accepts this tool's system id"
         )
 
     def _ours(self, ack: Message, command: int) -> bool:
@@ -132,7 +138,7 @@ class Commands:
     def _message(self, command: int, confirmation: int, values: Sequence[float]) -> Message:
         vehicle = self._session.vehicle
         if vehicle is None:
-            raise NoReply("a command was sent before a vehicle was found. Discover one first")
+            raise NoReply("a command was sent before a vehicle was discovered. Discover a vehicle first")
         params = [float(v) for v in values] + [0.0] * (7 - len(values))
         return mavlink.MAVLink_command_long_message(vehicle.system, vehicle.component, command, confirmation, *params)
 
@@ -146,7 +152,7 @@ class Commands:
         UnknownName
             The firmware has no mode of that name.
         ModeRefused
-            The vehicle said no, or did not take it up; the message has its last words.
+            The vehicle rejected the mode or did not change to it. The message contains its last status texts.
         """
         number = lookup(self._firmware.modes, mode, f"{self._firmware.name} mode")
         begun, before = self._session.clock.now(), self._session.custom_mode
@@ -167,7 +173,7 @@ class Commands:
         except CommandDenied as error:
             self._session.pause(_TEXT_DELAY)
             raise ModeRefused(
-                f"mode {mode} was rejected{self._said(begun)}; the vehicle stays in {self.mode}"
+                f"mode {mode} was rejected{self._said(begun)}. The vehicle stays in {self.mode}"
             ) from error
         else:
             self.accepted_mode = number
@@ -176,7 +182,8 @@ class Commands:
         )
         if not taken and self._session.heartbeats == beats:
             raise LinkLost(
-                f"mode {mode} was accepted, but then the link was silent: no HEARTBEAT for {_HEARTBEAT_PATIENCE:g} s"
+                f"mode {mode} was accepted, but no HEARTBEAT arrived for {_HEARTBEAT_PATIENCE:g} s after that. Check "
+                "the link"
             )
         if not taken:
             raise ModeRefused(f"mode {mode} was accepted, but the vehicle is in {self.mode}{self._said(begun)}")
@@ -189,7 +196,7 @@ class Commands:
         Raises
         ------
         ArmingRefused
-            With the vehicle's own reasons.
+            The vehicle rejected it; the message contains its reasons.
         """
         begun, count = self._session.clock.now(), self._session.texts.count
         try:
@@ -206,12 +213,12 @@ class Commands:
     def arm_patiently(self, patience: float, pause: float, check: Callable[[], None] = lambda: None) -> None:
         """Arm, retrying for *patience* [s] every *pause* [s] while the pre-arm checks settle.
 
-        check : called before every attempt; what it raises ends them.
+        check : called before every attempt; an exception ends the attempts.
 
         Raises
         ------
         ArmingRefused
-            With the vehicle's own reasons of the last time.
+            The vehicle rejected the last attempt; the message contains its reasons.
         """
         deadline = Deadline.after(self._session.liveness, patience)
         while True:
@@ -230,7 +237,7 @@ class Commands:
         Raises
         ------
         CommandDenied
-            The vehicle will not disarm (it may be moving).
+            The vehicle refused to disarm (it may be moving).
         """
         try:
             self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, is_done=lambda: not self._session.armed)
@@ -250,7 +257,7 @@ class Commands:
         reasons = [t for t in said if t.startswith(_EXPLAINS)] or said
         reasons = reasons or [t for t in earlier if t.startswith(_EXPLAINS)][-3:]
         reasons = list(dict.fromkeys(reasons))
-        why = quoted(reasons) or "it gave no reason"
+        why = quoted(reasons) or "no reason reported"
         return ArmingRefused(f"the vehicle does not arm: {why}. Fix this and try again", reasons=reasons)
 
     def _said(self, since: float) -> str:

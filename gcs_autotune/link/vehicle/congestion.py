@@ -1,12 +1,12 @@
 """Detect queues on the link by the round trip of TIMESYNC, which grows with a queue.
 
-*Down*: an unanswered request means that the vehicle lacks the item, or that the answer had no room. An autopilot
-streams its defaults before a station asks for less. That fills a line of 4800 baud: answers wait behind seconds of
-telemetry or are dropped, and the vehicle seems to lack what it has.
+*Down*: an unanswered request means that the vehicle lacks the item, or that the link was too full for the answer. An
+autopilot streams its default messages until a station requests fewer. That fills a line of 4800 baud. Answers then wait
+behind seconds of telemetry or are dropped, and existing items seem to be missing.
 
-*Up*: is there room for all commands? Checked before arming. An overloaded radio, serial port or router delays seconds
-of data before it loses any: commands arrive late, then not at all. So the busiest minute is rehearsed: neutral
-overrides at the byte rate of targets and overrides together, while telemetry comes down at its final rates.
+*Up*: before arming, the capacity for all commands is checked. An overloaded radio, serial port or router delays data by
+seconds before it loses any. So commands first arrive late, then not at all. The check sends the largest load: neutral
+overrides at the byte rate of targets and overrides together, while telemetry arrives at its final rates.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ from gcs_autotune.link.vehicle.setpoint_streamer import SetpointStreamer
 __all__ = ["DRAIN", "QUEUE", "UplinkLoad", "await_empty", "check_answers_come", "check_uplink", "is_queueing"]
 
 QUEUE = 0.25
-"""Excess over the shortest round trip that indicates a queue [s]. Chosen; jitter is mostly smaller."""
+"""Excess over the shortest round trip [s] that indicates a queue; jitter is usually smaller. Project choice."""
 DRAIN = 10.0
-"""Longest wait for a queue to empty [s]. Chosen."""
+"""Longest time to wait [s] for a queue to empty. Project choice."""
 
 
 def is_queueing(latency: Latency, since: float) -> bool:
-    """Return whether all requests since *since* [s of link time] were answered later than without a queue."""
+    """Return whether all requests since *since* [s of link time] were answered later than they would be without a
+    queue."""
     trips = [trip for _, trip in latency.trips(since)]
     return bool(trips) and min(trips) - latency.quickest > QUEUE
 
@@ -54,29 +55,29 @@ def await_empty(session: Session, latency: Latency) -> bool:
 
 
 _LATE = 1.0
-"""Longest round trip of a usable radio or mobile network without a queue [s]. Chosen."""
+"""Longest round trip [s] of a usable radio or mobile network without a queue. Project choice."""
 _ASKING = 0.5
 _SECONDS = 4.0
-"""Time in which the received bytes show the link's capacity to a few per cent [s]. Chosen."""
+"""Time [s] in which the received bytes show the link's capacity to a few per cent. Project choice."""
 _PATIENCE = 20.0
-"""Time in which an autopilot's buffer of 2 kB empties at 1200 baud [s]. Chosen."""
+"""Time [s] in which an autopilot's buffer of 2 kB empties at 1200 baud. Project choice."""
 
 
 def check_answers_come(
     session: Session, wanted: Mapping[str, float], first: Mapping[str, float], error: AutotuneError
 ) -> None:
-    """Return if the link has room for answers, or if that cannot be determined.
+    """Check that the link has capacity for answers. Return if it has, or if this cannot be determined.
 
     Parameters
     ----------
-    wanted : message -> rate [Hz] that an experiment asks for. first : message -> least rate [Hz], above the usual.
-    error : what not being answered was taken for.
+    wanted : message -> rate [Hz] that an experiment requests. first : message -> least rate [Hz], above the usual.
+    error : the error that the missing answer was first taken for.
 
     Raises
     ------
     TelemetryFault
-        What is asked comes back a second later or more, because the link is full; with what it carries and what an
-        experiment needs.
+        Answers arrive a second late or more, because the link is full. The message states its capacity and what an
+            experiment needs.
     """
     latency, begun, before = Latency(session), session.clock.now(), session.routing.traffic.total()
     deadline = Deadline.after(session.clock, _SECONDS)
@@ -96,23 +97,28 @@ def check_answers_come(
     else:
         said = f"the link is full: it carries {carried:.0f} bytes/s"
     raise TelemetryFault(
-        f"{said}. An answer takes {latency.quickest:.1f} s behind the vehicle's message streams. {FASTER}. Nothing "
-        "was armed"
+        f"{said}. Queued behind the vehicle's message streams, an answer takes {latency.quickest:.1f} s. {FASTER}. "
+        "Nothing was armed"
     ) from error
 
 
 _UPLINK_SECONDS = 2.0
-"""Duration of the rehearsal: with a tenth too little capacity the queue grows by more than ``QUEUE`` [s]. Chosen."""
+"""Duration of the rehearsal [s].
+
+If a tenth of the capacity is missing, the queue grows by more than ``QUEUE`` [s]. Project choice.
+"""
 _UPLINK_ASKING = 0.2
 _UPLINK_FIRST = 0.3
-"""Time of the first two round trips, before the queue has grown [s]. Chosen."""
+"""Time [s] of the first two round trips, before the queue has grown. Project choice."""
 _LATE_HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class UplinkLoad:
-    """``sent`` bytes per second went up; ``grown`` [s] is how much longer the round trip was towards the end than
-    without a queue, and ``carried`` [bytes/s] what the link passed meanwhile, by how quickly that grew.
+    """Result of the rehearsal on the way up.
+
+    ``sent``: bytes per second that were sent. ``grown`` [s]: increase of the round trip towards the end, compared with
+    no queue. ``carried`` [bytes/s]: what the link carried, computed from the growth rate.
     """
 
     sent: float
@@ -121,17 +127,17 @@ class UplinkLoad:
 
     @property
     def is_enough(self) -> bool:
-        """Whether no queue remained."""
+        """Whether no queue remained at the end."""
         return not self.grown > QUEUE
 
 
 def check_uplink(session: Session, streamer: SetpointStreamer, latency: Latency) -> None:
-    """Rehearse with neutral overrides; if they do not fit, send fewer from now on.
+    """Test the link with neutral overrides. If they do not fit, send fewer from now on.
 
     Raises
     ------
     TelemetryFault
-        Not even those fit; with what was sent, what was carried, what is needed and what to do.
+        Not even the reduced rate fits. The message states what was sent, carried and needed, and what to do.
     """
     first = _load_uplink(session, streamer, latency)
     if first.is_enough:
@@ -141,9 +147,9 @@ def check_uplink(session: Session, streamer: SetpointStreamer, latency: Latency)
     second = _load_uplink(session, streamer, latency)
     if not second.is_enough:
         raise TelemetryFault(
-            f"the uplink is too slow: of {second.sent:.0f} bytes/s that an experiment needs it carries "
-            f"{second.carried:.0f}, and its delay grows ({second.grown:.1f} s after "
-            f"{_UPLINK_SECONDS:g} s). Use a faster link (a higher baud rate, a better radio), or close other programs "
+            f"the uplink is too slow: it carries {second.carried:.0f} bytes/s, but an experiment needs "
+            f"{second.sent:.0f}. Its delay grows to {second.grown:.1f} s after "
+            f"{_UPLINK_SECONDS:g} s. Use a faster link (a higher baud rate, a better radio), or close other programs "
             "on this one. Nothing was armed"
         )
     session.notes.append(

@@ -1,7 +1,7 @@
-"""Read the vehicle's own fence over MAVLink: the polygons and circles that its autopilot stays in, or out of.
+"""Read the vehicle's own fence over MAVLink: the polygons and circles that its autopilot stays inside or outside of.
 
-Polygons and circles come by the mission protocol with MAV_MISSION_TYPE_FENCE; the circle of FENCE_RADIUS about home is
-a parameter and HOME_POSITION. A fence that is not enabled (FENCE_ENABLE) is none.
+Polygons and circles are read by the mission protocol with MAV_MISSION_TYPE_FENCE. The circle about home is read from
+the parameter FENCE_RADIUS and from HOME_POSITION. A fence that is not enabled (FENCE_ENABLE) is ignored.
 """
 
 from __future__ import annotations
@@ -19,17 +19,20 @@ FENCE_PARAMETERS = ("FENCE_ENABLE", "FENCE_TYPE", "FENCE_RADIUS")
 _CIRCLE, _POLYGONS = 2, 4
 """Bits of FENCE_TYPE: the circle about home; inclusion and exclusion polygons and circles."""
 _FENCE = 1
-"""MAV_MISSION_TYPE_FENCE."""
+"""Value of MAV_MISSION_TYPE_FENCE."""
 _INCLUDED = frozenset({5001, 5003})
-"""MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION."""
+"""Values of MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION and MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION."""
 _VERTICES, _CIRCLES = frozenset({5001, 5002}), frozenset({5003, 5004})
 _HOME = 242
-"""Number of HOME_POSITION."""
+"""Message number of HOME_POSITION."""
 
 
 @dataclass(frozen=True, slots=True)
 class FenceItem:
-    """A polygon (corners: latitude, longitude [deg]) or a circle (one, ``radius`` [m]); ``inside``: to stay in."""
+    """A polygon (corners: latitude, longitude [deg]) or a circle (one corner, ``radius`` [m]).
+
+    ``inside``: stay inside.
+    """
 
     corners: tuple[tuple[float, float], ...]
     radius: float = 0.0
@@ -37,7 +40,8 @@ class FenceItem:
 
 
 def read_fence(session: Session, values: Mapping[str, float]) -> Sequence[FenceItem] | None:
-    """Return the fence of a vehicle with the parameter *values* (:data:`FENCE_PARAMETERS`); None when it does not tell.
+    """Return the fence of a vehicle with the parameter *values* (:data:`FENCE_PARAMETERS`); None if it does not
+    answer.
 
     Raises
     ------

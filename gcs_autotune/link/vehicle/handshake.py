@@ -1,7 +1,8 @@
-"""Turn an open link into a craft: discover it, read its configuration, request telemetry, and recognise it later.
+"""Turn an open link into a craft: find the vehicle, read its configuration and request telemetry. Recognise it
+later.
 
-A vehicle is recognised by the unique id of its board, else by parameters that two vehicles hardly share: results of a
-calibration and the sensors found. No tuning changes these.
+A vehicle is recognised by the unique id of its board, else by parameters that are very unlikely to be the same on two
+vehicles: calibration results and detected sensors. No tuning changes these.
 """
 
 from __future__ import annotations
@@ -48,13 +49,14 @@ FINGERPRINT = (
     "SERVO3_FUNCTION",
     "BATT_CAPACITY",
 )
-"""Accelerometer calibration and device ids, which belong to a board; then settings made once by the owner. Chosen."""
+"""Parameters to recognise a vehicle by: accelerometer calibration and device ids of the board, then settings made once
+by its owner. Project choice."""
 
 _SAME_KIND = ("system", "autopilot", "vehicle_type")
 
 
 def fingerprint_of(parameters: Parameters) -> dict[str, float]:
-    """Return the parameters to recognise this vehicle by; none if its board reports a unique id."""
+    """Return the parameters to recognise this vehicle by. It is empty if its board reports a unique id."""
     vehicle = parameters.session.vehicle
     return {} if vehicle is not None and vehicle.uid else parameters.read_existing(FINGERPRINT, as_is=True)
 
@@ -62,7 +64,7 @@ def fingerprint_of(parameters: Parameters) -> dict[str, float]:
 def difference(
     known: Mapping[str, Any], fingerprint: Mapping[str, float], found: VehicleIdentity, parameters: Parameters
 ) -> str:
-    """Return in words why the vehicle on this link is not the *known* one; empty if it is, as far as is known.
+    """Return a sentence on why the vehicle on this link is not the *known* one; empty if no difference was detected.
 
     known : identity as in a journal. fingerprint : its parameters, as from :func:`fingerprint_of`.
     """
@@ -97,13 +99,14 @@ WANTED_RATES: Mapping[str, float] = {
 """Message -> requested rate [Hz]. ATTITUDE sets the control period."""
 
 NEEDED_RATES: Mapping[str, float] = {"ATTITUDE": 5.0, "SERVO_OUTPUT_RAW": 5.0}
-"""Message -> Hz without which no relay can be flown."""
+"""Message -> rate [Hz] below which no relay can be flown."""
 
 _FINE_STEP = 0.01
-"""Divides the period of every autopilot loop from 50 to 100 Hz, so that ticks of messages are met exactly. Chosen."""
+"""Time step [s] that divides the loop period of every autopilot loop from 50 to 100 Hz, so that message ticks are met
+exactly. Project choice."""
 
 _LATE = 0.03
-"""Lag of a gyro filter that is reported [s]. Chosen."""
+"""Lag of a gyro filter [s] above which it is reported. Project choice."""
 _FULL_SPEED, _LOOP_RATE, _GYRO_FILTER = "WP_SPEED", "SCHED_LOOP_RATE", "INS_GYRO_FILTER"
 
 
@@ -120,19 +123,19 @@ def open_craft(
 ) -> MavlinkCraft:
     """Discover the vehicle on *session* and return it, ready to be observed and commanded.
 
-    Adopts the ground-station id that the vehicle obeys; reads its wiring; requests and measures telemetry.
-    Nothing is written to the vehicle but message rates; ``craft.rates.restore()`` puts those back. *first_rates*: what
-    is served first where a link has no room for all (message -> Hz). *spare_rates*: what is asked for of a vehicle that
-    grants it where the link has room for more than all.
+    It adopts the ground-station id that the vehicle obeys, reads its wiring, and requests and measures telemetry. Only
+    message rates are changed on the vehicle; ``craft.rates.restore()`` restores them. *first_rates*: messages with
+    priority if the link cannot carry all (message -> Hz). *spare_rates*: higher rates that are requested if the link
+    has spare capacity.
 
     Raises
     ------
     NoVehicle, WrongVehicle
-        Nobody there, or nobody we can tune.
+        No vehicle is there, or it cannot be tuned.
     PreconditionFailed, ParameterMissing
-        It is wired or configured in a way that we cannot work with.
+        Its wiring or configuration is not supported.
     TelemetryFault
-        Its telemetry is too slow, or the link so full already that its answers do not come through.
+        Its telemetry is too slow, or the link is so full that its answers do not arrive.
     """
     identity = session.vehicle or session.discover(timeout, system_id)
     firmware = _firmware(identity)
@@ -197,12 +200,12 @@ def _servo_map(parameters: Parameters, firmware: Firmware) -> ServoMap:
         if error.told == error.of:
             raise
         raise PreconditionFailed(
-            f"{error} Only {error.told} of {error.of} requests were answered; the link may be too slow"
+            f"{error} Only {error.told} of {error.of} requests were answered. The link may be too slow"
         ) from error
 
 
 def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
-    """Grant simulated time from ATTITUDE to ATTITUDE, after finding its phase in small steps."""
+    """Advance simulated time from ATTITUDE to ATTITUDE, after determining its phase in small steps."""
     if rate <= 0.0:
         return
     transport, seen = craft.session.transport, craft.telemetry.ticks
@@ -214,8 +217,8 @@ def _follow_control_tick(craft: MavlinkCraft, rate: float) -> None:
 def _note_late_rates(session: Session, lag: float) -> None:
     if lag >= _LATE:
         session.notes.append(
-            f"the autopilot's gyro filter ({_GYRO_FILTER}) delays turn rates by {1e3 * lag:.0f} ms. Their "
-            "timestamps are corrected, and the heading, which has no delay, is fitted first"
+            f"the autopilot's gyro filter ({_GYRO_FILTER}) delays turn rates by {1e3 * lag:.0f} ms. The timestamps of "
+            "turn rates are corrected. The heading has no delay and is fitted first"
         )
 
 
@@ -231,11 +234,11 @@ def _firmware(identity: VehicleIdentity) -> Firmware:
 
 
 def _adopt_gcs_id(session: Session, parameters: Parameters, firmware: Firmware) -> None:
-    """Send with the system id whose overrides the vehicle accepts; it ignores others without notice."""
+    """Use the system id whose overrides the vehicle accepts, because it ignores others without notice."""
     try:
         name, value = parameters.read_first(firmware.gcs_id_parameters)
     except ParameterMissing:
-        session.notes.append("the vehicle does not report which ground station it obeys; using system id 255")
+        session.notes.append("the vehicle does not report which ground station it obeys. Using system id 255")
         return
     if int(value) != session.port.system:
         session.notes.append(f"{name} is {value:g}: using system id {value:g}")

@@ -1,8 +1,8 @@
 """Detect interference by others during a run, find its cause, and release the vehicle at once.
 
-A change of mode or armed state that the tool did not order ends the manoeuvre, and is not undone. It counts as an
-order of another operator unless there is evidence of another cause. A missing acknowledgement is no evidence, because
-the vehicle sends it only to the station that gave the order. Evidence is:
+A change of mode or armed state that this program did not command ends the manoeuvre and is not undone. It counts as a
+command of another operator unless there is evidence of another cause. A missing acknowledgement is no evidence, because
+the vehicle sends it only to the station that gave the command. Evidence is:
 
 * of a restart: the vehicle's clock,
 * of a late copy of our own order: a second acknowledgement,
@@ -36,30 +36,34 @@ from gcs_autotune.untrusted_text import quoted
 __all__ = ["Evidence", "InterferenceMonitor", "RateKeeper"]
 
 _LOOK_BACK = 5.0
-"""Age up to which an order may cause a change seen now [s]; heartbeats show a mode a second late. Chosen."""
+"""Age [s] up to which a command may cause a change seen now; heartbeats show a mode a second late. Project choice."""
 _OWN_CAUSE = "failsafe"
-"""Word in the text of each failsafe of ArduPilot: "EKF failsafe", "Radio Failsafe", "Battery 1 low failsafe"."""
+"""Word that the status text of every ArduPilot failsafe contains: "EKF failsafe", "Radio Failsafe", "Battery 1 low
+failsafe"."""
 _AHEAD = 1.5
-"""Relative pace above which a simulation is reported to run faster than the clock."""
+"""Ratio of simulated to real time above which a simulation is reported as faster than real time."""
 _SLACK = 0.3
-"""How much longer a pause of ours may appear to the vehicle [s]: delays vary and one message may be lost. Chosen."""
+"""Excess [s] by which a pause of ours may appear longer to the vehicle, because delays vary and a message may be lost.
+Project choice."""
 _LEAST_REPORTED = 0.4
-"""Pause of ours that is reported although it is not the cause [s of the vehicle's time]. Chosen."""
+"""Pause of ours [s of the vehicle's time] above which it is reported although it is not the cause. Project choice."""
 _MODE_ORDERS = frozenset({"SET_MODE", "MAV_CMD_DO_SET_MODE", "MAV_CMD_NAV_RETURN_TO_LAUNCH", "MAV_CMD_MISSION_START"})
 _ARM_ORDERS = frozenset({"MAV_CMD_COMPONENT_ARM_DISARM", "MAV_CMD_DO_FLIGHTTERMINATION"})
 _STICK_ORDERS = frozenset({"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"})
 _MANY = 20
 _LATE = 0.8
-"""Round trip below which our commands show within the usual waiting time [s]. Chosen."""
+"""Round trip [s] below which commands take effect within the usual waiting time. Project choice."""
 _MIDDLE, _DEFLECTED = 1500, 50
-"""Deflection below which a stick may be at rest, and above which it counts as moved [us]. Chosen."""
+"""PWM of a centred stick [us], and the deflection from it [us] above which the stick counts as moved. Project
+choice."""
 _ANSWER = 2.5
-"""Time for two TIMESYNC requests, one a second [s]; their answers, or none, show a late link. Chosen."""
+"""Time [s] for two TIMESYNC requests, one a second. Late or missing answers show a delayed link. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Change:
-    """A change not ordered by us: in words, orders that cause it, and failsafe actions that end in it."""
+    """A change not commanded by us: its text, the commands that cause it, and the failsafe actions that result in
+    it."""
 
     what: str
     kinds: frozenset[str]
@@ -70,7 +74,7 @@ class _Change:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What shows who changed the vehicle: other stations, the RC sticks, how regularly we sent, restarts."""
+    """Evidence on what changed the vehicle: other stations, the RC sticks, gaps in our sending, and restarts."""
 
     other_stations: OtherStations
     rc_monitor: RcMonitor
@@ -83,17 +87,17 @@ class InterferenceMonitor:
 
     Parameters
     ----------
-    let_go : makes the sticks neutral, if they are in our hands; called before anything is waited for.
+    let_go : sets the sticks to neutral if we control them; called before any wait.
 
     Attributes
     ----------
-    failsafes : those that act when nothing is heard of us, as this vehicle's parameters set them.
-    lateness : how late the link's answers are now [s].
-    on_yield : called with the mode or armed state that another operator has ordered.
-    modes : custom mode numbers that may be seen: of what we ordered last, and of before while that is not confirmed.
-    armed : whether it is expected to be armed, None while that is just being changed by us.
-    is_ours : whether the vehicle is in our hands.
-    found : the first change that we did not order, None while there is none.
+    failsafes : the failsafes for loss of our messages, as set by this vehicle's parameters.
+    lateness : present delay of the link's answers [s].
+    on_yield : called with the mode or armed state that another operator has commanded.
+    modes : custom mode numbers to expect: the one commanded last, and the previous one until that is confirmed.
+    armed : whether it is expected to be armed; None while we are changing this.
+    is_ours : whether we control the vehicle.
+    found : the first change not commanded by us; None if there is none.
     """
 
     def __init__(
@@ -124,7 +128,7 @@ class InterferenceMonitor:
         self.found: Intervention | None = None
 
     def take_over(self) -> None:
-        """Start monitoring: expect the present state until we order a change."""
+        """Start monitoring. Expect the present state until we command a change."""
         if not self.is_ours:
             self.is_ours = True
             self.accept()
@@ -138,30 +142,30 @@ class InterferenceMonitor:
         self.is_ours, self.modes, self.armed, self.found = False, frozenset(), None, None
 
     def order_mode(self, number: int) -> None:
-        """Expect either mode until our order of mode *number* is confirmed."""
+        """Expect the present mode or mode *number* until our command of the latter is confirmed."""
         self.modes = frozenset({*self.modes, number}) if self.is_ours else frozenset()
 
     def doubt_mode(self, number: int, before: frozenset[int]) -> None:
-        """Our order of mode *number* was not answered: keep expecting the mode *before*, too."""
+        """Our command of mode *number* was not answered: keep expecting the mode *before* too."""
         if self.is_ours:
             self.modes = before
             self._unanswered.add(number)
 
     def confirm_mode(self, number: int) -> None:
-        """Our order of mode *number* was accepted: expect only that mode."""
+        """Our command of mode *number* was accepted: expect only that mode."""
         self._unanswered.clear()
         self.modes = frozenset({number}) if self.is_ours else frozenset()
 
     def look(self) -> Intervention | None:
-        """Return the first change of mode or armed state not ordered by us, by the last heartbeat.
+        """Return the first change of mode or armed state not commanded by us, according to the last heartbeat.
 
-        At its first detection the sticks are set to neutral. Then two more heartbeats, the vehicle's clock and its
-        texts are awaited, about a second: they identify the cause.
+        On its first detection the sticks are set to neutral. Then, for about a second, two more heartbeats, the
+        vehicle's clock and its status texts are awaited to identify the cause.
 
         Raises
         ------
         TelemetryFault
-            Its heartbeats contradict each other. LinkLost: there are none.
+            Its heartbeats contradict each other. LinkLost: no heartbeat arrived.
         """
         if self.is_ours and self.found is None and self._changes():
             self._let_go()
@@ -174,7 +178,7 @@ class InterferenceMonitor:
         return self.found
 
     def _take(self, judged: Sequence[tuple[str, Intervention]]) -> None:
-        """Record what was *judged*: a failsafe may disarm it just when another station orders a mode."""
+        """Record the *judged* change. A failsafe may disarm the vehicle just when another station commands a mode."""
         self._guard, told = max(judged, key=lambda j: j[1].stands)
         self.found = replace(
             told,
@@ -194,7 +198,7 @@ class InterferenceMonitor:
         TelemetryFault
             The autopilot has restarted.
         GuardTripped
-            Another station, a failsafe or a late copy changed mode or armed state; the message says which.
+            Another station, a failsafe or a late copy changed mode or armed state; the message states which.
         """
         found = self.look()
         if found is not None:
@@ -203,7 +207,7 @@ class InterferenceMonitor:
             raise GuardTripped(found.what, guard=self._guard)
 
     def check(self) -> None:
-        """Check mode and armed state, and the sticks and parameters under our control."""
+        """Check mode and armed state, and the sticks and parameters that we control."""
         self._check_parameters()
         self.check_state()
         self._check_sticks()
@@ -213,7 +217,7 @@ class InterferenceMonitor:
             name, old, new = self._parameters.intrusions[0]
             raise GuardTripped(
                 f"another ground station wrote {name} = {new:g} (it was {old:g}): "
-                f"{self._who(frozenset({'PARAM_SET'}), name)}. Disconnect it and start again",
+                f"{self._who(frozenset({'PARAM_SET'}), name)}. Disconnect that station and start again",
                 guard="parameters",
                 value=new,
                 limit=old,
@@ -236,7 +240,7 @@ class InterferenceMonitor:
         if self._watchdog.has_restarted:
             return "restart", Intervention(str(self._watchdog.fault), mode_stands=False, armed_stands=False)
         if change.guard == "mode" and self._commands.copy_arrived(change.mode, seen):
-            what = f"{change.what}: a late copy of our own command (the vehicle answered it twice)"
+            what = f"{change.what}: a late copy of this tool's own command (the vehicle answered it twice)"
             return "mode", Intervention(what, mode_stands=False, armed_stands=False)
         named = self._named(change)
         want = self._want_of_overrides(change)
@@ -249,23 +253,23 @@ class InterferenceMonitor:
                 return "pause" if cure else "failsafe", Intervention(
                     what, mode_stands=False, armed_stands=False, may_go_on=True
                 )
-            what += ". The vehicle did not report it, so another station may have ordered it"
+            what += ". The vehicle did not report a failsafe, so another station may have ordered this"
             return change.guard, Intervention(
                 what, mode_stands=change.guard == "mode", armed_stands=False, is_certain=False, may_go_on=gap > 0.0
             )
         unanswered = change.guard == "mode" and change.mode in self._unanswered
         certain = not unanswered and not (change.guard == "mode" and self._commands.has_ordered_mode(change.mode, seen))
-        copy = "" if certain else ", unless it was a late copy of our own command"
+        copy = "" if certain else ", unless it was a late copy of this tool's own command"
         if unanswered:
-            copy = ", unless it was our own command, which was never answered"
+            copy = ", unless it was this tool's own command, which the vehicle never answered"
         pause = self._longest_pause()
         short = (
-            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe does this after it)"
+            f" (this computer's pause of {pause:.2g} s is not the cause: no failsafe acts after so short a pause)"
             if pause > _LEAST_REPORTED and not self._is_own_cause()
             else ""
         )
         who = self._lost_on_the_way(named, change) or self._who(change.kinds)
-        what = f"{change.what}, not by us{self._last_words()}: {who}{copy}{short}"
+        what = f"{change.what}, not by this tool{self._last_words()}: {who}{copy}{short}"
         by_mode = change.guard == "mode"
         return change.guard, Intervention(
             what,
@@ -276,7 +280,8 @@ class InterferenceMonitor:
         )
 
     def _named(self, change: _Change) -> SetFailsafe | None:
-        """Return the failsafe for missing overrides whose text was received and that ends in this *change*."""
+        """Return the failsafe for missing overrides whose status text was received and that results in this
+        *change*."""
         said = [text.casefold() for text in self._recent_texts()]
         return next((f for f in self._fitting(change) if any(f.says in text for text in said)), None)
 
@@ -285,19 +290,20 @@ class InterferenceMonitor:
         return [f for f in self.failsafes if change.outcome in f.outcomes and not (f.by_overrides and has_receiver)]
 
     def _lost_on_the_way(self, named: SetFailsafe | None, change: _Change) -> str:
-        """Return in words that the failsafe *named* itself although we kept sending; empty if another cause fits."""
+        """Return a sentence if the failsafe *named* was reported although we kept sending; empty if another cause
+        fits."""
         since = self._session.clock.now() - _LOOK_BACK
         if named is None or self._other_stations.has_ordered(change.kinds, since):
             return ""
-        lacks = "overrides" if named.by_overrides else "a heartbeat of ours"
+        lacks = "overrides" if named.by_overrides else "a heartbeat of this tool"
         return (
             f"it reports its {named.name}, which does this after {named.needs:g} s without {lacks}. This computer "
-            f"paused for {self._longest_pause():.1f} s at most, so its messages were lost on the way. Use a better "
-            "link. Another station may have ordered the same"
+            f"paused for {self._longest_pause():.1f} s at most, so its messages were lost on the link. Use a better "
+            "link. It is also possible that another station ordered this"
         )
 
     def _want_of_overrides(self, change: _Change) -> tuple[SetFailsafe, float, str, str] | None:
-        """Return (failsafe, seconds without overrides, reason, remedy) if that time was long enough for it."""
+        """Return (failsafe, seconds without overrides, reason, remedy) if that time was long enough to trigger it."""
         pause, pace = self._longest_pause(), max(self._send_rate.pace, 1.0)
         silence = self._session.liveness.longest(_LOOK_BACK + self._session.liveness.actual_silence) * pace
         gap = max(pause, silence)
@@ -323,9 +329,9 @@ class InterferenceMonitor:
             channel, sent, shown = departed
             self._check_late(channel, sent, shown)
             raise GuardTripped(
-                f"overrides other than ours are active: RC channel {channel} shows {shown} us, but {sent} us were "
-                f"sent{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks. If there are none, our "
-                "overrides do not reach the vehicle",
+                f"overrides of another sender are active: RC channel {channel} shows {shown} us, but {sent} us were "
+                f"sent{self._last_words()}: {self._who(_STICK_ORDERS)}. Unplug other joysticks. If there are none, the "
+                "overrides of this tool do not reach the vehicle: check the link",
                 guard="sticks",
                 value=float(shown),
                 limit=float(sent),
@@ -334,7 +340,7 @@ class InterferenceMonitor:
         if moved is not None:
             raise GuardTripped(
                 f"the sticks were moved: RC channel {moved[0]}, which this tool does not drive, went from {moved[1]} "
-                f"to {moved[2]} us: {self._whose_stick()}. Do not touch transmitter and joysticks while this tool "
+                f"to {moved[2]} us: {self._whose_stick()}. Do not touch the transmitter or joysticks while this tool "
                 f"steers",
                 guard="sticks",
                 value=float(moved[2]),
@@ -342,10 +348,10 @@ class InterferenceMonitor:
             )
 
     def _check_late(self, channel: int, sent: int, shown: int) -> None:
-        """Raise ``GuardTripped`` (guard ``late``) if our own commands arrive late; the sticks are neutral then.
+        """Raise ``GuardTripped`` (guard ``late``) if our commands arrive late; the sticks are then neutral.
 
-        If the link is prompt again it had stalled, because no other station deflects a stick exactly as we did. A stick
-        in the middle proves nothing.
+        A late copy of our own deflection shows that the link had stalled, even if it is fast again, because no other
+        station deflects a stick exactly as we did. A centred stick proves nothing.
         """
         if not self._rc_monitor.was_sent(channel, shown):
             return
@@ -364,13 +370,13 @@ class InterferenceMonitor:
         )
 
     def _whose_stick(self) -> str:
-        """Return in words who moved a stick that we do not drive."""
+        """Return a sentence on who moved a stick that we do not drive."""
         steering = self._other_stations.steering
         if steering is not None and steering.is_receiver:
             return "a pilot, since the vehicle reports that its own RC receiver steers it (MANUAL_INPUT_STATUS)"
         since = self._session.clock.now() - _LOOK_BACK
         if self._other_stations.has_ordered(_STICK_ORDERS, since) or not self._rc_monitor.has_receiver:
-            return f"overrides other than ours ({self._other_stations.culprit(_STICK_ORDERS, since)})"
+            return f"overrides of another sender ({self._other_stations.culprit(_STICK_ORDERS, since)})"
         own = self._session.port.system
         return f"its RC transmitter, or overrides of another station with system id {own}"
 
@@ -381,10 +387,10 @@ class InterferenceMonitor:
         if moved is not None and not name and not ordered:
             return (
                 f"RC channel {moved[0]} went from {moved[1]} to {moved[2]} us, by a switch of the "
-                "transmitter, or overrides other than ours"
+                "transmitter, or by overrides of another sender"
             )
         if self._is_own_cause() and not name and not ordered:
-            return "it was the vehicle's own failsafe. Fix its cause, and start again"
+            return "the vehicle's own failsafe did this. Fix its cause and start again"
         return self._other_stations.culprit(kinds, since, name)
 
     def _is_own_cause(self) -> bool:
@@ -401,15 +407,19 @@ class InterferenceMonitor:
 
 _VITAL = ("ATTITUDE", "SERVO_OUTPUT_RAW", "RC_CHANNELS")
 _WINDOW = 2.0
-"""Counting window: long enough to distinguish a lost message from a changed rate [s of the vehicle's time]. Chosen."""
+"""Counting window [s of the vehicle's time], long enough to distinguish a lost message from a changed rate. Project
+choice."""
 _LOW = 0.6
-"""Share of the rate at the handshake below which it is requested again. Chosen."""
+"""Fraction of the rate at the handshake below which it is requested again. Project choice."""
 _REQUESTS = frozenset({"REQUEST_DATA_STREAM", "MAV_CMD_SET_MESSAGE_INTERVAL"})
 _RATES_LOOK_BACK = 10.0
 
 
 class RateKeeper:
-    """Monitor of essential message rates; requests them again on a drop. Call :meth:`start` once rates are known."""
+    """Monitors the rates of essential messages and requests them again after a drop.
+
+    Call :meth:`start` once they are known.
+    """
 
     def __init__(self, session: Session, rates: Rates, other_stations: OtherStations) -> None:
         self._session = session
@@ -420,7 +430,7 @@ class RateKeeper:
         self._noted: set[str] = set()
 
     def start(self) -> None:
-        """Start keeping the rates measured last."""
+        """Start to monitor the rates measured last."""
         for name in _VITAL:
             self._session.listen(name, partial(self._on_message, name))
         self._session.every(1.0, self._look)
@@ -450,8 +460,8 @@ class RateKeeper:
             self._noted |= set(thin)
             who = self._other_stations.culprit(_REQUESTS, self._session.clock.now() - _RATES_LOOK_BACK)
             self._session.notes.append(
-                f"low rates for a while, requested again: {', '.join(thin.values())}. Messages were lost, or another "
-                f"station requested other rates ({who})"
+                f"message rates were low and were requested again: {', '.join(thin.values())}. Messages were lost, "
+                f"or another station requested other rates ({who})"
             )
 
     def _ask_again(self, name: str, rate: float) -> None:

@@ -1,9 +1,9 @@
 """Measure the delays of this link: round trip, command to actuator, and the whole loop.
 
-The *round trip* of TIMESYNC is the radio's own. *Command to servo* is the way up: from sending an override to the
-autopilot's output moving, in the vehicle's own time. The *loop* is the delay in a relay closed over the link: from the
-stamp of the attitude used to the output's reaction. The loop needs no synchronised clock: both stamps are the
-vehicle's.
+The *round trip* of TIMESYNC is that of the radio alone. *Command to servo* is the delay on the way up: from sending an
+override until the autopilot's output moves, in the vehicle's own time. The *loop* is the delay in a relay closed over
+the link: from the time stamp of the attitude used until the output reacts. The loop needs no synchronised clock,
+because both stamps are the vehicle's.
 """
 
 from __future__ import annotations
@@ -22,20 +22,32 @@ __all__ = ["Latency", "LinkTimes", "least_period"]
 
 _KEPT = 200
 _TRUSTED = 5
-"""Answers used to compare the clocks. Chosen; at one a second no clock drifts by a millisecond in that time."""
+"""Number of answers used to compare the clocks.
+
+At one a second no clock drifts by a millisecond in that time. Project choice.
+"""
 _STEP = 0.04
-"""Smallest command change that is timed, as a fraction of full output. Chosen: above corrections by hold loops."""
+"""Smallest command change that is timed [fraction of full output].
+
+It is above the corrections of hold loops. Project choice.
+"""
 _MOVED_SHARE, _MOVED_MOST = 0.3, 0.03
-"""Share of a change, and its cap, after which an output has moved. Chosen: a slew-limited throttle counts."""
+"""Fraction of a commanded change, and its upper limit, after which an output counts as moved.
+
+So the start of a slew-limited throttle change counts too. Project choice.
+"""
 _NEVER = 2.0
-"""A command without effect for this time was lost or limited, and is not timed [s]. Chosen."""
+"""Time [s] after which a command without effect counts as lost or limited and is not timed. Project choice."""
 _REAL_TIME = 0.02
-"""Tolerance of the vehicle's pace relative to ours; a simulator on double speed is outside it."""
+"""Tolerance on the ratio of vehicle time to our time. A simulator at double speed is outside it."""
 _LAG_SHARE = 8.0
-"""Shortest period that can be evaluated, in multiples of the loop's delay. Chosen: a relay on an integrator with delay
-oscillates in four, so the craft then contributes half."""
+"""Shortest period that can be evaluated, in multiples of the loop's delay.
+
+A relay on an integrator with delay oscillates with a period of four delays, so at this limit the craft contributes
+half. Project choice.
+"""
 _SAMPLES = 8.0
-"""Fewest attitudes per oscillation that determine its amplitude. Chosen."""
+"""Smallest number of attitudes per oscillation that determines its amplitude. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +56,8 @@ class LinkTimes:
 
     Command to servo needs both clocks, so it is not measured on a simulator that runs at another speed.
 
-    ``samples`` command changes were timed; ``override_rate`` [Hz] overrides were sent at while commanding, with
-    ``override_gap`` [s] the longest pause between two.
+    ``samples``: number of command changes timed. ``override_rate`` [Hz]: rate of the overrides while commanding.
+    ``override_gap`` [s]: the longest pause between two of them.
     """
 
     round_trip: float = math.nan
@@ -63,11 +75,11 @@ class LinkTimes:
         return {name: value for name, value in asdict(self).items() if math.isfinite(value)}
 
     def __str__(self) -> str:
-        """Return the loop delay first, with its known parts; the round trip takes another path."""
+        """Return the loop delay with its known parts first, then the round trip, which is not one of these parts."""
         parts = [
             _part("whole loop", self.loop, self.loop_90),
-            _part("of it command to servo", self.command_to_servo, self.command_to_servo_90),
-            _part("a message and its answer", self.round_trip, self.round_trip_90),
+            _part("of this from command to servo", self.command_to_servo, self.command_to_servo_90),
+            _part("message to answer", self.round_trip, self.round_trip_90),
         ]
         return ", ".join(p for p in parts if p) or "not measured"
 
@@ -78,7 +90,7 @@ def _part(what: str, middle: float, late: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Pending:
-    """A command whose effect has not been seen yet."""
+    """A command whose effect has not appeared yet."""
 
     before: float
     wanted: float
@@ -88,11 +100,11 @@ class _Pending:
 
 
 class Latency:
-    """Measures the delays on a session in passing.
+    """Measures the delays of a session during normal traffic.
 
     Attributes
     ----------
-    asked, answered : TIMESYNCs sent, and answered.
+    asked, answered : number of TIMESYNC messages sent, and answered.
     """
 
     def __init__(self, session: Session) -> None:
@@ -110,7 +122,7 @@ class Latency:
     # --- there and back -----------------------------------------------------------------------------------
 
     def ask(self) -> None:
-        """Send one TIMESYNC; its answer is processed on arrival."""
+        """Send one TIMESYNC. Its answer is processed on arrival."""
         now = self._session.clock.now()
         stamp = round(now * 1e9) + 1
         if stamp not in self._open:
@@ -119,7 +131,7 @@ class Latency:
             self._session.send(mavlink.MAVLink_timesync_message(0, stamp))
 
     def _on_timesync(self, m: Message) -> None:
-        """Process a TIMESYNC; the vehicle's own requests (tc1 0) and answers to other stations are ignored."""
+        """Process a TIMESYNC. Requests of the vehicle (tc1 0) and answers to other stations are ignored."""
         sent = self._open.pop(int(m.ts1), None) if m.tc1 else None
         if sent is not None:
             self.answered += 1
@@ -130,7 +142,7 @@ class Latency:
 
     @property
     def lateness(self) -> float:
-        """Return the delay of answers [s]: of the last one, or of one still missing; 0 before any request."""
+        """Return the delay of the last answer, or of a missing one if longer [s]; 0 before any request."""
         waiting = [self._session.clock.now() - asked for asked in self._open.values()]
         answered = max((sent for sent, _, _ in self._trips), default=-math.inf)
         unanswered = [age for age in waiting if self._session.clock.now() - age > answered]
@@ -139,8 +151,8 @@ class Latency:
     def vehicle_time(self, t: float) -> float:
         """Return the vehicle's time [s since boot] at link time *t* [s]; NaN before any answer.
 
-        The quickest of the last few answers is used, since it has the smallest error. Only the last few count, because
-        a simulator on a busy machine falls behind.
+        The fastest of the last few answers is used, since it has the smallest error. Older ones are ignored, because a
+        simulator on a busy computer falls behind.
         """
         if not self._trips:
             return math.nan
@@ -148,7 +160,7 @@ class Latency:
         return stamp + self._pace() * (t - sent - 0.5 * trip)
 
     def _pace(self) -> float:
-        """Return seconds of the vehicle's time per second of ours: 1, except for simulators."""
+        """Return the seconds of vehicle time per second of our time: 1, except for simulators."""
         (t0, trip0, stamp0), (t1, trip1, stamp1) = self._trips[0], self._trips[-1]
         span = t1 + 0.5 * trip1 - t0 - 0.5 * trip0
         if span < 0.5:
@@ -161,7 +173,7 @@ class Latency:
     def commanded(self, wanted: Mapping[str, float], outputs: Mapping[str, float], seen: float) -> None:
         """Record a command sent now.
 
-        wanted, outputs : force -> fraction of full output, as commanded and as last measured.
+        wanted, outputs : commanded and last measured fraction of full output, by force.
         seen : the vehicle's stamp [s] of the attitude that the command answers.
         """
         now = self._session.clock.now()
@@ -177,12 +189,12 @@ class Latency:
                 self._pending[force] = _Pending(measured, value, seen, self.vehicle_time(now), seen)
 
     def forget(self) -> None:
-        """Stop attributing new outputs to the last command."""
+        """Stop attributing output changes to the last command."""
         self._pending.clear()
         self._wanted.clear()
 
     def moved(self, t: float, outputs: Mapping[str, float]) -> None:
-        """Record measured outputs; *t* [s]: when they changed, by the vehicle's clock."""
+        """Record measured outputs. *t* [s] is the time of the change by the vehicle's clock."""
         for force, pending in list(self._pending.items()):
             change = pending.wanted - pending.before
             gone = math.copysign(1.0, change) * (outputs.get(force, pending.before) - pending.before)
@@ -203,7 +215,7 @@ class Latency:
         return _quantile(self._round, 0.5)
 
     def trips(self, since: float) -> tuple[tuple[float, float], ...]:
-        """Return (link time of request, round trip), both [s], of every answer to requests since *since* [s]."""
+        """Return (link time of request, round trip), both [s], for every answer to requests since *since* [s]."""
         return tuple((sent, trip) for sent, trip, _ in self._trips if sent >= since)
 
     @property
@@ -219,7 +231,7 @@ class Latency:
         return self._middle
 
     def times(self, override_rate: float = math.nan, override_gap: float = math.nan) -> LinkTimes:
-        """Return all results so far."""
+        """Return all measured delays."""
         trips = [trip for _, trip, _ in self._trips]
         loop, late = _quantile(self._round, 0.5), _quantile(self._round, 0.9)
         return LinkTimes(
@@ -236,9 +248,9 @@ class Latency:
 
 
 def least_period(loop: float, rate: float) -> float:
-    """Return the shortest oscillation [s] that can be flown and still be identified; 0 if nothing is known.
+    """Return the shortest oscillation period [s] that can be flown and still be identified; 0 if nothing is known.
 
-    loop : its delay [s], NaN when not measured. rate : of the attitudes it is controlled at [Hz].
+    loop : delay of the loop [s], NaN when not measured. rate : rate of the attitudes used for control [Hz].
     """
     interval = 1.0 / rate if rate > 0.0 else 0.0
     lag = loop + 0.5 * interval if math.isfinite(loop) else 0.0

@@ -1,4 +1,4 @@
-"""The craft that manoeuvres fly, over MAVLink."""
+"""A craft that manoeuvres can fly, controlled over MAVLink."""
 
 from __future__ import annotations
 
@@ -31,14 +31,17 @@ from gcs_autotune.trial import Mark, Trial
 __all__ = ["MavlinkCraft", "VehicleConfig", "read_failsafes"]
 
 _FRESH = 3.5
-"""Three heartbeats; a vehicle silent for this time gets no new mode [s]. Chosen."""
+"""Time [s] to wait for a HEARTBEAT before a mode is commanded: three heartbeats. Project choice."""
 _GLANCE = 0.5
-"""The same before an order of the rest mode, which must not wait [s]. Chosen."""
+"""Time [s] to wait for the state before the rest mode is commanded, which must not be delayed. Project choice.
+Project choice."""
 _PATIENCE = 30.0
-"""Seconds for which making neutral waits for a silent vehicle. Chosen."""
+"""Time [s] to wait for a silent vehicle when making it neutral. Project choice."""
 _WARM_UP = 1.0
-"""Seconds between two attempts to arm. Neutral overrides flow before the first: a Rover without an RC receiver arms
-only then."""
+"""Time [s] between two attempts to arm.
+
+Neutral overrides are sent before the first attempt, because a Rover without an RC receiver does not arm without them.
+"""
 
 
 class MavlinkCraft:
@@ -46,10 +49,10 @@ class MavlinkCraft:
 
     Attributes
     ----------
-    session, parameters, commands, rates, latency, other_stations : the parts it is made of.
-    arm_patience : seconds of link time that :meth:`arm` keeps trying while the pre-arm checks settle.
-    on_order : called with ``ordering``, ``ordered`` or ``yielded`` and what is ordered, for the journal. It must not
-        raise, nor leave the link unserved.
+    session, parameters, commands, rates, latency, other_stations : its parts.
+    arm_patience : seconds of link time for which :meth:`arm` retries while the pre-arm checks settle.
+    on_order : called with ``ordering``, ``ordered`` or ``yielded`` and the command, for the journal. It must not raise
+        an exception or block the link.
     """
 
     def __init__(
@@ -93,13 +96,13 @@ class MavlinkCraft:
         self._mode_is_changing = False
 
     def keep_rates(self) -> None:
-        """Keep the rates fitted to the link against requests of other stations, and send less on a full link."""
+        """Maintain the fitted message rates against requests of other stations. Send less on a full link."""
         RateKeeper(self.session, self.rates, self.other_stations).start()
         if math.isfinite(self.rates.capacity):
             self._streamer.spare_the_link()
 
     def learn_failsafes(self) -> None:
-        """Read which failsafes act without a ground station, after which time, and how."""
+        """Read which failsafes act without a ground station, after what time, and how."""
         self._interference.failsafes = read_failsafes(self.parameters, self._firmware)
 
     @property
@@ -109,7 +112,7 @@ class MavlinkCraft:
 
     @property
     def servos(self) -> ServoMap:
-        """How servo outputs make forces."""
+        """Relation between servo outputs and forces."""
         return self._config.servos
 
     @property
@@ -128,11 +131,12 @@ class MavlinkCraft:
         return self.session.armed
 
     def await_heartbeat(self) -> None:
-        """Wait for the next HEARTBEAT, after which :attr:`armed` and :attr:`mode` are of now; ``LinkLost`` if none."""
+        """Wait for the next HEARTBEAT, so that :attr:`armed` and :attr:`mode` are current; ``LinkLost`` if none
+        arrives."""
         self.session.await_heartbeat()
 
     def take_over(self) -> None:
-        """Monitor changes of mode or armed state not ordered by us, until :meth:`give_back`."""
+        """Monitor changes of mode or armed state not commanded by us, until :meth:`give_back`."""
         self._is_taken_over = True
         self._interference.take_over()
 
@@ -142,7 +146,10 @@ class MavlinkCraft:
         self._interference.give_back()
 
     def intervention(self) -> Intervention | None:
-        """Request mode and armed state, and return the first change not ordered by us since :meth:`take_over`."""
+        """Request mode and armed state.
+
+        Return the first change since :meth:`take_over` that was not commanded by us.
+        """
         if self._interference.is_ours and self._interference.found is None:
             with suppress(LinkLost):
                 self.session.ask_state(_FRESH)
@@ -156,12 +163,12 @@ class MavlinkCraft:
         self.session.wait_for(lambda: True if watchdog.has_restarted or watchdog.stamps > seen else None, 1.0)
 
     def accept_intervention(self) -> None:
-        """Accept the present mode and armed state: the operator has agreed."""
+        """Accept the present mode and armed state after the operator has agreed."""
         self._interference.accept()
 
     @property
     def steered_by(self) -> SteeredBy:
-        """What turns it, for what is assumed of craft of its kind."""
+        """Type of steering, used for assumptions about similar craft."""
         if not self.firmware.needs_way:
             return "rov"
         return "thrusters" if self.skid else "rudder"
@@ -174,16 +181,17 @@ class MavlinkCraft:
     # --- watching -----------------------------------------------------------------------------------------
 
     def observe(self) -> Observation:
-        """Wait for the next ATTITUDE and return all known values at it.
+        """Wait for the next ATTITUDE and return all values known at that time.
 
         Raises
         ------
         LinkLost, OperatorStopped
             From the session.
         TelemetryFault
-            NaN, frozen or jumping telemetry; or no attitude although the vehicle is heard.
+            NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
         GuardTripped
-            Mode or arming was changed, not by us; while a command is in force: a borrowed parameter, or the sticks.
+            Mode or armed state was changed, but not by us. While a command is in force, also for the sticks or a
+                parameter that we changed.
         """
         await_tick(self.session, self.telemetry)
         if self._streamer.active is not None:
@@ -198,9 +206,9 @@ class MavlinkCraft:
         return self.latency.times(self._streamer.send_rate.rate, self._streamer.send_rate.longest)
 
     def longest_pause(self, since: float) -> float:
-        """Return the longest time without a command [s of the vehicle's time] since link time *since* [s].
+        """Return the longest pause between commands since link time *since* [s], in seconds of the vehicle's time.
 
-        0 where time is simulated: there nothing waits for this computer.
+        It is 0 in simulated time, which does not advance while this computer pauses.
         """
         if self.session.transport.is_simulated:
             return 0.0
@@ -209,7 +217,7 @@ class MavlinkCraft:
 
     @property
     def least_period(self) -> float:
-        """Shortest oscillation [s] that can be flown over this link and still be identified; 0 if unknown."""
+        """Shortest oscillation period [s] that can be flown over this link and still be identified; 0 if unknown."""
         return least_period(self.latency.loop, self.rates.measured.get("ATTITUDE", 0.0))
 
     # --- commanding ---------------------------------------------------------------------------------------
@@ -220,7 +228,7 @@ class MavlinkCraft:
         Raises
         ------
         GuardTripped, TelemetryFault
-            Mode or armed state was changed, not by us, as far as the last heartbeat tells.
+            Mode or armed state was changed, but not by us, according to the last heartbeat.
         """
         self._interference.take_over()
         self._interference.check_state()
@@ -229,14 +237,15 @@ class MavlinkCraft:
     def set_mode(self, mode: str) -> None:
         """Change the flight mode and wait until the heartbeat confirms it.
 
-        Mode and armed state are requested first: an order of another station since the last heartbeat stands.
+        Mode and armed state are requested first, so that a command of another station since the last heartbeat is
+        respected.
 
         Raises
         ------
         GuardTripped, TelemetryFault
-            They were changed, not by us; nothing was ordered.
+            They were changed, but not by us. Nothing was commanded.
         LinkLost
-            No heartbeat came.
+            No heartbeat arrived.
         """
         self._check_fresh()
         try:
@@ -267,30 +276,32 @@ class MavlinkCraft:
         self.on_order("ordering", what if math.isnan(boot) else {**what, "boot": boot})
 
     def _check_fresh(self) -> None:
-        """Verify that mode and armed state are as we left them."""
+        """Verify that mode and armed state are those that we set last."""
         if not self._interference.is_ours:
             return
         if not self.session.ask_state(_FRESH):
-            raise LinkLost(f"{self.session.vehicle} sent no HEARTBEAT for {_FRESH:g} s, so its mode is unknown")
+            raise LinkLost(
+                f"{self.session.vehicle} sent no HEARTBEAT for {_FRESH:g} s, so its mode is unknown. Check the link"
+            )
         self._interference.check_state()
 
     def arm(self) -> None:
         """Arm with neutral overrides, and verify that the outputs follow.
 
-        Before: RC_CHANNELS must show our overrides, and the link must have room for all that will be sent. After: in
-        manual mode the steering is twitched by 5 % each way, without thrust, and SERVO_OUTPUT_RAW must follow; that
-        also times the way from command to servo.
+        Before arming, RC_CHANNELS must show our overrides, and the link must have the capacity for all later messages.
+        After arming in manual mode, the steering is moved by 5 % each way without thrust, and SERVO_OUTPUT_RAW must
+        follow. This also measures the delay from command to servo.
 
         Raises
         ------
         ArmingRefused
             Still refused after ``arm_patience`` seconds, with the vehicle's reasons.
         PreconditionFailed
-            It is deaf to our overrides, or its outputs are; with the likely cause.
+            The vehicle ignores our overrides, or its outputs do not follow. The message states the likely cause.
         GuardTripped
-            Another station changed mode or armed state meanwhile.
+            Another station changed mode or armed state during arming.
         TelemetryFault
-            The link does not carry what would have to be sent; it was not armed.
+            The link does not have the capacity for all messages. The vehicle was not armed.
         """
         try:
             self.send(Actuate())
@@ -318,9 +329,9 @@ class MavlinkCraft:
             self.telemetry.watchdog.check()
 
     def _arm(self) -> None:
-        """Arm; a vehicle taken over by another station between two attempts is not armed.
+        """Arm, unless another station has taken over the vehicle between two attempts.
 
-        Once the order is sent, an armed vehicle counts as armed by us, even if the answer is lost.
+        Once the command is sent, an armed vehicle counts as armed by us, even if the answer is lost.
         """
 
         def check() -> None:
@@ -341,19 +352,21 @@ class MavlinkCraft:
         self.release()
 
     def neutral(self) -> None:
-        """Bring every actuator to neutral and check that by the measured outputs.
+        """Bring every actuator to neutral and verify this by the measured outputs.
 
-        When the autopilot itself is steering, the rest mode ends that first. While the vehicle is armed neutral
-        overrides go on (without an RC receiver it would fall into its radio failsafe a second after the last one)
-        until :meth:`disarm` or :meth:`release`. The operator has to wait. A vehicle that has fallen
-        silent is waited for, once. One that another station has put into a mode is let go of, with neutral sticks.
+        If the autopilot itself is steering, the rest mode is commanded first. While the vehicle is armed, neutral
+        overrides continue until :meth:`disarm` or :meth:`release`. Without them a vehicle without an RC receiver would
+        trigger its radio failsafe a second after the last one.
+
+        The operator cannot interrupt. If the vehicle has fallen silent, wait for it once. If another station has
+        commanded a mode, the sticks are released in neutral.
 
         Raises
         ------
         NotAsFound
-            The outputs did not become neutral, or cannot be seen to be; the overrides are released.
+            The outputs did not become neutral, or are not reported. The overrides are released.
         LinkError
-            The vehicle cannot be heard; the neutral command was sent all the same.
+            The vehicle does not answer. The neutral command was sent nevertheless.
         """
         with self.session.operator.shielded():
             try:
@@ -365,7 +378,7 @@ class MavlinkCraft:
                 self.release()
 
     def _make_neutral_in_time(self) -> None:
-        """Make it neutral; wait once for a vehicle that has fallen silent."""
+        """Make the vehicle neutral. Wait once if it has fallen silent."""
         try:
             self._make_neutral()
         except LinkLost:
@@ -395,7 +408,7 @@ class MavlinkCraft:
                 raise
 
     def _is_taken(self) -> bool:
-        """Release the sticks, neutral, if another station has ordered a mode; return whether one has."""
+        """Release the neutral sticks if another station has commanded a mode. Return whether one has."""
         found = self._interference.look()
         if found is None or not found.mode_stands:
             return False
@@ -408,7 +421,7 @@ class MavlinkCraft:
             self._streamer.rest()
 
     def release(self) -> None:
-        """Return the sticks to the RC receiver, and verify it by RC_CHANNELS.
+        """Return the sticks to the RC receiver and verify this by RC_CHANNELS.
 
         Without a receiver RC_CHANNELS shows nothing: the vehicle keeps the last value, which was neutral. The operator
         cannot interrupt.
@@ -424,8 +437,8 @@ class MavlinkCraft:
             self._end_of_hold()
             if not self._streamer.let_go_visibly():
                 raise NotAsFound(
-                    "the overrides were released, but the vehicle still shows them. They end after "
-                    "RC_OVERRIDE_TIME (neutral until then). Check whether another station sends the same",
+                    "the overrides were released, but the vehicle still shows them. They expire after "
+                    "RC_OVERRIDE_TIME (neutral until then). Check whether another station sends the same overrides",
                     differences={"overrides": "still in force"},
                 )
 
@@ -434,18 +447,18 @@ class MavlinkCraft:
         self._streamer.let_go()
 
     def _end_of_hold(self) -> None:
-        """Stop holding the sticks; monitoring continues if it was started separately."""
+        """Stop holding the sticks. Monitoring continues if it was started separately."""
         if not self._is_taken_over:
             self._interference.give_back()
 
     def shielded(self) -> AbstractContextManager[None]:
-        """Context in which the operator's stop is stored but not raised."""
+        """Return a context in which the operator's stop is stored but not raised."""
         return self.session.operator.shielded()
 
     # --- recording ----------------------------------------------------------------------------------------
 
     def start_recording(self, name: str) -> None:
-        """Begin a new trial; all messages from now on belong to it."""
+        """Begin a new trial. All later messages belong to it."""
         self._recorder.start(name)
 
     def mark(self, mark: Mark) -> None:
@@ -461,7 +474,7 @@ class MavlinkCraft:
         return self._recorder.so_far("", "", {**self._described(), **settings})
 
     def _described(self) -> dict[str, Any]:
-        """Return the data of vehicle and link stored in every trial."""
+        """Return the data on vehicle and link that are stored in every trial."""
         vehicle = self.session.vehicle
         assert vehicle is not None
         return {
@@ -476,7 +489,7 @@ class MavlinkCraft:
 
 
 def read_failsafes(parameters: Parameters, firmware: Firmware) -> tuple[SetFailsafe, ...]:
-    """Return the failsafes that act without a ground station, as *parameters* set them."""
+    """Return the failsafes that act without a ground station, as set by *parameters*."""
     values = parameters.read_existing(dict.fromkeys(name for f in firmware.failsafes for name in f.parameters))
     found = (failsafe.set_by(values) for failsafe in firmware.failsafes)
     return tuple(failsafe for failsafe in found if failsafe is not None)

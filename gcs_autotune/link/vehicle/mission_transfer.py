@@ -39,11 +39,11 @@ _CURRENT = 42
 _GIVES_UP = 3.0
 """Silence after which an upload is over [s]: the autopilot requests an item again each second."""
 _OUTLAST = 30.0
-"""Seconds for which restoring waits for a silent vehicle. Chosen."""
+"""Seconds for which restoring waits for a silent vehicle. Project choice."""
 _WITHOUT_INT: Mapping[int, int] = {5: 0, 6: 3, 11: 10}
 """MAV_FRAME of integer positions -> the same frame as ArduPilot reports it."""
 _SAME = 1e-4
-"""Relative difference up to which two parameters of an item are equal: ArduPilot stores some as 16 bits. Chosen."""
+"""Relative difference up to which parameters are equal: ArduPilot stores some as 16 bits. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)

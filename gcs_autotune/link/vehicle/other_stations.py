@@ -1,9 +1,10 @@
-"""The other stations on this link and the orders received from them.
+"""The other stations on this link and the commands received from them.
 
-Nothing that they say is acted on. But when the vehicle does something that we did not ask for, the operator must
-know whose doing it was. Three traces tell: the orders themselves, where a router repeats them to everybody; the
-vehicle's COMMAND_ACK, which names the station it answers; and failing these, who was there at all. A vehicle that tells
-who is in control of it (CONTROL_STATUS) and whose sticks count (MANUAL_INPUT_STATUS) is quoted.
+This program does not act on their messages. But if the vehicle does something that we did not command, the operator
+must know who caused it. The first source are the commands themselves, if a router forwards them to all. The second is
+the vehicle's COMMAND_ACK, which contains the station that it answers. Otherwise the list of stations present is used. A
+vehicle may also report which station controls it (CONTROL_STATUS) and whose sticks it uses (MANUAL_INPUT_STATUS). These
+reports are shown.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ __all__ = ["Order", "OtherStations"]
 
 _KEPT = 100
 _RECENT = 10.0
-"""A station silent for this time (ten heartbeats) is no longer a suspect [s]. Chosen."""
+"""Silence [s] above which a station is no longer considered a possible cause: ten heartbeats. Project choice."""
 
 _STICKS = frozenset({"MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"})
 
 _TARGETS = {"MANUAL_CONTROL": "target"}
-"""Message -> field with its target, if that is not ``target_system``."""
+"""Message -> field with its target, for messages that do not use ``target_system``."""
 
 ORDERS = frozenset(
     {
@@ -59,7 +60,7 @@ ORDERS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An order of another station: link time [s], sender, message or MAV_CMD, a parameter's name."""
+    """A command of another station: link time [s], sender, message or MAV_CMD, and the parameter name if any."""
 
     t: float
     system: int
@@ -73,11 +74,11 @@ class OtherStations:
 
     Attributes
     ----------
-    stations : (system, component) -> what it says it is, e.g. ``GCS``; ``""`` before its first heartbeat.
-    orders : the last orders heard, oldest first.
-    in_control : the station that the vehicle says it obeys, None where it says nothing.
-    steering : whose sticks the vehicle says count, None where it says nothing.
-    radio : what a telemetry radio told of itself last (RADIO_STATUS), in words; empty when there is none.
+    stations : (system, component) -> its reported type, e.g. ``GCS``; ``""`` before its first heartbeat.
+    orders : the last commands received, oldest first.
+    in_control : the station that the vehicle reports to obey; None if not reported.
+    steering : whose sticks the vehicle reports to use; None if not reported.
+    radio : text of a telemetry radio's last report (RADIO_STATUS); empty if there is none.
     """
 
     def __init__(self, session: Session) -> None:
@@ -98,12 +99,12 @@ class OtherStations:
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
     def culprit(self, kinds: Collection[str], since: float, name: str = "") -> str:
-        """Return in words who ordered any of *kinds* (of parameter *name*) since link time *since* [s]."""
+        """Return a sentence on who commanded any of *kinds* (of parameter *name*) since link time *since* [s]."""
         steered = self._steered_by() if _STICKS & set(kinds) else ""
         return self._suspect(kinds, since, name) + self._own_word() + steered
 
     def _own_word(self) -> str:
-        """Return in words whom the vehicle reports to obey, if that is not us."""
+        """Return a sentence on which station the vehicle reports to obey, if that is not us."""
         told = self.in_control
         if told is None or told.station == self._session.port.system:
             return ""
@@ -111,7 +112,7 @@ class OtherStations:
         return f"; the vehicle reports that {who} is in control of it (CONTROL_STATUS)"
 
     def _steered_by(self) -> str:
-        """Return in words whose sticks the vehicle reports to use, if these are not ours."""
+        """Return a sentence on whose sticks the vehicle reports to use, if they are not ours."""
         told = self.steering
         if told is None or not (told.is_receiver or self._is_other_station(told)):
             return ""
@@ -146,10 +147,10 @@ class OtherStations:
         before, self.in_control = self.in_control, told
         ours = self._session.port.system
         if told.station not in (0, ours):
-            how = "it releases control on request" if told.takeover_allowed else "it does not release control"
+            how = "that station releases control on request" if told.takeover_allowed else "that station keeps control"
             self._session.notes.append(
                 f"the vehicle reports that {self._called_system(told.station)} is in control of it (CONTROL_STATUS), "
-                f"and may reject our commands; {how}. Release control there, or let that station fly"
+                f"and may reject commands of this tool; {how}. Release control there, or let that station fly"
             )
         elif before is not None:
             who = "this tool is" if told.station else "no station is"
@@ -159,7 +160,7 @@ class OtherStations:
         """Record another station's request for control, which the vehicle forwards to the station in control."""
         if int(message.command) == REQUEST_OPERATOR_CONTROL and message.target_system == self._session.port.system:
             self._session.notes.append(
-                f"{self._called_system(int(message.param4))} requests control of the vehicle; nothing was released"
+                f"{self._called_system(int(message.param4))} requests control of the vehicle. Control was not released"
             )
 
     def _suspect(self, kinds: Collection[str], since: float, name: str) -> str:
@@ -172,18 +173,18 @@ class OtherStations:
         ]
         if present:
             return f"also on this link: {', '.join(present)}"
-        return "no other station is on this link, so it came over another link, or from on board"
+        return "no other station is on this link, so the order came over another link or from on board"
 
     @property
     def at_work(self) -> str:
-        """The station that recently ran gcs-autotune, in words; empty if none is known."""
+        """Text of the station that recently ran gcs-autotune; empty if none is known."""
         ids = self._at_work
         if ids is None or self._session.clock.now() - self._heard[ids] >= _RECENT:
             return ""
         return self._called(*ids)
 
     def has_ordered(self, kinds: Collection[str], since: float) -> bool:
-        """Return whether an order of any of *kinds* was received from others since link time *since* [s]."""
+        """Return whether a command of any of *kinds* was received from others since link time *since* [s]."""
         return bool(self._ordered(kinds, since))
 
     def _ordered(self, kinds: Collection[str], since: float, name: str = "") -> list[Order]:
@@ -211,10 +212,13 @@ class OtherStations:
             self._take(*ids, _spelled(frame.name, frame.message), str(getattr(frame.message, "param_id", "")))
 
     def _on_radio(self, m: Message) -> None:
-        """Record RADIO_STATUS, sent with the radio's own id; signal and noise in its own units, 255 unknown."""
+        """Record RADIO_STATUS, which a radio sends with its own id.
+
+        Signal and noise are in the radio's units; 255 means unknown.
+        """
         self.radio = (
-            f"signal {m.rssi} over noise {m.noise} here, {m.remrssi} over {m.remnoise} on board, {m.txbuf} % of its "
-            f"buffer free, {m.rxerrors} packets damaged"
+            f"signal {m.rssi} and noise {m.noise} here, {m.remrssi} and {m.remnoise} on board; {m.txbuf} % of its "
+            f"buffer free; {m.rxerrors} packets damaged"
         )
 
     def _is_for_our_vehicle(self, frame: Frame) -> bool:
@@ -223,7 +227,7 @@ class OtherStations:
         return vehicle is not None and target in (0, vehicle.system)
 
     def _on_acknowledgement(self, ack: Message) -> None:
-        """Record whose order the vehicle acknowledges; it sends this to all stations."""
+        """Record whose command the vehicle acknowledges. It sends the acknowledgement to all stations."""
         system = int(getattr(ack, "target_system", 0))
         if system not in (0, self._session.port.system) and ack.result == mavlink.MAV_RESULT_ACCEPTED:
             component = self._component(system, int(getattr(ack, "target_component", 0)))
@@ -232,7 +236,7 @@ class OtherStations:
             self._take(system, component, _command_name(int(ack.command)))
 
     def _component(self, system: int, told: int) -> int:
-        """Return the component reported, or the known one of that system if the vehicle reports none."""
+        """Return the reported component, or the known one of that system if the vehicle reports none."""
         known = [component for of, component in self.stations if of == system]
         return known[0] if told == 0 and len(known) == 1 else told
 
@@ -245,7 +249,7 @@ def _spelled(name: str, message: Message) -> str:
 
 
 def _command_name(number: int) -> str:
-    """Return a MAV_CMD's name; ArduPilot acknowledges the old SET_MODE by its message number."""
+    """Return the name of a MAV_CMD. ArduPilot acknowledges the old SET_MODE by its message number."""
     if number == mavlink.MAVLINK_MSG_ID_SET_MODE:
         return "SET_MODE"
     return enum_name("MAV_CMD", number)

@@ -1,8 +1,9 @@
 """Request message rates and measure the actual ones.
 
-ArduPilot denies what its loop cannot send and keeps the old rate; radios have room for a few kilobytes a second and
-lose the rest. So a request is halved until it is granted, the result is measured on the vehicle's own clock, fitted to
-what the link was seen to carry (:mod:`gcs_autotune.link.vehicle.bandwidth`), and put back at the end.
+ArduPilot rejects a rate that its loop cannot send and keeps the old one. Radios carry a few kilobytes a second and lose
+the rest. So a requested rate is halved until it is granted. The result is measured on the vehicle's own clock and
+fitted to the measured capacity of the link (:mod:`gcs_autotune.link.vehicle.bandwidth`). All rates are restored at the
+end.
 """
 
 from __future__ import annotations
@@ -25,15 +26,15 @@ from gcs_autotune.mavlink import Message, mavlink, message_number
 __all__ = ["Granted", "Rates"]
 
 _SLOWEST = 1.0
-"""Rate at which halving stops [Hz]."""
+"""Rate [Hz] at which the halving of a request stops."""
 _SHORT = 0.8
-"""Share of the granted rate below which a message is lost or delayed. Chosen."""
+"""Fraction of the granted rate below which a message counts as lost or delayed. Project choice."""
 _ROUNDS = 3
-"""Most rounds of fitting. Chosen."""
+"""Most rounds of fitting. Project choice."""
 _OFF = -1
 _ROUNDING = 1e-3
 _ASKED = 2
-"""Requests by name after which a message counts as not available. Chosen."""
+"""Number of requests by name after which a message counts as not available. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class Granted:
 
 
 _COUNTED_AGAIN = 5
-"""Consecutive silences after which the link is used as it is. Chosen."""
+"""Number of consecutive silences after which the link is used as it is. Project choice."""
 
 
 class Rates:
@@ -54,14 +55,14 @@ class Rates:
 
     Parameters
     ----------
-    first : message -> rate [Hz] that it gets, on a link without room for all, before others get more than their least.
+    first : message -> rate [Hz] with priority: on a full link it is granted before others get more than their minimum.
 
     Attributes
     ----------
-    granted : message name -> what came of the request.
+    granted : message name -> result of the request.
     measured : message name -> Hz, from the last :meth:`measure`.
-    capacity : bytes per second [of the vehicle's time] that the link was seen to carry when it was full; NaN when it
-        never was.
+    capacity : capacity measured when the link was full, in bytes per second [of the vehicle's time]; NaN if it never
+        was.
     """
 
     def __init__(self, session: Session, commands: Commands, first: Mapping[str, float] | None = None) -> None:
@@ -81,7 +82,7 @@ class Rates:
         Raises
         ------
         TelemetryFault
-            Answers ceased to come: what was granted so far has filled the link.
+            Answers no longer arrive, because the rates granted so far have filled the link.
         """
         begun, before_all = self._session.clock.now(), self._session.routing.traffic.total()
         for name, rate in wanted.items():
@@ -98,32 +99,33 @@ class Rates:
                 if carried / seconds >= least(least_of_all) or offered < least(least_of_all):
                     self._name_loss(error)  # the line was not full
                 raise TelemetryFault(
-                    f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. With that {error}. "
+                    f"the link is too slow: {shortfall(carried / seconds, least_of_all, 'about ')}. Therefore {error}. "
                     f"{FASTER}"
                 ) from error
             if self.granted[name].granted < rate:
                 self._session.notes.append(
-                    f"{name}: requested {rate:g} Hz, the vehicle grants {self.granted[name].granted:g} Hz"
+                    f"{name}: requested {rate:g} Hz, but the vehicle grants {self.granted[name].granted:g} Hz"
                 )
         return {name: self.granted[name].granted for name in wanted}
 
     def fit(
         self, needed: Mapping[str, float], loop_period: float = 0.0, latency: Latency | None = None
     ) -> dict[str, float]:
-        """Measure, and request less in order of need, until the link carries all requests.
+        """Measure the rates, and request less in order of need until the link carries all requests.
 
         Parameters
         ----------
-        needed : message -> rate [Hz] without which nothing can be flown.
-        loop_period : of the autopilot [s]; one that sends at its loops only may round an interval up to whole loops.
-        latency : tells of messages that wait on the way.
+        needed : message -> rate [Hz] required for any flight.
+        loop_period : loop period of the autopilot [s]; it may round a message interval up to whole loops.
+        latency : detects messages queued on the link.
 
-        Returns message -> Hz measured in the end.
+        Returns message -> rate [Hz] measured at the end.
 
         Raises
         ------
         TelemetryFault
-            The link does not even carry what is needed, or stays full whatever is turned down, with the numbers.
+            The link does not carry the required rates, or stays full at reduced rates. The message contains the
+                numbers.
         """
         floors = {**needed, **self._first}
         for _ in range(_ROUNDS):
@@ -146,7 +148,7 @@ class Rates:
         return measured
 
     def quicken(self, wanted: Mapping[str, float], loop_period: float, latency: Latency) -> None:
-        """Request higher rates [Hz] if the link has room for all; undo that if it has not.
+        """Request higher rates [Hz]. Undo this if the link cannot carry all of them.
 
         loop_period, latency : as in :meth:`fit`.
         """
@@ -183,8 +185,10 @@ class Rates:
     def _is_holding_back(
         self, measured: Mapping[str, float], floors: Mapping[str, float], latency: Latency | None, begun: float
     ) -> bool:
-        """Return whether messages are queued, or an existing one found no room: it arrives when requested, or given
-        room."""
+        """Return whether messages are queued or crowded out.
+
+        A message counts as crowded out if it arrives when it is requested singly or when others are reduced.
+        """
         if latency is not None and is_queueing(latency, begun):
             return True
         missing = [n for n, g in self.granted.items() if g.granted > 0.0 and measured.get(n) == 0.0]
@@ -204,7 +208,7 @@ class Rates:
         return bool(came)
 
     def _comes_given_room(self, missing: Collection[str], floors: Mapping[str, float]) -> bool:
-        """Reduce the largest messages to their minimum and return whether a crowded-out one now arrives."""
+        """Reduce the largest messages to their minimum, and return whether a crowded-out message then arrives."""
         demands = {d.name: d for d in self._demands(floors) if d.name not in missing}
         spare = {name: (d.rate - d.floor) * d.size for name, d in demands.items()} | self._chatter
         crowding = max(spare, key=lambda name: spare[name], default="")
@@ -228,7 +232,7 @@ class Rates:
         return came
 
     def _is_full(self, measured: Mapping[str, float], loop_period: float) -> bool:
-        """Return whether a message arrives, but at less than the granted rate."""
+        """Return whether a message arrives at less than the granted rate."""
         return any(
             0.0 < measured[n] < _SHORT * _at_loops(g.granted, loop_period)
             for n, g in self.granted.items()
@@ -275,7 +279,7 @@ class Rates:
         self._commands.command_long(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, float(message_number(name)), float(interval))
 
     def _previous_interval(self, name: str) -> int:
-        """Return the interval [us] in force; 0 (default) if the vehicle does not report it."""
+        """Return the present interval [us]; 0 (default) if the vehicle does not report it."""
         number = message_number(name)
         answers: list[Message] = []
         stop = self._session.listen("MESSAGE_INTERVAL", lambda m: answers.append(m) if m.message_id == number else None)
@@ -291,16 +295,18 @@ class Rates:
     def measure(
         self, required: Mapping[str, float], duration: float = 2.0, *, tolerance: float = 0.6
     ) -> dict[str, float]:
-        """Count for *duration* [s of the vehicle's time]; return Hz of all messages asked for and required.
+        """Count for *duration* [s of the vehicle's time]. Return the rate [Hz] of all messages requested and
+        required.
 
         Parameters
         ----------
-        required : message -> rate [Hz] that is needed; at least *tolerance* of it must be there.
+        required : message -> required rate [Hz]; at least the fraction *tolerance* of it must arrive.
 
         Raises
         ------
         TelemetryFault
-            One comes too slowly, with the numbers, or no ATTITUDE comes to measure time by.
+            One arrives too slowly; the message contains the numbers. Or no ATTITUDE arrives, which is needed to measure
+                time.
         """
         rates = self._count(duration, required)
         self._demand(required, tolerance)
@@ -332,7 +338,7 @@ class Rates:
         span = (stamps[-1] - stamps[0]) * n / (n - 1) if n > 1 else 0.0  # n messages stand for n periods
         if span <= 0.0:
             raise TelemetryFault(
-                "heartbeats arrive, but no ATTITUDE. Check whether another ground station changes the stream rates"
+                "HEARTBEAT arrives, but no ATTITUDE. Check whether another ground station changes the stream rates"
             )
         self.measured = {name: counts[name] / span for name in watched}
         heard = self._session.routing.traffic - traffic
@@ -354,12 +360,12 @@ class Rates:
             raise TelemetryFault(f"telemetry is too slow: {', '.join(slow)}{room}. {FASTER}")
 
     def _name_loss(self, error: AutotuneError | None = None) -> None:
-        """Raise ``TelemetryFault`` if the link loses messages rather than being too slow."""
+        """Raise ``TelemetryFault`` with the loss as its cause, if the link loses messages and is not just too slow."""
         if lossy := self._session.lossy():
             raise TelemetryFault(f"{lossy}. Nothing was armed") from error
 
     def restore(self) -> None:
-        """Restore every interval. The operator cannot interrupt; a failure is noted, not raised."""
+        """Restore every message interval. The operator cannot interrupt this. A failure is noted but not raised."""
         with self._session.operator.shielded():
             for name, request in reversed(list(self.granted.items())):
                 self._restore(name, request)
@@ -379,14 +385,14 @@ def _count(counts: Counter[str], name: str, _: Message) -> None:
 
 
 def _at_loops(rate: float, loop_period: float) -> float:
-    """Return the rate [Hz] of an interval rounded up to whole loops."""
+    """Return the rate [Hz] that results if the message interval is rounded up to whole loops."""
     if rate <= 0.0 or loop_period <= 0.0:
         return rate
     return 1.0 / (math.ceil(1.0 / rate / loop_period - _ROUNDING) * loop_period)
 
 
 def _append_later(stamps: list[float], t: float) -> None:
-    """Keep a stamp unless it is older than the last: datagrams may come out of order, or twice."""
+    """Keep a stamp unless it is older than the last one, because datagrams may arrive out of order or twice."""
     if not stamps or t > stamps[-1]:
         stamps.append(t)
 

@@ -1,8 +1,8 @@
-"""Compare the vehicle's RC input with what we send: does it obey us, and does another station steer?
+"""Compare the vehicle's RC input with our overrides, to detect whether it obeys and whether another station steers.
 
-RC_CHANNELS shows the overrides in force on channels that are overridden and the receiver's sticks on the others. So
-a driven channel that shows what nobody here has sent is another station's stick. Another channel that moves is a stick
-or switch of the transmitter, or an override of another station that uses our id: RC_CHANNELS does not tell which.
+RC_CHANNELS shows the overrides in force on overridden channels, and the receiver's sticks on the others. So a driven
+channel with a value that we did not send is another station's stick. Another channel that moves is a stick or switch of
+the transmitter, or an override of another station with our id. RC_CHANNELS does not distinguish these.
 """
 
 from __future__ import annotations
@@ -18,21 +18,27 @@ __all__ = ["RcMonitor"]
 _WATCHED = 8
 """Channels monitored: those of a transmitter's sticks and main switches."""
 _SAME = 2
-"""Rounding error of a pulse [us]."""
+"""Tolerance [us] for rounding of a pulse."""
 _MOVED = 100
-"""Deliberate movement of a stick or switch [us]; receivers jitter by a tenth of that. Chosen."""
+"""Change [us] that counts as a deliberate movement of a stick or switch; receivers jitter by a tenth of that.
+Project choice."""
 _NO_PULSE = 800
-"""Pulse length below which a channel carries no signal [us]."""
+"""Pulse length [us] below which a channel carries no signal."""
 _JUDGED, _TOO_MANY = 12, 3
-"""Chosen: that many of the last messages must disagree; one or two may have crossed our commands on the way. Another
-joystick is seen only in the gaps between our overrides: in step with them, in one message of three."""
+"""Number of recent messages judged, and how many of them must disagree. Project choice.
+
+One or two may disagree because they crossed our commands on the link. Another joystick is seen only in the gaps between
+our overrides. If it is in step with them, it appears in one message of three.
+"""
 _MEMORY = 1.0
-"""Chosen [s of listening: when this machine stalls, nothing is held against the vehicle]: what was sent so long ago may
-still be on its way, beside what the link is known to take."""
+"""Time [s of listening] for which a sent value may still be on its way, in addition to the known delay of the link.
+
+It counts listening time so that a stall of this computer is not attributed to the vehicle. Project choice.
+"""
 _HISTORY = 8.0
-"""A command of ours that shows up after this time is no longer recognised [s]. Chosen."""
+"""Age [s] above which a value of ours that appears is no longer recognised as our command. Project choice."""
 _PATIENCE = 3.0
-"""Time without effect after which the vehicle ignores us [s]. Chosen."""
+"""Time [s] without effect after which the vehicle counts as ignoring our commands. Project choice."""
 
 
 class RcMonitor:
@@ -42,8 +48,8 @@ class RcMonitor:
     ----------
     shown : channel (1-based) -> PWM [us] in the last RC_CHANNELS.
     has_receiver : whether an RC receiver delivers channels; None before the first message.
-    count : RC_CHANNELS heard.
-    memory : how long [s] what was sent may be on its way.
+    count : number of RC_CHANNELS messages received.
+    memory : time [s] for which a sent value may still be on its way.
     """
 
     def __init__(self, session: Session) -> None:
@@ -64,7 +70,7 @@ class RcMonitor:
         session.listen("RC_CHANNELS", self._on_rc_channels)
 
     def sent(self, values: Mapping[int, int], slack: float = 0.0) -> None:
-        """Record an override sent now: channel -> PWM [us]; *slack*: round trip of the link [s]."""
+        """Record an override sent now: channel -> PWM [us]. *slack*: round trip of the link [s]."""
         now = self._session.liveness.listened
         self.memory = _MEMORY + slack
         if not self._sent:
@@ -79,7 +85,7 @@ class RcMonitor:
             self._sent.popleft()
 
     def forget(self) -> None:
-        """End of our commands."""
+        """Forget the overrides sent, because commanding has ended."""
         self._sent.clear()
         self._history.clear()
         self._verdicts.clear()
@@ -93,15 +99,16 @@ class RcMonitor:
 
     @property
     def moved_by_hand(self) -> tuple[int, int, int] | None:
-        """(channel, PWM [us] before, now) of a channel that we do not drive and that has moved; None if none has.
+        """Return (channel, PWM [us] before, now) of a channel that we do not drive and that has moved; None if none
+        has.
 
-        Without a receiver a channel keeps its value: what moves it is an override.
+        Without a receiver a channel keeps its value, so an override must have moved it.
         """
         return self._moved
 
     @property
     def departed(self) -> tuple[int, int, int] | None:
-        """(channel, PWM [us] sent, PWM shown) if the vehicle keeps showing other values than ours."""
+        """Return (channel, PWM [us] sent, PWM shown) if the vehicle keeps showing other values than ours."""
         if not self._sent:
             return None
         wrong = [v for v in self._verdicts if v is not None]
@@ -112,7 +119,7 @@ class RcMonitor:
         return channel, self._driven[channel], shown
 
     def was_sent(self, channel: int, pwm: int) -> bool:
-        """Return whether we sent *pwm* [us] on *channel* some time ago, so that it may be late."""
+        """Return whether we sent *pwm* [us] on *channel* some time ago, so that it may have arrived late."""
         return any(abs(values.get(channel, 0) - pwm) <= _SAME for _, values in self._history)
 
     def _on_rc_channels(self, m: Message) -> None:

@@ -21,11 +21,11 @@ __all__ = ["ATTITUDE_TARGETS", "FOLLOW_TIMEOUT", "SendRate", "SetpointStreamer",
 _IGNORE_BODY_RATES = 0b111
 _IGNORE_THRUST = 1 << 6
 _YAW_RATE_ONLY = 0b10000011
-"""ATTITUDE_TARGET_TYPEMASK: body roll and pitch rate and the attitude ignored, yaw rate and thrust in force."""
+"""ATTITUDE_TARGET_TYPEMASK that ignores attitude and body roll and pitch rates, and uses yaw rate and thrust."""
 _ONLY_Z = 0b110111111011
-"""POSITION_TARGET_TYPEMASK: ignore all but z (the force bit says acceleration, which is ignored)."""
+"""POSITION_TARGET_TYPEMASK that ignores everything except z. Its force bit selects acceleration, which is ignored."""
 _HALF = 0.5
-"""Thrust that means "neither up nor down" to ArduSub, if it reads this field."""
+"""Thrust value that ArduSub interprets as neither up nor down, if it reads this field."""
 
 
 def _quaternion(psi: float) -> list[float]:
@@ -50,12 +50,14 @@ def turn_rate_target(ids: tuple[int, int], target: TurnRateTarget, full_speed: f
 
 
 def _boat(ids: tuple[int, int], target: HeadingTarget, full_speed: float) -> Message:
-    """Rover in GUIDED: heading from the quaternion, thrust as a fraction of WP_SPEED, both needed."""
+    """Return the target for a Rover in GUIDED: heading as quaternion and thrust as a fraction of WP_SPEED, both
+    needed."""
     return _attitude(ids, target.psi, _IGNORE_BODY_RATES, _share(target.speed, full_speed))
 
 
 def _rov(ids: tuple[int, int], target: HeadingTarget, full_speed: float) -> Message:
-    """Sub in ALT_HOLD: attitude for five seconds per message while the depth loop goes on."""
+    """Return the target for a Sub in ALT_HOLD: an attitude that is valid for five seconds, while the depth loop
+    continues."""
     return _attitude(ids, target.psi, _IGNORE_BODY_RATES | _IGNORE_THRUST, _HALF)
 
 
@@ -63,13 +65,13 @@ ATTITUDE_TARGETS: Mapping[str, Callable[[tuple[int, int], HeadingTarget, float],
     "boat": _boat,
     "rov": _rov,
 }
-"""Kind of vehicle (``Firmware.kind``) -> how a heading is commanded."""
+"""Type of vehicle (``Firmware.kind``) -> function that returns the message for a heading."""
 
 
 def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
-    """Return SET_POSITION_TARGET_GLOBAL_INT for a depth below the estimator's origin, which is how ArduSub takes it.
+    """Return SET_POSITION_TARGET_GLOBAL_INT for a depth below the estimator's origin, as ArduSub interprets it.
 
-    In ALT_HOLD it reads the altitude alone, from its origin, whatever frame the message names.
+    In ALT_HOLD, ArduSub reads only the altitude, relative to its origin, whatever frame the message contains.
     """
     nothing = [0.0] * 8
     return mavlink.MAVLink_set_position_target_global_int_message(
@@ -78,10 +80,10 @@ def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
 
 
 _LEAST_KEPT = 0.02
-"""Shorter pauses are ignored [s]."""
+"""Pause [s] below which pauses are ignored."""
 _KEPT = 200
 _TELLING = 1.0
-"""Seconds of sending after which the pace of the vehicle's time is known."""
+"""Time of sending [s] after which the pace of the vehicle's time is known."""
 
 
 class SendRate:
@@ -89,9 +91,9 @@ class SendRate:
 
     Attributes
     ----------
-    longest : longest pause between two [s]; NaN before the second.
-    pace : seconds of the vehicle's time per second of the link's, 1 until it can be told; more in a simulation that
-        runs ahead.
+    longest : longest pause between two commands [s]; NaN before the second.
+    pace : seconds of vehicle time per second of link time; 1 until known; above 1 in a simulation faster than real
+        time.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -110,11 +112,11 @@ class SendRate:
         return self._count / self._time if self._time > 0.0 else math.nan
 
     def pause_since(self, t: float) -> float:
-        """Return the longest pause [s] that ended after link time *t* [s]; 0 without any."""
+        """Return the longest pause [s] that ended after link time *t* [s]; 0 if there was none."""
         return max((pause for end, pause in self._pauses if end >= t), default=0.0)
 
     def count(self, vehicle_time: float = math.nan) -> None:
-        """Count a command sent now; *vehicle_time* [s]: the vehicle's last stamp."""
+        """Count a command sent now. *vehicle_time* [s] is the vehicle's last stamp."""
         now = self._clock.now()
         self._keep_pace(now, vehicle_time)
         if not math.isnan(self._last):
@@ -139,18 +141,26 @@ class SendRate:
 
 
 _NARROW_REFRESH = 0.1
-"""Repeat period of the active command on a narrow link [s of link time]. Chosen."""
+"""Repeat period [s of link time] of the active command on a narrow link. Project choice."""
 _STALE = 0.15
-"""Repeat period in vehicle time [s]; above one control period, so that a command per tick is not doubled. Chosen."""
+"""Repeat period in vehicle time [s].
+
+It is above one control period, so that a command sent per tick is not doubled. Project choice.
+"""
 _SYNC_PERIOD = 1.0
 """Seconds between two TIMESYNC requests."""
 _CROWD = 3
-"""Overrides per override and target: together they take less than three overrides (30 and at most 53 bytes, unsigned).
+"""Number of overrides sent per control period in the rehearsal.
+
+An override and a target together are smaller than three overrides (30 and at most 53 bytes, unsigned).
 """
 _REPEATS = 5
-"""Releases sent at once: losing five in a row is rare even if every second one is lost."""
+"""Number of release messages sent at once. Losing five in a row is rare even if every second one is lost."""
 FOLLOW_TIMEOUT = 3.0
-"""Longest wait for an effect [s]. Chosen: longer than on any healthy link, shorter than an operator's patience."""
+"""Longest time to wait for an effect [s].
+
+It is longer than on any healthy link and short enough for an operator. Project choice.
+"""
 
 
 class SetpointStreamer:
@@ -159,8 +169,8 @@ class SetpointStreamer:
     Attributes
     ----------
     clock : the link's.
-    active : the command in force, None when the sticks are not ours.
-    send_rate : how regularly overrides really go out.
+    active : the command in force; None if we do not control the sticks.
+    send_rate : the measured rate and pauses of the overrides.
     """
 
     def __init__(
@@ -195,11 +205,11 @@ class SetpointStreamer:
         session.listen("SERVO_OUTPUT_RAW", lambda _: latency.moved(telemetry.output_since, telemetry.outputs))
 
     def spare_the_link(self) -> None:
-        """Send ten overrides a second instead of twenty-five, on a link without room for more."""
+        """Send ten overrides a second instead of twenty-five, on a link without capacity for more."""
         self._task.period, self._sparing = _NARROW_REFRESH, True
 
     def crowd(self) -> None:
-        """Send each override as often as overrides and targets together will take, for a rehearsal."""
+        """Start a rehearsal: send overrides at the byte rate that overrides and targets will need together."""
         self._copies = _CROWD
 
     def thin_out(self) -> None:
@@ -207,7 +217,7 @@ class SetpointStreamer:
         self._copies = 1
 
     def command(self, command: Command) -> None:
-        """Send *command* and keep it in force; on a narrow link not again if just sent."""
+        """Send *command* and keep it in force. On a narrow link it is not repeated if it was just sent."""
         if self._sparing and command == self.active and self.clock.now() - self._sent < 0.5 * _NARROW_REFRESH:
             return
         self.active = command
@@ -217,7 +227,7 @@ class SetpointStreamer:
         self._transmit(command)
 
     def rest(self) -> None:
-        """Send neutral repeatedly: the first message may be lost."""
+        """Send neutral several times, because the first message may be lost."""
         self._latency.forget()
         self.active = Actuate()
         for _ in range(_REPEATS):
@@ -244,7 +254,7 @@ class SetpointStreamer:
 
     @property
     def differing(self) -> str:
-        """Channels that do not show the values of :meth:`probe_override`, in words."""
+        """Text with the channels that do not show the values of :meth:`probe_override`."""
         shown = self._rc_monitor.shown
         return ", ".join(
             f"channel {n} {shown.get(n, 0)} us for {pwm}" for n, pwm in self._overrides.probe.items() if pwm != shown[n]
@@ -260,7 +270,7 @@ class SetpointStreamer:
             self._release()
 
     def let_go_visibly(self) -> bool:
-        """Return the sticks and verify by RC_CHANNELS that the receiver has them; return whether it has.
+        """Return the sticks, verify by RC_CHANNELS that the receiver has them, and return whether it has.
 
         Without a receiver RC_CHANNELS shows nothing: the vehicle keeps the last value, which is neutral.
         """
@@ -269,7 +279,7 @@ class SetpointStreamer:
         return not marked or self._session.wait_for(self._is_released, FOLLOW_TIMEOUT) is not None
 
     def _is_released(self) -> bool | None:
-        """Return whether the probe values are gone; if not, the releases may have been lost."""
+        """Return whether the probe values have disappeared. If not, the release messages may have been lost."""
         if not self.shows_probe:
             return True
         self._release()
@@ -283,7 +293,7 @@ class SetpointStreamer:
             self._transmit(self.active)
 
     def _refresh_in_vehicle_time(self) -> None:
-        """Repeat in vehicle time: in a simulator faster than real time overrides expire by its own clock."""
+        """Repeat in vehicle time, because in a simulator faster than real time overrides expire by its own clock."""
         if self._telemetry.t - self._sent_t > _STALE:
             self._refresh()
 
@@ -296,7 +306,7 @@ class SetpointStreamer:
         return self._overrides.values(command if isinstance(command, Actuate) else Actuate())
 
     def _transmit(self, command: Command) -> None:
-        """Send the command; targets are sent with neutral overrides, which prevent failsafes."""
+        """Send the command. Targets are sent with neutral overrides, which prevent failsafes."""
         self._task.postpone()
         self.send_rate.count(self._telemetry.t)
         self._sent, self._sent_t = self.clock.now(), self._telemetry.t

@@ -1,6 +1,7 @@
 """Convert MAVLink telemetry to SI signals with the vehicle's own stamps.
 
-Every sample goes into the current trial unresampled; at the next control tick the latest values form one observation.
+Every sample is stored in the current trial without resampling. At the next control tick the latest values form one
+observation.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ UNITS: Mapping[str, str] = {
 
 
 class Recorder:
-    """Stores samples while a trial runs, and drops them otherwise."""
+    """Stores samples while a trial runs, and discards them otherwise."""
 
     def __init__(self) -> None:
         self._name: str | None = None
@@ -44,12 +45,12 @@ class Recorder:
         self.late = 0
 
     def start(self, name: str) -> None:
-        """Begin a new trial and drop an unfinished one."""
+        """Begin a new trial and discard an unfinished one."""
         self._name = name
         self._samples, self._marks, self.late = {}, [], 0
 
     def take(self, t: float, values: Mapping[str, float]) -> None:
-        """Add samples stamped *t* [s]; one older than the last of its channel counts as late and is dropped."""
+        """Add samples stamped *t* [s]. One older than the last of its channel counts as late and is discarded."""
         if self._name is None:
             return
         for name, value in values.items():
@@ -82,32 +83,32 @@ class Recorder:
 
 
 _SAME_MOMENT = 0.005
-"""Largest difference of stamps of two messages from one estimate [s]. Chosen."""
+"""Largest difference of stamps [s] of two messages from one estimate. Project choice."""
 _BETWEEN = 1.0
-"""Longest interval over which a depth is interpolated [s]. Chosen."""
+"""Longest interval [s] over which a depth is interpolated. Project choice."""
 _PREFER_LOCAL = 2.0
-"""Seconds without LOCAL_POSITION_NED after which GLOBAL_POSITION_INT is the position. Chosen."""
+"""Time [s] without LOCAL_POSITION_NED after which GLOBAL_POSITION_INT supplies the position. Project choice."""
 _UNKNOWN_VOLTAGE = 65535
 _LONGEST_GAP = 0.5
-"""After a longer silence of the outputs a change is dated by its own message [s]. Chosen."""
+"""Silence of the outputs [s] above which a change gets the time stamp of its own message. Project choice."""
 
 
 class Telemetry:
     """Listens to a session and keeps the latest value of every signal.
 
-    Position ``x``, ``y`` and velocity come from LOCAL_POSITION_NED, or from GLOBAL_POSITION_INT when the former
-    is not there; never from both, because their origins differ. ``z`` is minus GLOBAL_POSITION_INT's
-    relative altitude (LOCAL_POSITION_NED's when there is no other).
+    Position ``x``, ``y`` and velocity come from LOCAL_POSITION_NED, or else from GLOBAL_POSITION_INT. They never come
+    from both, because their origins differ. ``z`` is minus the relative altitude of GLOBAL_POSITION_INT, or else that
+    of LOCAL_POSITION_NED.
 
-    Turn rates have passed the autopilot's gyro filter and are late by ``rate_lag`` [s]; they are recorded at the time
-    they were true, so that they go with the angles, which are not late. ``loop_period`` [s] is the autopilot's.
+    The autopilot's gyro filter delays turn rates by ``rate_lag`` [s]. They are recorded at the time they apply to, so
+    that they match the angles, which are not delayed. ``loop_period`` [s] is that of the autopilot.
 
     Attributes
     ----------
     latest : signal -> last value (names of ``sname.SIGNALS``, ``battery``, ``battery_remaining``, ``pressure``).
-    t : stamp [s] of the last ATTITUDE. ticks : how many came.
-    outputs, output_t : measured force fractions and their stamp. output_ticks : how many came.
-    output_since : when they came to be so [s], as near as the messages tell.
+    t : stamp [s] of the last ATTITUDE. ticks : number of them received.
+    outputs, output_t : measured force fractions and their stamp. output_ticks : number of output messages received.
+    output_since : estimated time of their last change [s].
     fix : last latitude and longitude [deg], None before any.
     """
 
@@ -131,7 +132,7 @@ class Telemetry:
         self.output_since = math.nan
         self.fix: tuple[float, float] | None = None
         self.depth_offset = 0.0
-        """Depth below the estimator's origin less depth below home [m]; the two are centimetres or more apart."""
+        """Depth below the estimator's origin minus depth below home [m]. They differ by centimetres or more."""
         self._local_z = self._global_z = (math.nan, math.nan)
         self.output_ticks = 0
         self.distance_t = math.nan
@@ -205,11 +206,13 @@ class Telemetry:
         self.output_ticks += 1
 
     def _record_outputs(self, t: float, forces: Mapping[str, float]) -> None:
-        """Date a change of output midway between the first and the last moment it may have happened at.
+        """Set the time of an output change midway between the earliest and the latest moment at which it may have
+        happened.
 
-        That is one autopilot loop after the last message without it, and the first message with it: outputs change
-        at loops only, and a message carries those of its own loop. The later stamp would be late by half an
-        interval on average, which an identification of a craft with a two-second oscillation sees.
+        The earliest is one autopilot loop after the last message without the change. The latest is the first message
+        with it. Outputs change only at loops, and a message contains those of its own loop. Using the later stamp would
+        add half an interval of delay on average. That is noticeable when identifying a craft with a two-second
+        oscillation.
         """
         gap = t - self.output_t
         midway = t - 0.5 * max(gap - self._loop_period, 0.0) if gap < _LONGEST_GAP else t
@@ -246,7 +249,8 @@ class Telemetry:
     def _compare_depths(self, earlier: tuple[float, float], later: tuple[float, float]) -> None:
         """Compare the depth below home with the depth below the estimator's origin, interpolated to the same time.
 
-        ArduPilot sends the global message before the local one of the same moment; a router may stagger them.
+        ArduPilot sends the global message before the local one of the same moment; a router may send them at different
+        times.
         """
         t, below_home = self._global_z
         if earlier[0] - _SAME_MOMENT <= t <= later[0] + _SAME_MOMENT and later[0] - earlier[0] <= _BETWEEN:
@@ -261,7 +265,7 @@ class Telemetry:
         return self._position_source == "global"
 
     def _flat(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-        """Return metres north and east of the first fix."""
+        """Return metres north and east of the first position fix."""
         if self._origin is None:
             self._origin = (lat_deg, lon_deg)
         return flat(lat_deg, lon_deg, self._origin)
@@ -328,13 +332,14 @@ def _prearm_ok(m: Message) -> float:
 
 
 _OLD = 3.0
-"""A distance older than this is invalid [s]. Chosen."""
+"""Age [s] above which a distance is invalid. Project choice."""
 _TICK_TIMEOUT = 3.0
 _MISSED = 1.0
-"""Time after the last attitude at which the vehicle's time since boot is requested [s]. Chosen."""
+"""Time [s] after the last attitude at which the vehicle's time since boot is requested. Project choice."""
 _SYSTEM_TIME = message_number("SYSTEM_TIME")
 _SILENT_AFTER = 2.0
-"""Seconds without any message, two heartbeats, after which missing attitudes are the link's fault. Chosen."""
+"""Time [s] without any message after which missing attitudes are attributed to the link: two heartbeats. Project
+choice."""
 
 
 def await_tick(session: Session, telemetry: Telemetry) -> None:
@@ -345,7 +350,7 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
     LinkLost, OperatorStopped
         From the session.
     TelemetryFault
-        NaN, frozen or jumping telemetry; or no attitude although the vehicle is heard.
+        NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
     """
     seen, begun = telemetry.ticks, session.liveness.listened
     asked = False

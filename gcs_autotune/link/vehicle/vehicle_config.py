@@ -1,7 +1,7 @@
 """How a vehicle's inputs and outputs are connected, as read from its parameters.
 
-Force fractions become RC_CHANNELS_OVERRIDE so that the wanted fraction comes out of the autopilot's scaling. ArduSub's
-yaw stick in the stabilised modes is a turn rate, beyond a dead zone that the joystick gain scales.
+A force fraction is converted to RC_CHANNELS_OVERRIDE so that the autopilot's scaling results in the required fraction.
+In the stabilised modes ArduSub's yaw stick commands a turn rate, outside a dead zone that the joystick gain scales.
 """
 
 from __future__ import annotations
@@ -22,18 +22,24 @@ _IGNORE = 65535
 _RELEASE = 0
 _CHANNELS = 8
 _SMALLEST = 1e-3
-"""Fractions below this are neutral; half a microsecond of 500. Chosen."""
+"""Fraction below which a command counts as neutral: half a microsecond of 500. Project choice."""
 _PROBE = 8
-"""Chosen [us]: seen in RC_CHANNELS, felt by nobody: inside a dead zone where there is one, else 2 % of a thruster that
-has its own; a receiver's trim is not likely to be off by just that on every channel."""
+"""Offset of the probe overrides [us].
+
+It shows in RC_CHANNELS but does not move the craft: it is inside a dead zone, or 2 % of a thruster that has its own
+dead zone. A receiver's trim is unlikely to be off by exactly that on every channel. Project choice.
+"""
 _LONGEST_EXPIRY = 10.0
-"""A vehicle that keeps the last override longer than this after a link loss is not flown [s]. Chosen."""
+"""Longest time [s] for which a vehicle may keep the last override after a link loss.
+
+A longer one is not flown. Project choice.
+"""
 _IGNORE_OVERRIDES = 2
-"""RC_OPTIONS bit 1."""
+"""Bit 1 of RC_OPTIONS: ignore overrides."""
 _ENFORCE_SYSTEM = 1
-"""MAV_OPTIONS bit 0."""
+"""Bit 0 of MAV_OPTIONS: accept only the configured system id."""
 _OVERRIDE_SWITCH = 46
-"""RCn_OPTION: a switch that disables overrides."""
+"""Value of RCn_OPTION for a switch that disables overrides."""
 _RC_OPTION_CHANNELS = range(1, 17)
 
 
@@ -60,7 +66,7 @@ class RcChannel:
 
 @dataclass(frozen=True, slots=True)
 class OverrideMap:
-    """Which RC channel (1-based) drives which force, and how; ``held``: channel -> PWM [us] it is kept at."""
+    """Which RC channel (1-based) drives which force, and how. ``held``: channel -> PWM [us] at which it is kept."""
 
     channels: Mapping[str, tuple[int, RcChannel]]
     held: Mapping[int, int] = field(default_factory=dict)
@@ -72,7 +78,7 @@ class OverrideMap:
 
     @property
     def probe(self) -> dict[int, int]:
-        """Channel -> PWM [us] of a nearly neutral but recognisable override."""
+        """Return channel -> PWM [us] of a nearly neutral but recognisable override."""
         return {n: pwm + _PROBE for n, pwm in self.values(Actuate()).items()}
 
     def message(self, values: Mapping[int, int], system: int, component: int) -> Message:
@@ -91,7 +97,7 @@ def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap
     Raises
     ------
     PreconditionFailed
-        Its RC limits leave no room, it ignores overrides, or would hold the last one for ever.
+        Its RC limits leave no usable range, it ignores overrides, or it would keep the last one for ever.
     """
     settings = parameters.read_existing(["RC_OVERRIDE_TIME", "RC_OPTIONS", *firmware.rc_map.values(), *firmware.idle])
     _check_expiry(settings.get("RC_OVERRIDE_TIME"))
@@ -128,19 +134,18 @@ def _middle(number: int, low: float, trim: float, high: float, is_reversed: bool
         turned = f", RC{number}_REVERSED 0" if is_reversed else ""
         raise PreconditionFailed(
             f"RC{number}_TRIM is {trim:g}: this firmware scales the throttle stick from there to RC{number}_MAX "
-            f"({high:g}), so neutral is not the middle of its travel. "
-            f"Set RC{number}_TRIM {low:g}{turned} and try again"
+            f"({high:g}), so neutral is not the middle of its travel. Set RC{number}_TRIM {low:g}{turned} and try again"
         )
     return 0.5 * (low + high)
 
 
 def _channel(values: Mapping[str, float], firmware: Firmware, force: str) -> int:
-    """Return the RC channel of *force*: as mapped on the vehicle, else the firmware's default."""
+    """Return the RC channel of *force* as mapped on the vehicle, else the firmware's default."""
     name = firmware.rc_map.get(force, "")
     number = int(values.get(name, firmware.channels[force]))
     if not 1 <= number <= _CHANNELS:
         raise PreconditionFailed(
-            f"{name} is {number}, but overrides reach only channels 1 to {_CHANNELS}. Map it there"
+            f"{name} is {number}, but overrides reach only channels 1 to {_CHANNELS}. Map it to one of these"
         )
     return number
 
@@ -160,23 +165,25 @@ def _check_expiry(expiry: float | None) -> None:
 
 
 def why_deaf(parameters: Parameters, firmware: Firmware, source_system: int) -> str:
-    """Return the likely cause why the vehicle ignores our overrides, and the remedy, in one sentence."""
+    """Return one sentence on why the vehicle probably ignores our overrides, with the remedy."""
     switches = [f"RC{n}_OPTION" for n in _RC_OPTION_CHANNELS]
     names = [*firmware.gcs_id_parameters, "MAV_GCS_SYSID_HI", "MAV_OPTIONS", "RC_OPTIONS", "RC_OVERRIDE_TIME"]
     values = parameters.read_existing([*names, *switches])
     if not values:
-        return "it does not answer requests either: the uplink is broken (a one-way link, or a weak radio)"
+        return "the vehicle does not answer requests either: the uplink is broken (a one-way link, or a weak radio)"
     name = next((n for n in firmware.gcs_id_parameters if n in values), "")
     low, high = int(values.get(name, source_system)), int(values.get("MAV_GCS_SYSID_HI", 0.0))
     if not low <= source_system <= max(low, high):
-        return f"{name} is {low}, but our system id is {source_system}. Use --source-system {low}"
+        return f"{name} is {low}, but this tool's system id is {source_system}. Use --source-system {low}"
     if int(values.get("RC_OPTIONS", 0.0)) & _IGNORE_OVERRIDES:
-        return f"RC_OPTIONS is {values['RC_OPTIONS']:g}: its bit 1 makes it ignore overrides. Clear it"
+        return f"RC_OPTIONS is {values['RC_OPTIONS']:g}: its bit 1 makes the vehicle ignore overrides. Clear this bit"
     if values.get("RC_OVERRIDE_TIME", 3.0) == 0.0:
-        return "RC_OVERRIDE_TIME is 0, so it ignores overrides. Set it to 3 (seconds)"
+        return "RC_OVERRIDE_TIME is 0, so the vehicle ignores overrides. Set it to 3 (seconds)"
     switch = next((n for n in switches if values.get(n) == _OVERRIDE_SWITCH), "")
     if switch:
-        return f"{switch} is {_OVERRIDE_SWITCH}: that switch disables overrides. Set it to its other position"
+        return (
+            f"{switch} is {_OVERRIDE_SWITCH}: this transmitter switch disables overrides. Set it to its other position"
+        )
     signed = "; MAV_OPTIONS bit 0 is set" if int(values.get("MAV_OPTIONS", 0.0)) & _ENFORCE_SYSTEM else ""
     return (
         f"its parameters show no reason ({name or 'station id'} {low}, RC_OPTIONS {values.get('RC_OPTIONS', 0.0):g}"
@@ -185,15 +192,18 @@ def why_deaf(parameters: Parameters, firmware: Firmware, source_system: int) -> 
 
 
 _FULL_STICK = math.radians(45.0)
-"""Yaw input of a full stick [rad/s] before ACRO_YAW_P; measured: 152 deg/s at ACRO_YAW_P 3.375."""
+"""Yaw input of a full stick [rad/s] before ACRO_YAW_P is applied. Measured: 152 deg/s at ACRO_YAW_P 3.375."""
 _USUAL_GAIN = 0.5
 _NAMES = ("ACRO_YAW_P", "RC4_DZ", "RC4_MAX", "RC4_TRIM", "JS_GAIN_DEFAULT")
 
 
 @dataclass(frozen=True, slots=True)
 class RateStick:
-    """``full_rate`` [rad/s] of a full stick; ``dead_zone`` share of the stick's travel at joystick gain 1;
-    ``usual_gain`` the gain in force as long as the vehicle does not tell another."""
+    """Scaling of the yaw stick.
+
+    ``full_rate`` [rad/s]: turn rate of a full stick. ``dead_zone``: fraction of the stick's travel at joystick gain 1.
+    ``usual_gain``: the joystick gain assumed until the vehicle reports another.
+    """
 
     full_rate: float
     dead_zone: float
@@ -223,12 +233,12 @@ def read_rate_stick(parameters: Parameters, firmware: Firmware) -> RateStick | N
 
 @dataclass(frozen=True, slots=True)
 class VehicleConfig:
-    """See the module's text.
+    """How a vehicle is wired, as read from its parameters.
 
-    ``full_speed`` [m/s] is what full thrust asks for in guided mode (WP_SPEED), 0 when there is none;
-    ``loop_period`` [s] that of the autopilot's main loop, 0 when unknown; ``rate_lag`` [s] how late its gyro filter
-    makes turn rates; ``rate_stick`` what turn rate the yaw stick asks for in the stabilised modes, None where targets
-    do that (boats).
+    ``full_speed`` [m/s]: speed commanded by full thrust in guided mode (WP_SPEED); 0 if there is none. ``loop_period``
+    [s]: period of the autopilot's main loop; 0 if unknown. ``rate_lag`` [s]: delay of turn rates in its gyro filter.
+    ``rate_stick``: turn rate commanded by the yaw stick in the stabilised modes; None if targets are used instead
+    (boats).
     """
 
     overrides: OverrideMap

@@ -1,7 +1,7 @@
-"""Check telemetry for NaN, a frozen attitude, a stopped or jumping clock, and make its stamps continuous.
+"""Check telemetry for NaN, a frozen attitude, and a stopped or jumping clock. Make its time stamps continuous.
 
-A fault is stored, not raised where it is detected: clean-up still has to communicate with the vehicle. The craft raises
-it at the next observation.
+A fault is stored, not raised where it is detected, because the clean-up still has to communicate with the vehicle. The
+craft raises it at the next observation.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ _WRAP_US = 2**32 * 1e-6
 
 
 def gyro_lag(cutoff: float) -> float:
-    """Return the delay [s] of turn rates by a gyro filter of *cutoff* [Hz] (INS_GYRO_FILTER); 0 without filter.
+    """Return the delay [s] of turn rates due to a gyro filter of *cutoff* [Hz] (INS_GYRO_FILTER); 0 without filter.
 
-    The filter is a second-order Butterworth low-pass, ``w0^2 / (s^2 + sqrt(2) w0 s + w0^2)``: slow motion comes
-    ``sqrt(2) / w0`` late, and at half the cutoff still only 8 % later than that.
+    The filter is a second-order Butterworth low-pass, ``w0^2 / (s^2 + sqrt(2) w0 s + w0^2)``. It delays slow motion by
+    ``sqrt(2) / w0``. At half the cutoff the delay is only 8 % longer.
     """
     return math.sqrt(2.0) / (2.0 * math.pi * cutoff) if cutoff > 0.0 else 0.0
 
@@ -30,8 +30,8 @@ def gyro_lag(cutoff: float) -> float:
 class BootClock:
     """Seconds since boot from the 32-bit counters in messages.
 
-    ``time_boot_ms`` wraps after 49.7 days, SERVO_OUTPUT_RAW's microseconds after 71.6 minutes; both are
-    unwrapped to lie nearest to the last stamp.
+    ``time_boot_ms`` wraps after 49.7 days, SERVO_OUTPUT_RAW's microseconds after 71.6 minutes; both are unwrapped to
+    the value nearest to the last stamp.
     """
 
     def __init__(self) -> None:
@@ -39,11 +39,11 @@ class BootClock:
 
     @property
     def is_set(self) -> bool:
-        """Whether any stamp has been seen."""
+        """Whether any time stamp was received."""
         return not math.isnan(self.now)
 
     def from_ms(self, time_boot_ms: int) -> float:
-        """Return the time [s] of a ``time_boot_ms``, and use it as the present if it is the latest."""
+        """Return the time [s] of a ``time_boot_ms``, and store it as the present time if it is the latest."""
         t = self._near(time_boot_ms * 1e-3, _WRAP_MS)
         if not self.now >= t:
             self.now = t
@@ -69,7 +69,7 @@ class Unwrapper:
         self._last = math.nan
 
     def unwrap(self, angle: float) -> float:
-        """Return *angle* plus the turns that bring it nearest to the last one."""
+        """Return *angle* plus the full turns that bring it nearest to the last one."""
         if not math.isnan(self._last):
             angle += 2.0 * math.pi * round((self._last - angle) / (2.0 * math.pi))
         self._last = angle
@@ -77,18 +77,25 @@ class Unwrapper:
 
 
 _ACTING = 0.05
-"""Fraction of full output above which the craft must move. Chosen."""
+"""Fraction of full output above which the craft must move. Project choice."""
 _FROZEN_TURNING = 3.0
 _FROZEN = 10.0
-"""Seconds of bit-identical attitude that prove a fault while turning or acting; real gyros never repeat. Chosen."""
+"""Time [s] of bit-identical attitude that proves a fault while turning or acting; real gyros never repeat exactly.
+Project choice."""
 _STANDING = 2.0
 _JUMP = 5.0
 _SLACK = 1.5
-"""By how much more than our clock the vehicle's may advance over a silence. Chosen; beyond it has jumped."""
+"""Factor by which the vehicle's clock may advance more than ours over a silence.
+
+A larger one means that it jumped. Project choice.
+"""
 _LATE = 1.0
-"""A stamp older by up to this is a datagram out of order; older still, the clock jumped back [s]. Chosen."""
+"""Age [s] up to which an older stamp counts as a datagram out of order.
+
+If it is older, the clock jumped back. Project choice.
+"""
 _BOOT_SLACK = 2.0
-"""Difference of the delays of two stamps [s]. Chosen."""
+"""Tolerated difference [s] between the delays of two time stamps. Project choice."""
 
 
 class Watchdog:
@@ -96,8 +103,8 @@ class Watchdog:
 
     Attributes
     ----------
-    fault : the first thing found wrong, None while all is well.
-    has_restarted : whether that is a restart of the autopilot. stamps : how many of its clock were judged.
+    fault : the first fault detected; None if there is none.
+    has_restarted : whether that fault is a restart of the autopilot. stamps : number of its time stamps checked.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -115,13 +122,13 @@ class Watchdog:
         self.fault: TelemetryFault | None = None
 
     def _keep_pace(self, t: float, now: float) -> None:
-        """Measure the pace of a simulation: seconds of its time per second of ours."""
+        """Measure the pace of a simulation: seconds of its time per second of our time."""
         begun, heard = self._first
         if now - heard > _STANDING:
             self._pace = max((t - begun) / (now - heard), 1.0)
 
     def check(self) -> None:
-        """Raise the fault, if there is one."""
+        """Raise the stored fault, if there is one."""
         if self.fault is not None:
             raise TelemetryFault(str(self.fault))
 
@@ -135,7 +142,7 @@ class Watchdog:
             return True
         if t > before:
             if t - before > _JUMP + _SLACK * self._pace * (now - self._stamp_received):
-                self._report(f"its clock jumped from {before:.1f} s to {t:.1f} s between two attitudes")
+                self._report(f"its clock jumped from {before:.1f} s to {t:.1f} s between two ATTITUDE messages")
             self._keep_pace(t, now)
             self._stamp, self._stamp_received = t, now
             return True
@@ -148,13 +155,13 @@ class Watchdog:
         return False
 
     def check_boot_time(self, t: float) -> None:
-        """Check the time [s] since boot of a rare message: only for a restart of the autopilot."""
+        """Check the time [s] since boot in a rare message, only to detect a restart of the autopilot."""
         self.stamps += 1
         if self._stamp - t > _LATE and self._may_have_booted(t):
             self._report_back(self._stamp, t)
 
     def _may_have_booted(self, t: float) -> bool:
-        """Return whether a boot *t* [s] ago is after the last received stamp; else the message was late."""
+        """Return whether a boot *t* [s] ago is later than the last received stamp; otherwise the message was late."""
         return t <= self._pace * (self._clock.now() - self._stamp_received) + _BOOT_SLACK
 
     def _report_back(self, before: float, t: float) -> None:
@@ -169,14 +176,14 @@ class Watchdog:
     def check_attitude(self, t: float, attitude: Sequence[float]) -> None:
         """Check one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
         if not all(math.isfinite(value) for value in attitude):
-            self._report("the attitude is not a number; the autopilot's estimator has failed")
+            self._report("the attitude is not a number: the autopilot's estimator has failed")
             return
         if attitude != self._attitude:
             self._attitude, self._since = attitude, t
             return
         for start, limit in ((self._turning_since, _FROZEN_TURNING), (self._acting_since, _FROZEN)):
             if not math.isnan(start) and t - max(self._since, start) > limit:
-                self._report(f"the attitude has been frozen for {t - self._since:.1f} s while the actuators work")
+                self._report(f"the attitude has been frozen for {t - self._since:.1f} s while the actuators move")
 
     def note_outputs(self, t: float, forces: Mapping[str, float]) -> None:
         """Record the measured outputs (fractions), stamped *t* [s]."""

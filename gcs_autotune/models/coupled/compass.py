@@ -18,7 +18,7 @@ __all__ = ["COEFFICIENTS", "seen_by_compass"]
 Array = NDArray[np.float64]
 
 COEFFICIENTS = ("A_psi", "B_psi", "C_psi")
-"""Coefficients A, B, C of the deviation [rad]."""
+"""Names of the coefficients A, B, C of the deviation [rad]."""
 
 Output = tuple[Array, Array]
 """A signal (s,) and its sensitivities (s, q); the latter are (s, 0) if not requested."""

@@ -134,7 +134,7 @@ def inertia_of(name: str) -> Inertia | None:
         return None
     state = match["rest"].removesuffix("dot")
     if state not in STATES:
-        raise BadFile(f"'{name}' is not a derivative: 'dot' must follow one of {', '.join(STATES)}")
+        raise BadFile(f"'{name}' is not a derivative, because 'dot' must follow one of {', '.join(STATES)}")
     return Inertia(FORCES.index(match["force"]), STATES.index(state))
 
 
@@ -148,13 +148,13 @@ def term_of(name: str, inputs: Sequence[str]) -> Term:
     """
     match = _NAME.match(name)
     if match is None:
-        raise BadFile(f"'{name}' is not the name of a derivative (X_u, Y_vv, N_rdot, N_delta ...) or a known constant")
+        raise BadFile(f"'{name}' is neither a derivative (X_u, Y_vv, N_rdot, N_delta ...) nor a known constant")
     row, rest = FORCES.index(match["force"]), match["rest"]
     if rest == "0":
         return Term(row, ())
     factors = _factors(name, rest, inputs)
     if not 1 <= len(factors) <= 3:
-        raise BadFile(f"'{name}' has {len(factors)} factors; one to three are allowed")
+        raise BadFile(f"'{name}' has {len(factors)} factors. Use one to three")
     return Term(row, tuple(factors))
 
 
@@ -166,7 +166,7 @@ def _tokens(name: str, rest: str, inputs: Sequence[str]) -> list[tuple[str, bool
         rest = rest[1:] if modulus else rest
         word = next((w for w in words if rest.startswith(w)), None)
         if word is None or (modulus and not rest[len(word) :].startswith("|")):
-            raise BadFile(f"'{name}': cannot read '{rest}'; allowed there: {', '.join(words)}")
+            raise BadFile(f"'{name}': cannot read '{rest}'. Use one of {', '.join(words)}")
         rest = rest[len(word) + modulus :]
         found.append((word, modulus))
     return found

@@ -1,4 +1,4 @@
-"""A form: which degrees of freedom, which derivatives, which inputs. The structure of a coupled model, without numbers.
+"""A form: the structure of a coupled model without numbers, with its degrees of freedom, derivatives and inputs.
 
 Forms come from the table :data:`FORMS` (one TOML file each in ``forms/``) or from a user's file::
 
@@ -6,7 +6,7 @@ Forms come from the table :data:`FORMS` (one TOML file each in ``forms/``) or fr
     title = "surge, sway and yaw, coupled"
     dofs = ["surge", "sway", "yaw"]
     free = ["X_udot", "Y_vdot", "N_rdot", "X_u", "X_uu", "Y_v", "Y_vv", "N_r", "N_rr"]
-    coriolis = true            # C(nu) from M; false: only the product terms named
+    coriolis = true            # C(nu) from M; false: only the listed product terms
 
     [known]                    # constants, in SI units
     m = 8.0
@@ -92,9 +92,8 @@ class Form:
             if self.per_inertia:
                 why = f"its equations of {', '.join(self.per_inertia)} are per unit of inertia"
             raise UsageError(
-                f"{', '.join(masses)} cannot be used in form '{self.name}': {why}, so no force is in newtons. Remove "
-                f"it, "
-                "or use a form whose inputs are forces (--dof horizontal)"
+                f"{', '.join(masses)} cannot be used in form '{self.name}', because {why} and no force is in "
+                "newtons. Remove it, or use a form whose inputs are forces (--dof horizontal)"
             )
         return self.fixing(values)
 
@@ -156,7 +155,7 @@ class Form:
         kept = [n for n in self.free if n not in RIGID_BODY and n not in alone]
         return replace(
             self,
-            title=f"{self.title}, each force as normalised output",
+            title=f"{self.title}, with each force as normalised output",
             free=tuple(dict.fromkeys((*kept, *products))),
             known={**{n: v for n, v in self.known.items() if n in SPECIAL}, **alone},
             coriolis=False,
@@ -178,23 +177,28 @@ def _check(form: Form) -> None:
         raise BadFile(f"form '{form.name}': dofs must be some of {', '.join(_ORDER)}, in this order, not {form.dofs}")
     twice = {n for n in form.parameters if form.parameters.count(n) > 1}
     if twice:
-        raise BadFile(f"form '{form.name}': {', '.join(sorted(twice))} named twice (free and known)")
+        raise BadFile(f"form '{form.name}': {', '.join(sorted(twice))} is both free and known. List it only once")
     odd = set(form.per_inertia) - {DOFS[d].force for d in form.dofs}
     if odd:
         raise BadFile(
-            f"form '{form.name}': per_inertia contains {', '.join(sorted(odd))}, which are not among its equations"
+            f"form '{form.name}': per_inertia contains {', '.join(sorted(odd))}, which is not among its equations"
         )
     strange = set(form.optional) - set(form.inputs)
     if strange:
-        raise BadFile(f"form '{form.name}': optional {', '.join(sorted(strange))} is not among its inputs")
+        raise BadFile(
+            f"form '{form.name}': optional contains {', '.join(sorted(strange))}, which is not among its inputs"
+        )
     pushed = {force for pairs in form.inputs.values() for force, _ in pairs}
     if not pushed <= set(FORCES):
         nowhere = ", ".join(sorted(pushed - set(FORCES)))
-        raise BadFile(f"form '{form.name}': an input drives {nowhere}, which is not one of {', '.join(FORCES)}")
+        raise BadFile(f"form '{form.name}': an input drives {nowhere}. Use one of {', '.join(FORCES)}")
     gains = {g.lstrip("-") for pairs in form.inputs.values() for _, g in pairs if isinstance(g, str)}
     missing = gains - set(form.parameters)
     if missing:
-        raise BadFile(f"form '{form.name}': input gain {', '.join(sorted(missing))} is neither free nor known")
+        raise BadFile(
+            f"form '{form.name}': input gain {', '.join(sorted(missing))} is neither free nor known. Add it to "
+            "one of them"
+        )
     rows = {FORCES.index(DOFS[d].force) for d in form.dofs}
     for name in form.parameters:
         if name in RIGID_BODY or name in SPECIAL or name in gains:
@@ -202,11 +206,15 @@ def _check(form: Form) -> None:
         inertia = inertia_of(name)
         row = inertia.row if inertia is not None else term_of(name, tuple(form.inputs)).row
         if row not in rows:
-            raise BadFile(f"form '{form.name}': {name} belongs to an equation that is not among {', '.join(form.dofs)}")
+            raise BadFile(
+                f"form '{form.name}': {name} belongs to an equation of a degree of freedom that the form lacks. "
+                f"Its dofs are {', '.join(form.dofs)}"
+            )
     centre = [n for n in ("x_G", "y_G", "z_G") if n in form.free]
     if centre and "m" in form.free:
         raise BadFile(
-            f"form '{form.name}': m and {', '.join(centre)} cannot both be free: only their product is identifiable"
+            f"form '{form.name}': m and {', '.join(centre)} cannot both be free, because only their product is "
+            "identifiable"
         )
 
 

@@ -17,7 +17,7 @@ __all__ = ["LEVER_ARM", "SHOWN_OFF_CENTRE", "seen_off_centre"]
 Array = NDArray[np.float64]
 
 LEVER_ARM = ("x_P", "y_P")
-"""Position of the sensor [m] ahead and to starboard."""
+"""Names of the sensor's coordinates [m] ahead and to starboard."""
 
 SHOWN_OFF_CENTRE: Mapping[str, tuple[str, ...]] = {
     "u": ("r",),

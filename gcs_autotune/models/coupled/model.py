@@ -324,20 +324,20 @@ class CoupledModel:
         """
         early = [n for n in ("delay", "lag") if self[n] < 0.0]
         if early:
-            raise BadFile(f"{early[0]} is {self[early[0]]:g} s; it must be 0 or more")
+            raise BadFile(f"{early[0]} is {self[early[0]]:g} s, but it must be 0 or more")
         heavy = [n for n in ("m", "I_x", "I_y", "I_z") if n in self.form.parameters and not self[n] > 0.0]
         if heavy:
-            raise BadFile(f"{heavy[0]} is {self[heavy[0]]:g}; it must be above 0")
+            raise BadFile(f"{heavy[0]} is {self[heavy[0]]:g}, but it must be above 0")
         try:
             inertia = np.diag(self.inertia)
             np.linalg.inv(self.inertia)
         except np.linalg.LinAlgError as error:
-            raise BadFile("its inertia matrix is singular; every inertia must be above 0") from error
+            raise BadFile("its inertia matrix is singular. Every inertia must be above 0") from error
         for dof, value in zip(self.form.dofs, inertia, strict=True):
             force, nu = DOFS[dof].force, DOFS[dof].velocity
             drags = [-self[n] for n in (f"{force}_{nu}", f"{force}_{nu}{nu}", f"{force}_|{nu}|{nu}") if self[n]]
             if not value > 0.0 and not (value < 0.0 and drags and max(drags) < 0.0):
-                raise BadFile(f"its inertia in {dof} is {value:g}; it must be above 0")
+                raise BadFile(f"its inertia in {dof} is {value:g}, but it must be above 0")
 
     def with_values(self, values: Mapping[str, float]) -> CoupledModel:
         """Return the model with some values replaced."""

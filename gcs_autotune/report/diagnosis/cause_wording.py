@@ -15,7 +15,7 @@ __all__ = ["cause_notes", "cause_title", "evidence_notes", "not_distinguished"]
 
 
 def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
-    """Return the heading of a cause; a hypothesis is marked as one."""
+    """Return the heading of a cause. A hypothesis is marked as such."""
     text = f"{base_words(diagnosis)} lacks {named(cause)}" if cause.is_structural else named(cause)
     if cause.is_slight:
         text = f"slight: {text}"
@@ -23,21 +23,22 @@ def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
 
 
 STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "positive"}
-"""Penalised gain in log-likelihood -> strength of evidence (Kass1995, section 3.2: half of their table)."""
+"""Penalised gain in log-likelihood -> text for the strength of evidence (Kass1995, section 3.2: half of their
+table)."""
 
 
 def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
-    """Yield how much a cause explains, its evidence, and the best alternative."""
+    """Yield sentences on how much a cause explains, on its evidence, and on the best alternative."""
     if cause.gain is not None and cause.is_slight:
-        text = "Its effect is slight: what it adds to the model hardly changes the prediction. "
-        yield Note(text + gain_sentence(cause.gain), "What a user notices")
+        text = "The cause is slight: adding it to the model hardly changes the prediction. "
+        yield Note(text + gain_sentence(cause.gain), "Effect in practice")
     if math.isfinite(cause.share):
         share = format_share(cause.share)
         if diagnosis.missing is None:
-            text = f"It removes {share} of the squared error in excess of noise."
+            text = f"This cause removes {share} of the squared prediction error above the noise."
             yield Note(text, "Explained on held-out data")
         else:
-            yield Note(f"It explains {share} of the power of the slowly varying force.", "Explained")
+            yield Note(f"This cause explains {share} of the power of the slowly varying force.", "Explained")
     own = [r for r in diagnosis.ranking if (r.cause, r.place) == (cause.effect.slug, cause.effect.place)]
     if own and math.isfinite(own[-1].evidence):
         others = [r for r in diagnosis.ranking if r.step == own[-1].step and r.cause != cause.effect.slug]
@@ -46,25 +47,25 @@ def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
 
 
 def _strength(ranked: Ranked) -> str:
-    """Return the strength of evidence for a candidate in words, and its origin."""
+    """Return a text with the strength of evidence for a candidate, and its origin."""
     gained = 0.5 * ranked.evidence
     word = next((w for least, w in STRENGTHS.items() if gained > least), "weak")
     if not ranked.unseen:
-        return f"{word.capitalize()}: {gained:+.1f} in log-likelihood, after the penalty for its parameters."
+        return f"{word.capitalize()}: log-likelihood {gained:+.1f}, after the penalty for the added parameters."
     parts, (low, high) = ", ".join(f"{v:+.1f}" for v in ranked.unseen), ranked.ci90
     interval = f"; 90 % interval {low:+.1f} to {high:+.1f}" if math.isfinite(high - low) else ""
-    return f"{word.capitalize()}: {gained:+.1f} in log-likelihood on held-out data (per part {parts}{interval})."
+    return f"{word.capitalize()}: log-likelihood of the held-out data {gained:+.1f} (per part {parts}{interval})."
 
 
 def _rival_words(rival: Ranked | None, cause: Cause) -> str:
     if rival is None:
         return "No alternative effect improves the fit."
     where = "" if rival.place == cause.effect.place else f" at {place_words(rival.place)}"
-    return f"Best alternative: {effect_words(rival.cause)}{where}, {0.5 * rival.evidence:+.1f}."
+    return f"Best alternative: {effect_words(rival.cause)}{where}, log-likelihood {0.5 * rival.evidence:+.1f}."
 
 
 def cause_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
-    """Yield the meaning of the effect, its evidence, and the effects it is easily mistaken for."""
+    """Yield sentences on the meaning of the effect, its evidence, and the effects it is easily mistaken for."""
     yield Note(sentence(cause.meaning), "Meaning")
     yield from evidence_notes(diagnosis, cause)
     entry = EFFECTS.get(cause.effect.slug)

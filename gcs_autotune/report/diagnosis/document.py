@@ -1,4 +1,4 @@
-"""The report of a diagnosis. One function per section."""
+"""The report of a diagnosis, with one function per section."""
 
 from __future__ import annotations
 
@@ -72,18 +72,18 @@ __all__ = ["MODEL_FILE", "diagnosis_document"]
 
 
 MOST_RUNS = 2
-"""Most runs plotted of the main signal; one of every other signal. Chosen."""
+"""Most runs plotted for the main signal. For every other signal one run is plotted. Project choice."""
 
 MOST_SIGNALS = 6
-"""Most signals plotted; chosen so that the page stays small."""
+"""Most signals plotted, so that the page stays small. Project choice."""
 
 MOST_CURVES = 2
-"""Most curves of the missing force plotted, the most informative first. Chosen."""
+"""Most curves of the missing force plotted, the most informative first. Project choice."""
 
 MODEL_FILE = "model.json"
 
 _SURE = 0.05
-"""Fraction of a residual, beyond chance, below which a view is not plotted. Chosen."""
+"""Fraction of a residual, beyond chance, below which a view is not plotted. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +100,8 @@ def diagnosis_document(
 ) -> Document:
     """Return the report of a diagnosis.
 
-    when : ISO 8601 moment. directory : of the diagnosis, for commands to copy. runs : the runs examined, whose inputs
+    when : ISO 8601 moment. directory : folder of the diagnosis, for commands to copy. runs : the runs examined, whose
+        inputs
     and tracks are plotted.
     """
     model_file = f"{directory}/{MODEL_FILE}" if directory else MODEL_FILE
@@ -178,7 +179,7 @@ def _numbers(examined: _Examined) -> Iterator[Section]:
     numbers, first = examined.diagnosis.numbers, first_gain(examined.diagnosis)
     if numbers is None or not numbers.rows:
         return
-    held_out = f"Held out: {first.held_out}. Before any cause is added." if first is not None else ""
+    held_out = f"Held out: {first.held_out}. Errors before any cause is added." if first is not None else ""
     gains = (gains_table(numbers.gains), Note(held_out if numbers.gains else "", kind="quiet"))
     improvement = Section("numbers-gains", "Improvement by the corrected numbers, on held-out data", gains)
     yield Section("numbers", numbers_title(numbers), (numbers_table(numbers), improvement), facts=IN_RESULT)
@@ -204,7 +205,7 @@ def _improvement(examined: _Examined) -> Iterator[Section]:
     if not gains and not figures:
         return
     first = first_gain(diagnosis)
-    how = "The table shows held-out data, the figures show the runs used."
+    how = "The table shows held-out data. The figures show the runs used for the fit."
     held_out = f"Held out: {first.held_out}. {how}" if first is not None and first.held_out else ""
     parts: tuple[Part, ...] = (gains_table(gains), Note(held_out, kind="quiet"), *_gains_figure(diagnosis), *figures)
     yield Section("after", "Improvement on held-out data", parts, facts=IN_RESULT)
@@ -215,7 +216,7 @@ def _hints(examined: _Examined) -> Iterator[Section]:
         Section(f"hint-{i}", f"{i}. {hint_title(hint)}", hint_notes(examined.diagnosis, hint))
         for i, hint in enumerate(examined.diagnosis.hints, start=1)
     )
-    yield Section("hints", "Hints: what these runs point to, without enough evidence", hints, facts=IN_RESULT)
+    yield Section("hints", "Hints: possible causes with too little evidence", hints, facts=IN_RESULT)
 
 
 def _remains(examined: _Examined) -> Iterator[Section]:
@@ -223,12 +224,12 @@ def _remains(examined: _Examined) -> Iterator[Section]:
     findings = diagnosis.left.findings
     parts: tuple[Part, ...] = (
         *bullets(findings),
-        Note("" if findings else "Nothing distinguishable from noise."),
+        Note("" if findings else "The residual cannot be distinguished from noise."),
         Note(left_sentence(diagnosis.left)),
         *_missing(diagnosis),
         *_left(diagnosis),
     )
-    yield Section("left", "What remains", parts, facts=IN_RESULT)
+    yield Section("left", "Remaining error", parts, facts=IN_RESULT)
 
 
 def _not_distinguished(examined: _Examined) -> Iterator[Section]:
@@ -282,7 +283,7 @@ SECTIONS = (
     _use,
     _basis,
 )
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""
 
 
 # -- figures
@@ -295,14 +296,14 @@ def _misfit(trace: Trace) -> float:
 
 
 def _shown(portraits: tuple[Portrait, ...]) -> Iterator[Trace]:
-    """Yield the traces to plot: the worst few of the first signal, the worst one of each other."""
+    """Yield the traces to plot: the worst few of the first signal, and the worst one of each other signal."""
     for k, portrait in enumerate(portraits[:MOST_SIGNALS]):
         worst = sorted((t for t in portrait.traces if len(t.t) > 1), key=_misfit, reverse=True)
         yield from worst[: MOST_RUNS if k == 0 else 1]
 
 
 def _ordered(diagnosis: Diagnosis, portraits: tuple[Portrait, ...]) -> tuple[Portrait, ...]:
-    """Return the portraits, that of the main signal first."""
+    """Return the portraits, with that of the main signal first."""
     first = first_gain(diagnosis)
     return tuple(sorted(portraits, key=lambda p: first is None or p.signal != first.signal))
 
@@ -314,7 +315,7 @@ def _flight(examined: _Examined, name: str, caption: str, before: Trace, after: 
 
 
 def _before(examined: _Examined) -> tuple[Figure, ...]:
-    """Return measurement and simulation; one figure if others compare it with the extended model."""
+    """Plot measurement and simulation. If other figures compare it with the extended model, only one is plotted."""
     diagnosis = examined.diagnosis
     figures = tuple(
         _flight(
@@ -330,7 +331,7 @@ def _before(examined: _Examined) -> tuple[Figure, ...]:
 
 
 def _after(examined: _Examined) -> tuple[Figure, ...]:
-    """Return measurement, simulation and extended model."""
+    """Plot measurement, simulation and extended model."""
     diagnosis = examined.diagnosis
     extended = {(t.run, t.signal): t for p in diagnosis.after for t in p.traces}
     figures = []
@@ -346,12 +347,15 @@ def _after(examined: _Examined) -> tuple[Figure, ...]:
 def _gains_figure(diagnosis: Diagnosis) -> Iterator[Figure]:
     gains = diagnosis.gains if diagnosis.causes or diagnosis.numbers is None else diagnosis.numbers.gains
     if diagnosis.after:
-        caption = "Remaining error per signal with its 95 % interval; left of the line is better."
+        caption = "Remaining error of each signal with its 95 % interval. Left of the line the error has fallen."
         yield Figure("gains", caption, partial(draw_gains, gains))
 
 
 def _views(diagnosis: Diagnosis) -> Iterator[Figure]:
-    """Yield per cause the view of the residual that shows it, if any; without causes the strongest views."""
+    """Yield the view of the residual that shows each cause, if there is one.
+
+    Without causes, yield the strongest views.
+    """
     views: list[tuple[View, str]] = []
     for cause in diagnosis.causes:
         view = most_informative_view(diagnosis.before, EFFECTS.get(cause.effect.slug), cause.effect.place)
@@ -370,12 +374,12 @@ def _view_caption(view: View, cause: str) -> str:
     what = f"Simulation error of the {signal_words(view.portrait.signal)} "
     share = format_share(view.share)
     if view.kind == "spectrum":
-        how = f"over frequency: {share} of it is concentrated at one frequency, beyond an even spread."
+        how = f"over frequency: {share} of its variance is at one frequency, above that of an even spread."
     elif view.kind == "cross":
-        how = f"correlated with earlier {signal_words(view.name)}: up to {share} of it."
+        how = f"correlated with earlier {signal_words(view.name)}: up to {share} of its variance."
     else:
         channel = "time" if view.name == "time" else signal_words(view.name)
-        how = f"over {channel}: {share} of it is correlated; noise would scatter evenly about the line."
+        how = f"over {channel}, which explains {share} of its variance. Noise would scatter evenly about the line."
     return what + how + (f" This indicates {cause}." if cause else "")
 
 
@@ -383,7 +387,7 @@ def _curve(cause: Cause, i: int) -> Iterator[Figure]:
     curve = cause.curve
     if curve is None or len(curve.x) < 2 or not np.isfinite(curve.y).any():
         return
-    polar = " In the polar plot the dark circle is zero; outside is positive." if curve.polar else ""
+    polar = " In the polar plot the dark circle marks zero. Values outside it are positive." if curve.polar else ""
     yield Figure(f"curve-{i}", f"Identified: {curve.title}.{polar}", partial(draw_curve, curve))
 
 
@@ -400,10 +404,10 @@ def _missing(diagnosis: Diagnosis) -> Iterator[Figure]:
     missing = diagnosis.missing
     curves = () if missing is None else tuple(missing.curves.values())[:MOST_CURVES]
     for i, curve in enumerate(curves, start=1):
-        share = f"{format_share(curve.share)} of it" if curve.share > 0.0 else "none of it"
+        share = f"{format_share(curve.share)} of its power" if curve.share > 0.0 else "none of it"
         caption = (
-            f"Missing force without an identified cause, over {missing_over(curve)}: "
-            f"the curve of {curve.predicted_by} predicts {share}."
+            f"Missing force without an identified cause, over {missing_over(curve)}. "
+            f"The curve from {curve.predicted_by} predicts {share}."
         )
         assert missing is not None
         yield Figure(f"missing-{i}", caption, partial(draw_missing, missing, curve))

@@ -43,7 +43,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 BINS = 15
-"""Number of equally filled bins of a residual. Chosen: enough for a kink on either side of zero."""
+"""Number of equally filled bins of a residual, enough to show a kink on either side of zero. Project choice."""
 
 Kind = Literal["against", "cross", "spectrum"]
 
@@ -58,7 +58,7 @@ _FAMILY: Mapping[str, tuple[tuple[Kind, frozenset[str]], ...]] = {
     "environment": (("against", frozenset({"psi", "time", "x", "y", "z"})), ("spectrum", frozenset({""}))),
     "sensor": (("against", frozenset({"psi", "time"}) | _VELOCITIES),),
 }
-"""Views in which each family of effects usually shows."""
+"""For each family of effects, the views in which it usually appears."""
 
 _WORDS: tuple[tuple[str, Kind, frozenset[str]], ...] = (
     (r"command|input|thrust|rudder", "against", _FORCES),
@@ -69,12 +69,12 @@ _WORDS: tuple[tuple[str, Kind, frozenset[str]], ...] = (
     (r"spectr|frequen|narrow|peak", "spectrum", frozenset({""})),
     (r"correlat|delay|\blate\b|\blag", "cross", _FORCES | _VELOCITIES),
 )
-"""Pattern in an effect's ``shown_by`` -> the view that plots it."""
+"""Pattern in an effect's ``shown_by`` -> the view that shows it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One view of a signal's residual; ``name``: the channel, empty for a spectrum.
+    """One view of a signal's residual. ``name``: the channel, empty for a spectrum.
 
     ``share``: fraction of the residual's variance that the view accounts for.
     """
@@ -99,7 +99,7 @@ def bin_means(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array, Array
 
 
 def views_of(portrait: Portrait) -> Iterator[View]:
-    """Yield every view for which a portrait has data."""
+    """Yield every view for which a portrait contains data."""
     for name, (x, y, _) in portrait.against.items():
         keep = np.isfinite(x) & np.isfinite(y)
         if np.count_nonzero(keep) > 2 * BINS and np.ptp(x[keep]) > 0.0:
@@ -113,12 +113,12 @@ def views_of(portrait: Portrait) -> Iterator[View]:
 
 
 def _folded(name: str, x: Array) -> Array:
-    """Return headings as compass values; other channels unchanged."""
+    """Return headings as compass values (0 to 360 degrees); other channels unchanged."""
     return x % (2.0 * np.pi) if name == "psi" else x
 
 
 def _explained(x: Array, y: Array) -> float:
-    """Return the fraction of the mean square of *y* in its means over bins of *x*, minus that of chance."""
+    """Return the fraction of the mean square of *y* that is explained by bins of *x*, minus that expected by chance."""
     _, mean, _, count = bin_means(x, y)
     total = float(np.mean(y**2))
     if total <= 0.0 or len(y) <= len(mean):
@@ -128,7 +128,7 @@ def _explained(x: Array, y: Array) -> float:
 
 
 def _peak(frequency: Array, power: Array) -> float:
-    """Return the fraction of power within a tenth of the strongest frequency, beyond an even spread."""
+    """Return the fraction of power within a tenth of the strongest frequency, in excess of an even spread."""
     total = float(np.nansum(power))
     if total <= 0.0:
         return 0.0
@@ -137,7 +137,10 @@ def _peak(frequency: Array, power: Array) -> float:
 
 
 def most_informative_view(portraits: Sequence[Portrait], effect: Effect | None = None, place: str = "") -> View | None:
-    """Return the most informative view, preferably one where an effect of this kind at this place usually shows."""
+    """Return the most informative view.
+
+    A view in which an effect of this kind at this place usually appears is preferred.
+    """
     best: tuple[float, View] | None = None
     for portrait in portraits:
         for view in views_of(portrait):
@@ -148,7 +151,7 @@ def most_informative_view(portraits: Sequence[Portrait], effect: Effect | None =
 
 
 def _fit(view: View, effect: Effect, place: str) -> float:
-    """Return the relevance of a view: by family, the effect's ``shown_by`` and its place."""
+    """Return the relevance of a view, from the family, the effect's ``shown_by`` and its place."""
     weight = 1.0
     if any(view.kind == kind and view.name in names for kind, names in _FAMILY[effect.family]):
         weight += 1.0
@@ -167,13 +170,13 @@ def _fit(view: View, effect: Effect, place: str) -> float:
 
 
 MOST_POINTS = 400
-"""Most samples plotted of a scatter plot; more are indistinguishable."""
+"""Most samples in a scatter plot; more cannot be distinguished."""
 
 MOST_DOTS = 250
-"""Most measured samples plotted of one trace; chosen so that the page stays small."""
+"""Most measured samples plotted of one trace, so that the page stays small. Project choice."""
 
 _CELLS = 24
-"""Points of a spectrum per decade; chosen so that a narrow peak stays visible."""
+"""Points of a spectrum per decade, enough to keep a narrow peak visible. Project choice."""
 
 
 def scaled(values: Array, unit: str) -> tuple[Array, str]:
@@ -185,8 +188,9 @@ def scaled(values: Array, unit: str) -> tuple[Array, str]:
 def draw_flight(
     before: Trace, after: Trace | None = None, run: Trial | None = None, inputs: Sequence[str] = ()
 ) -> Figure:
-    """Plot measurement, simulation and, if supplied, the extended simulation. Below: their residuals and the
-    *inputs* of the *run*.
+    """Plot measurement, simulation and, if supplied, the extended simulation.
+
+    Below them, plot their residuals and the *inputs* of the *run*.
     """
     driven = run is not None and len(inputs) > 0 and len(before.t) > 1
     figure, (top, bottom, *drive) = new_axes((1.7, 0.9, 0.7) if driven else (1.7, 0.9))
@@ -229,14 +233,14 @@ def draw_view(view: View, after: Portrait | None = None) -> Figure:
 
 
 def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -> Figure:
-    """Plot the residual over a channel: samples and bin means; *after*: bin means of the extended model."""
+    """Plot the residual over a channel with samples and bin means; *after*: bin means of the extended model."""
     figure, (axes,) = new_axes((2.2,))
     x, y = _cloud(portrait, name)
     x_unit, y_unit = scaled(x, portrait.against[name][2])[1], scaled(y, portrait.unit)[1]
     every = -(-len(x) // MOST_POINTS) or 1
     axes.plot(x[::every], y[::every], ".", ms=2.4, color=FAINT, alpha=0.6, label="residual")
     centre, mean, error, _ = bin_means(x, y)
-    axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="its mean")
+    axes.errorbar(centre, mean, yerr=1.96 * error, fmt="o-", ms=3.6, lw=1.5, color=BEFORE, label="mean of the residual")
     axes.axhline(0.0, color=INK, lw=0.8)
     if after is not None and name in after.against and len(_cloud(after, name)[0]):
         centre, mean, _, _ = bin_means(*_cloud(after, name))
@@ -250,7 +254,7 @@ def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -
 
 
 def _cloud(portrait: Portrait, name: str) -> tuple[Array, Array]:
-    """Return channel and residual (n,) in display units, headings as compass values."""
+    """Return channel and residual (n,) in display units, with headings as compass values."""
     x, residual, unit = portrait.against[name]
     keep = np.isfinite(x) & np.isfinite(residual)
     x = x[keep] % (2.0 * np.pi) if name == "psi" else x[keep]
@@ -285,7 +289,7 @@ def draw_left(portrait: Portrait) -> Figure | None:
 
 def _correlation(axes: Axes, lag: Array, rho: Array, limit: float) -> None:
     if np.isfinite(limit):
-        axes.axhspan(-limit, limit, color=FAINT, alpha=0.25, lw=0, label="95 % band of noise")
+        axes.axhspan(-limit, limit, color=FAINT, alpha=0.25, lw=0, label="noise (95 % band)")
     axes.axhline(0.0, color=INK, lw=0.7)
     axes.plot(lag, rho, color=BEFORE, lw=1.4)
     axes.set_ylim(-1.05, 1.05)
@@ -293,7 +297,7 @@ def _correlation(axes: Axes, lag: Array, rho: Array, limit: float) -> None:
 
 
 def _spectrum(axes: Axes, portrait: Portrait) -> None:
-    """Plot power over frequency in decibels below the strongest, averaged where lines would merge."""
+    """Plot power over frequency in decibels below the strongest. Lines that would merge are averaged."""
     assert portrait.spectrum is not None
     frequency, power = portrait.spectrum
     keep = (frequency > 0.0) & (power > 0.0) & np.isfinite(power)
@@ -315,7 +319,10 @@ def _spectrum(axes: Axes, portrait: Portrait) -> None:
 
 
 def draw_gains(gains: Sequence[ErrorReduction]) -> Figure | None:
-    """Plot the error after in percent of that before, per signal, with its 95 % interval; None if none is known."""
+    """Plot the error after, in percent of that before, for each signal with its 95 % interval.
+
+    None if none is known.
+    """
     known = [g for g in gains if np.isfinite(g.ratio)]
     if not known:
         return None
@@ -336,7 +343,7 @@ def draw_gains(gains: Sequence[ErrorReduction]) -> Figure | None:
 
 
 def draw_curve(curve: EffectCurve) -> Figure:
-    """Plot the identified effect in the extended model's colour, and the plain model's counterpart dashed."""
+    """Plot the identified effect in the extended model's colour. The plain model's counterpart is dashed."""
     (x, x_label), (y, y_label) = for_people(curve.x, curve.x_label), for_people(curve.y, curve.y_label)
     plain = None if curve.plain is None else for_people(curve.plain, curve.y_label)[0]
     if curve.polar:
@@ -349,7 +356,7 @@ def draw_curve(curve: EffectCurve) -> Figure:
     if plain is not None:
         axes.plot(x, plain, color=BEFORE, lw=1.2, ls="--", label="simulation")
     elif not curve.polar:
-        axes.axhline(0.0, color=BEFORE, lw=1.2, ls="--", label="simulation: none")
+        axes.axhline(0.0, color=BEFORE, lw=1.2, ls="--", label="simulation: no force")
     axes.plot(x, y, color=AFTER, lw=2.0, label="found")
     if curve.polar:
         axes.axhline(0.0, color=INK, lw=0.8)
@@ -384,7 +391,7 @@ def for_people(values: Array, label: str) -> tuple[Array, str]:
 
 
 def _rose(axes: PolarAxes, heading: Array, y: Array) -> None:
-    """Plot *y* over the heading, north up and clockwise; the dark circle is zero, outside is positive."""
+    """Plot *y* over the heading, north up and clockwise. The dark circle is zero; positive values are outside it."""
     reach = float(np.nanmax(np.abs(y))) or 1.0
     around = np.linspace(0.0, 2.0 * np.pi, 181)
     axes.set_theta_zero_location("N")

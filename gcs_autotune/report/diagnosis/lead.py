@@ -1,4 +1,4 @@
-"""What a diagnosis begins with, in words of whoever owns the boat, and its hints."""
+"""The first sentences of a diagnosis and its hints, in words for the owner of the boat."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gcs_autotune.sname import DOFS
 __all__ = ["FILLED", "hint_notes", "hint_title", "lead_sentence", "plain_sentence"]
 
 FILLED = frozenset({"craft", "simulation", "motion", "command", "signal"})
-"""Words in braces that the sentence of an effect may have."""
+"""Placeholders in braces that the sentence of an effect may contain."""
 
 MOTIONS: Mapping[str, str] = {
     "surge": "moving ahead",
@@ -38,7 +38,7 @@ COMMANDS: Mapping[str, str] = {
     "force_right": "right thrust",
 }
 OWNERS: Mapping[str, str] = {"u": "speed ahead", "v": "sideways speed", "w": "diving speed", "r": "turn rate"}
-"""Signals that whoever owns a boat calls otherwise than :data:`.SIGNALS`."""
+"""Signals with a more common name than in :data:`.SIGNALS`, for the owner of the boat."""
 
 UNITS: Mapping[str, tuple[str, float]] = {
     "rad": ("degrees", 180.0 / math.pi),
@@ -46,13 +46,13 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("metres", 1.0),
     "m/s": ("metres per second", 1.0),
 }
-"""SI unit -> (unit in words, factor)."""
+"""SI unit -> (unit as text, factor)."""
 
-MORE = ("", "one more cause", "two more causes", "three more causes", "four more causes", "five more causes")
+MORE = ("", "one more", "two more", "three more", "four more", "five more")
 
 
 def lead_sentence(diagnosis: Diagnosis) -> str:
-    """Return what the simulation gets wrong and by how much, in one or two sentences without a technical word."""
+    """Return one or two sentences on what the simulation gets wrong and by how much, without technical words."""
     craft, simulation = _craft(diagnosis), _simulation(diagnosis)
     if diagnosis.verdict == "unfinished":
         return f"The search was stopped before it could show what {simulation} gets wrong."
@@ -60,18 +60,18 @@ def lead_sentence(diagnosis: Diagnosis) -> str:
         return f"{_begun(simulation)} follows your {craft} as closely as these runs can show.{_error(diagnosis)}"
     if diagnosis.wrong_numbers and diagnosis.numbers is not None:
         gain = diagnosis.numbers.gain
-        return f"{_wrong_numbers(diagnosis)} {_difference(gain, 'With that set right')}"
+        return f"{_wrong_numbers(diagnosis)} {_difference(gain, 'After the correction')}"
     if diagnosis.causes:
         more = MORE[min(len(diagnosis.causes) - 1, len(MORE) - 1)]
-        begin = f"With this and {more}" if more else "With it"
+        begin = f"With this cause and {more} in the simulation" if more else "With this cause in the simulation"
         return f"{plain_sentence(diagnosis, diagnosis.causes[0])} {_difference(diagnosis.gain, begin)}"
-    said = f"{_begun(simulation)} misses something that moves your {craft}, and these runs do not show what."
-    hint = f" What they point to: {plain_sentence(diagnosis, diagnosis.hints[0])}" if diagnosis.hints else ""
+    said = f"{_begun(simulation)} lacks something that moves your {craft}. These runs do not show what it is."
+    hint = f" A possible cause: {plain_sentence(diagnosis, diagnosis.hints[0])}" if diagnosis.hints else ""
     return said + _error(diagnosis) + hint
 
 
 def plain_sentence(diagnosis: Diagnosis, cause: Cause | Hint) -> str:
-    """Return what a cause means for whoever owns the boat."""
+    """Return a sentence on what a cause means for the owner of the boat."""
     slug, place = (cause.cause, cause.place) if isinstance(cause, Hint) else (cause.effect.slug, cause.effect.place)
     entry = EFFECTS.get(slug)
     if entry is None or not entry.plain:
@@ -116,24 +116,24 @@ def _error(diagnosis: Diagnosis) -> str:
     error, unit, signal = base_error(diagnosis)
     if not math.isfinite(error) or unit not in UNITS:
         return ""
-    return f" Its {_signal(signal)} is wrong by {_both(error, error, unit)[0]}."
+    return f" The simulated {_signal(signal)} is wrong by {_both(error, error, unit)[0]}."
 
 
 def _difference(gain: ErrorReduction | None, begin: str) -> str:
-    """Return the errors on data left out before and after, as a sentence; or that there is no such gain."""
+    """Return a sentence with the errors on held-out data before and after, or one that there is no improvement."""
     if gain is None or not (math.isfinite(gain.before) and math.isfinite(gain.after)):
-        return "What this changes on runs it was not fitted to was not measured."
+        return "The improvement on runs not used for the fit was not measured."
     ahead = f" {gain.metric.removeprefix('error ')}" if gain.metric.endswith(" s ahead") else ""
     what = f"the predicted {_signal(gain.signal)}{ahead}"
     after, before = _both(gain.after, gain.before, gain.unit)
     if gain.ratio >= 1.0:
-        return f"{begin}, {what} is no better on runs it was not fitted to."
+        return f"{begin}, {what} is no better on runs not used for the fit."
     said = f"{begin}, {what} is wrong by {after} instead of {before}"
-    return f"{said}." if gain.is_felt else f"{said}: a slight difference."
+    return f"{said}." if gain.is_felt else f"{said}. The difference is slight."
 
 
 def _both(one: float, other: float, unit: str) -> tuple[str, str]:
-    """Return two errors with the unit after the first, in digits enough to see the difference."""
+    """Return two errors as text, with the unit after the first and enough digits to show the difference."""
     words, factor = UNITS.get(unit, (unit, 1.0))
     texts = [format_number(factor * one, 2), format_number(factor * other, 2)]
     if texts[0] == texts[1] and one != other:
@@ -145,39 +145,40 @@ def _both(one: float, other: float, unit: str) -> tuple[str, str]:
 
 
 LACKS: Mapping[Lack, str] = {
-    "weak": "This is too weak to identify a cause. At least 10 is needed.",
-    "not-on-each": "It does not improve every held-out part.",
-    "not-sure": "Its improvement on held-out data may be chance.",
-    "no-gain": "It does not reduce the prediction error on held-out data.",
-    "brief": "Its time constant is shorter than the sampling interval. A sensor filter looks the same.",
+    "weak": "An improvement of at least 10 is required to identify a cause.",
+    "not-on-each": "The prediction does not improve on every held-out part.",
+    "not-sure": "The improvement on held-out data may be chance.",
+    "no-gain": "The prediction error on held-out data does not fall.",
+    "brief": "The time constant is shorter than the sampling interval. A sensor filter looks the same.",
     "no-model": (
-        "The disturbance is about as large as the commands, or the craft's time constant is shorter than one sample."
+        "The fit is not a usable model: the disturbance is about as large as the commands, or the craft's time "
+        "constant is shorter than one sample."
     ),
 }
 
 
 def hint_title(hint: Hint) -> str:
-    """Return the effect and its place, with the others of its group: those these runs do not distinguish from it."""
+    """Return the effect and its place, with the other effects that these runs do not distinguish from it."""
     return _begun(" or ".join([f"{effect_words(hint.cause)} ({hint.place})", *map(effect_words, hint.alike)]))
 
 
 def hint_notes(diagnosis: Diagnosis, hint: Hint) -> tuple[Note, ...]:
-    """Return what a hint would mean, its evidence, and what settles it."""
+    """Return what a hint would mean, its evidence, and how to decide the question."""
     numbers = ", ".join(f"{n} {value_words(v, n)}" for n, v in hint.parameters.items())
     means = plain_sentence(diagnosis, hint) + (f" Estimate: {numbers}." if numbers else "")
     return (
         Note(means, "What it would mean"),
         Note(_evidence(hint), "Evidence"),
-        Note(_settles(hint), "What settles it"),
+        Note(_settles(hint), "How to confirm or reject it"),
     )
 
 
 def _evidence(hint: Hint) -> str:
-    said = f"It improves the log-likelihood of these runs by {format_number(hint.gained, 2)}"
+    said = f"This cause improves the log-likelihood of these runs by {format_number(hint.gained, 2)}"
     if hint.unseen:
         parts = ", ".join(f"{v:+.1f}" for v in hint.unseen)
-        said += f", and by {sum(hint.unseen):+.1f} on held-out data ({hint.held_out}: {parts})"
-    return f"{said}. Noise alone gives some candidate as much in {_odds(hint.chance)}. {LACKS[hint.lacks]}"
+        said += f". Held-out data: {sum(hint.unseen):+.1f} ({hint.held_out}: {parts})"
+    return f"{said}. Noise alone improves some candidate as much in {_odds(hint.chance)}. {LACKS[hint.lacks]}"
 
 
 def _odds(chance: float) -> str:
@@ -188,10 +189,10 @@ def _odds(chance: float) -> str:
 
 def _settles(hint: Hint) -> str:
     more = (
-        f"{format_seconds(hint.needed)} of the same manoeuvres instead of {format_seconds(hint.seconds)}, since "
-        "evidence grows with their length"
+        f"Fly the same manoeuvres for {format_seconds(hint.needed)} in total instead of "
+        f"{format_seconds(hint.seconds)}: evidence grows with length"
     )
-    said = sentence(f"{more}; or {hint.separated_by}")
+    said = sentence(f"{more}. Alternatively: {hint.separated_by}")
     if hint.alike:
         said += f" These runs do not distinguish it from {' or '.join(effect_words(s) for s in hint.alike)}."
     return said

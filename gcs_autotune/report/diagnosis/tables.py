@@ -64,7 +64,10 @@ def gains_table(gains: Iterable[ErrorReduction]) -> Table:
 
 
 def numbers_table(numbers: Numbers) -> Table:
-    """Return each number of the user-supplied model, or of the plain model fitted to a simulation, and of the runs."""
+    """Return a table of all numbers of a model and their values from the runs.
+
+    It is the user-supplied model, or the plain model fitted to a simulation.
+    """
     explained = numbers.of == "model"
     rows = tuple(
         (
@@ -81,7 +84,7 @@ def numbers_table(numbers: Numbers) -> Table:
 
 
 def ranking_table(ranking: Iterable[Ranked]) -> Table:
-    """Return the candidates, best first; all but the best :data:`MOST_RANKED` are folded."""
+    """Return the table of candidates, best first. All but the best :data:`MOST_RANKED` are folded."""
     rows = tuple(
         (
             r.cause,
@@ -103,7 +106,8 @@ def format_p(p: float) -> str:
 
 
 def steps_of(diagnosis: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
-    """Return (heading, candidates) per step: added to the base model, then after the first cause, and so on."""
+    """Return (heading, candidates) per step of the search: added to the base model, then after the first cause, and so
+    on."""
     told_steps = []
     for step in sorted({r.step for r in diagnosis.ranking}):
         earlier = ", ".join(effect_words(c.effect.slug) for c in diagnosis.causes[: step - 1])
@@ -113,7 +117,7 @@ def steps_of(diagnosis: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]
 
 
 MOST_RANKED = 5
-"""Candidates shown per step; the page folds the others, JSON has all. Chosen."""
+"""Candidates shown per step. The page folds the others, and JSON contains all. Project choice."""
 
 FAMILIES: Mapping[Family, str] = {
     "data errors": "Data errors (in the file, not the craft)",
@@ -139,11 +143,11 @@ def effects_document(effects: Mapping[str, Effect]) -> Document:
             rows.append(("", f"shows in {effect.shown_by}"))
             if effect.mistaken_for:
                 others = ", ".join(effect_words(s) for s in effect.mistaken_for)
-                rows.append(("", f"mistaken for {others}; distinguished by {effect.separated_by}"))
+                rows.append(("", f"easily mistaken for {others}; to distinguish: {effect.separated_by}"))
         if rows:
             table = Table(("effect", "what; parameters"), "ll", tuple(rows))
             sections.append(Section(family.replace(" ", "-"), heading, (table,), facts=IN_RESULT))
-    about = Note(f"The bounds are for a reference craft: {CRAFT}. A fit derives them from its runs.")
+    about = Note(f"The bounds shown are for a reference craft: {CRAFT}. A fit derives its own from the runs.")
     sections.append(Section("bounds", "Bounds", (about,), facts=IN_RESULT))
     return Document("Effects", tuple(sections), facts=effects_to_dict(effects))
 
@@ -162,7 +166,7 @@ def _unit(unit: str) -> str:
 
 
 def effects_to_dict(effects: Mapping[str, Effect]) -> dict[str, Any]:
-    """Return the JSON form of the table of effects, in its own order; units as in the entries."""
+    """Return the JSON form of the table of effects, in its own order and with units as in the entries."""
     return {
         "schema": 1,
         "bounds_of": CRAFT,

@@ -63,11 +63,11 @@ __all__ = [
 
 
 MOST_PLACES = 3
-"""Most columns listed in a sentence. Chosen."""
+"""Most columns listed in a sentence. Project choice."""
 
 
 def effect_words(slug: str) -> str:
-    """Return a slug as words: ``dead-zone`` is ``dead zone``."""
+    """Return a slug as text: ``dead-zone`` is ``dead zone``."""
     return slug.replace("-", " ")
 
 
@@ -77,7 +77,8 @@ def signal_words(signal: str) -> str:
 
 
 def place_words(place: str) -> str:
-    """Return where an effect sits: ``N`` is ``yaw moment (N)``, ``yaw`` stays, ``t`` is the file's clock."""
+    """Return the name of the place of an effect: ``N`` is ``yaw moment (N)``, ``yaw`` stays, ``t`` is the file's
+    clock."""
     parts = place.split("+")
     if len(parts) > MOST_PLACES:
         return f"{len(parts)} columns ({', '.join(parts)})"
@@ -102,7 +103,7 @@ def named(cause: Cause) -> str:
 def value_words(value: Value, name: str = "") -> str:
     """Return a number with its standard error in its own unit, angles also in degrees.
 
-    name : of the parameter: an ``anchor`` or a ``direction`` in radians is a heading.
+    name : name of the parameter; an ``anchor`` or a ``direction`` in radians is a heading.
     """
     number = format_parameter(name, value.value, value.std, value.unit)
     shown = pretty_unit(value.unit)
@@ -115,7 +116,7 @@ def value_words(value: Value, name: str = "") -> str:
 
 
 NOISE_P = 0.01
-"""p-value of the whiteness test below which a residual counts as not noise. Chosen."""
+"""p-value of the whiteness test below which a residual counts as not white. Project choice."""
 
 _TONES: Mapping[str, Tone] = {
     "wrong-numbers": "good",
@@ -126,7 +127,7 @@ _TONES: Mapping[str, Tone] = {
     "no-effect": "good",
     "unfinished": "neutral",
 }
-"""Verdict -> tone; good means reliable, whether pleasant or not."""
+"""Verdict -> tone. Good means that the result is reliable, whether pleasant or not."""
 
 
 def verdict_of(diagnosis: Diagnosis) -> Verdict:
@@ -140,13 +141,13 @@ def verdict_of(diagnosis: Diagnosis) -> Verdict:
 def _verdict(diagnosis: Diagnosis) -> Verdict:
     tone = _TONES[diagnosis.verdict]
     if diagnosis.verdict == "no-effect":
-        follows = ["This holds for the motion of these runs; other motion may show more."]
+        follows = ["This holds for the motion in these runs. Other motion may show a missing effect."]
         if diagnosis.numbers is not None and diagnosis.numbers.rows:
             follows.insert(0, f"These runs agree with every number of the {diagnosis.numbers.of}.")
         return Verdict(_nothing(diagnosis), "neutral" if diagnosis.doubts else tone, tuple(follows))
     if diagnosis.verdict == "unfinished":
         return Verdict(
-            _unfinished(diagnosis), tone, ("No cause is reported: the rest of the search may reject any of them.",)
+            _unfinished(diagnosis), tone, ("No cause is reported yet: the rest of the search may still reject it.",)
         )
     if diagnosis.verdict == "unexplained":
         return Verdict(_unexplained(diagnosis), tone, _findings(diagnosis.left))
@@ -154,12 +155,12 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
     if diagnosis.verdict == "partly-explained":
         sentences.append(_hypotheses(diagnosis))
     elif diagnosis.verdict == "wrong-numbers":
-        sentences.append("With these numbers the runs show no missing effect.")
+        sentences.append("With the numbers corrected, the runs show no missing effect.")
     else:
-        followed = "With this the simulation follows the held-out data"
+        followed = "The extended model follows the held-out data"
         sentences.append(f"{followed}{_as_closely(diagnosis.left)}.")
     if diagnosis.indistinguishable:
-        sentences.append("Other causes remain possible: see below what these runs do not distinguish.")
+        sentences.append("Other causes remain possible. See below: causes that these runs do not distinguish.")
     return Verdict(
         _wrong(diagnosis.numbers, diagnosis) if diagnosis.numbers and diagnosis.wrong_numbers else _found(diagnosis),
         tone,
@@ -168,17 +169,17 @@ def _verdict(diagnosis: Diagnosis) -> Verdict:
 
 
 NEARLY = 0.02
-"""Relative difference up to which a number is not reported as wrong. Chosen."""
+"""Relative difference up to which a number is not reported as wrong. Project choice."""
 
 HALF_WIDTH = 1.96
-"""Standard errors to either end of a 95 % interval."""
+"""Number of standard errors to either end of a 95 % interval."""
 
 MOST_NUMBERS = 4
-"""Most wrong numbers listed in the headline. Chosen."""
+"""Most wrong numbers listed in the headline. Project choice."""
 
 
 def _wrong(numbers: Numbers, diagnosis: Diagnosis) -> str:
-    """Return the headline of wrong numbers, which takes precedence over causes."""
+    """Return the headline on wrong numbers, which has priority over causes."""
     wrong = numbers.wrong
     parts = [_against(n) for n in wrong[:MOST_NUMBERS]]
     if len(wrong) > MOST_NUMBERS:
@@ -197,12 +198,12 @@ def _against(number: Number) -> str:
 
 
 def given_words(number: Number) -> str:
-    """Return the model's value with half its 95 % interval, if stated, in its own unit."""
+    """Return the model's value with half its 95 % interval, if known, in its own unit."""
     return "not stated" if math.isnan(number.given) else format_value(number.given, HALF_WIDTH * number.given_std)
 
 
 def found_words(number: Number) -> str:
-    """Return the value from the runs with half its 95 % interval, in the unit of the model."""
+    """Return the value from the runs with half its 95 % interval, in the model's unit."""
     if math.isnan(number.value):
         return NOT_IDENTIFIABLE
     if number.of_record:
@@ -212,7 +213,7 @@ def found_words(number: Number) -> str:
 
 
 def standing(number: Number) -> str:
-    """Return in a word or two whether the runs agree with a number."""
+    """Return a short text on whether the runs agree with a number."""
     if number.wrong:
         return "wrong"
     off = abs(number.value - number.given)
@@ -226,44 +227,48 @@ def standing(number: Number) -> str:
 
 
 def _beside_numbers(diagnosis: Diagnosis) -> list[str]:
-    """Return the improvement by corrected numbers, then that by causes."""
+    """Return the improvement due to corrected numbers, then that due to causes."""
     sentences = []
     if diagnosis.numbers is not None and diagnosis.wrong_numbers:
         sentences.append(numbers_sentence(diagnosis.numbers, causes=bool(diagnosis.causes)))
         sentences += scale_words(diagnosis.numbers)
         if diagnosis.causes:
-            sentences.append("On top of that " + _found(diagnosis))
+            sentences.append("Also " + _found(diagnosis))
     if diagnosis.gain is not None:
         sentences.append(gain_sentence(diagnosis.gain))
         if diagnosis.numbers is not None:
             owner = diagnosis.numbers.of
-            fitted, as_it_is = "fitted to these runs", "without fitting, which alone increases its error"
+            fitted, as_it_is = "fitted to these runs", "as supplied. Fitting it to these runs increases its error"
             over = fitted if diagnosis.numbers.over == "fitted" else as_it_is
             sentences.append(f"This improvement is relative to the {owner} {over}.")
     return sentences
 
 
 def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
-    """Return the improvement by corrected numbers on held-out data, before any cause is added."""
+    """Return the improvement on held-out data due to corrected numbers, before any cause is added."""
     gain = numbers.gain
     if all(n.of_record for n in numbers.wrong):
-        return "This was corrected before any other comparison."
+        return "The correction was made before any other comparison."
     if gain is None:
         return f"Without correction the {numbers.of} diverges on these runs."
     if gain.ratio >= 1.0:
-        return "They compensate for a missing effect: corrected alone, they do not reduce the held-out error."
+        return (
+            "The wrong numbers compensate for a missing effect. Correcting only them does not reduce the held-out "
+            "error."
+        )
     before, after = (format_error(e, gain.unit, 3) for e in (gain.before, gain.after))
     interval = interval_words(gain)
-    these = "these" if len(numbers.wrong) > 1 else "this"
+    these = "these numbers" if len(numbers.wrong) > 1 else "this number"
     return (
         f"With {these} corrected{', before any cause is added' if causes else ''},"
         f" the error of the simulated {signal_words(gain.signal)}{_ahead(gain)} falls from {before} to {after}"
-        " on held-out data" + (f" (to {format_share(gain.ratio)}; 95 % interval {interval})." if interval else ".")
+        " on held-out data"
+        + (f" (to {format_share(gain.ratio)} of the error before; 95 % interval {interval})." if interval else ".")
     )
 
 
 def scale_words(numbers: Numbers) -> list[str]:
-    """Return the alternative explanation if every non-zero number is wrong by one factor, else nothing."""
+    """Return the alternative explanation if every non-zero number is wrong by one factor; else nothing."""
     rows = [n for n in numbers.rows if n.given != 0.0 and n.value != 0.0]
     if numbers.of != "model" or len(numbers.wrong) < 2 or not all(n.wrong for n in rows):
         return []
@@ -273,7 +278,8 @@ def scale_words(numbers: Numbers) -> list[str]:
     if np.any(np.abs(factors - mean) > 3.0 * errors):
         return []
     return [
-        f"All differ by one factor ({format_number(mean, 3)}). The scale of the commands is an equally likely cause."
+        f"All numbers differ by the same factor ({format_number(mean, 3)}). "
+        "A wrong scale of the commands is an equally likely cause."
     ]
 
 
@@ -312,7 +318,7 @@ def _found(diagnosis: Diagnosis) -> str:
 
 
 def _named_by_kind(diagnosis: Diagnosis) -> str:
-    """Return the causes: errors first, then effects that a first model of such a craft commonly omits."""
+    """Return the causes: errors first, then effects that a first model of such a craft usually omits."""
     causes = diagnosis.causes
     alone = len(causes) == 1 and causes[0].parameters
     names = [(c.is_structural, f"{named(c)}, {_parameters(c)}" if alone else named(c)) for c in causes]
@@ -321,7 +327,7 @@ def _named_by_kind(diagnosis: Diagnosis) -> str:
 
 
 def base_words(diagnosis: Diagnosis) -> str:
-    """Return the name of the examined simulation: the user-supplied one, else the plain model fitted to the runs."""
+    """Return the name of the examined simulation: the user-supplied one, or the plain model fitted to the runs."""
     return "the plain model" if diagnosis.numbers is None else f"the {diagnosis.numbers.of}"
 
 
@@ -341,7 +347,7 @@ def _nothing(diagnosis: Diagnosis) -> str:
 
 
 def _is_noise(left: Signature) -> bool:
-    """Return whether a residual is consistent with noise; a correlated one is not."""
+    """Return whether a residual is consistent with white noise; a correlated one is not."""
     return not left.whiteness_p < NOISE_P
 
 
@@ -358,7 +364,7 @@ def _as_closely(left: Signature) -> str:
 
 
 def _ahead(gain: ErrorReduction) -> str:
-    """Return the prediction horizon of an error, if no free run was possible."""
+    """Return the prediction horizon of an error if no free run was possible."""
     return f" {gain.metric.removeprefix('error ')}" if gain.metric.endswith(" s ahead") else ""
 
 
@@ -372,26 +378,26 @@ def _unexplained(diagnosis: Diagnosis) -> str:
     if math.isfinite(error):
         said += f": the error of the simulated {signal_words(signal)} is {format_error(error, unit, 3)}"
     if not diagnosis.tried:
-        return f"{said}. No candidate was tried completely."
+        return f"{said}. The search finished none of the candidates."
     if diagnosis.hints:
         return f"{said}. Of {diagnosis.tried} candidates tried, {len(diagnosis.hints)} are reported as hints."
     return f"{said}. None of the {diagnosis.tried} candidates tried improves prediction of held-out data."
 
 
 def _unfinished(diagnosis: Diagnosis) -> str:
-    """Return the sentence of a stopped search: the limit reached, and how to continue."""
+    """Return a sentence on a stopped search: the limit reached, and how to continue."""
     what = "work" if any(d.slug == "out-of-work" for d in diagnosis.doubts) else "time"
     return f"Unfinished: the search reached its {what} limit and was stopped. Use --resume to continue."
 
 
 def first_gain(diagnosis: Diagnosis) -> ErrorReduction | None:
-    """Return the gain relative to the original simulation: by corrected numbers, else by causes."""
+    """Return the gain relative to the original simulation, from corrected numbers or else from causes."""
     numbers = None if diagnosis.numbers is None else diagnosis.numbers.gain
     return diagnosis.gain if numbers is None else numbers
 
 
 def base_error(diagnosis: Diagnosis) -> tuple[float, str, str]:
-    """Return the base model's error, its unit and signal: held out if measured, else of the plotted runs."""
+    """Return the base model's error, its unit and signal: on held-out data if measured, else on the plotted runs."""
     first = first_gain(diagnosis)
     if first is not None:
         return first.before, first.unit, first.signal
@@ -404,7 +410,7 @@ def base_error(diagnosis: Diagnosis) -> tuple[float, str, str]:
 
 
 def gain_sentence(gain: ErrorReduction) -> str:
-    """Return one signal's gain with its interval."""
+    """Return a sentence with one signal's gain and its interval."""
     said = (
         f"Error of the simulated {signal_words(gain.signal)} on held-out data: "
         f"{format_error(gain.before, gain.unit, 3)} before, {format_error(gain.after, gain.unit, 3)} after (RMS)"
@@ -416,7 +422,7 @@ def gain_sentence(gain: ErrorReduction) -> str:
 
 
 def interval_words(gain: ErrorReduction) -> str:
-    """Return ``12 % to 19 %``; empty if unknown."""
+    """Return an interval as text, e.g. ``12 % to 19 %``; empty if unknown."""
     low, high = gain.ci95
     return f"{format_share(low)} to {format_share(high)}" if math.isfinite(low) and math.isfinite(high) else ""
 
@@ -427,7 +433,7 @@ def missing_over(curve: MissingCurve) -> str:
 
 
 def left_sentence(left: Signature) -> str:
-    """Return the result of the whiteness test of a residual."""
+    """Return a sentence with the result of the whiteness test of a residual."""
     if not math.isfinite(left.whiteness_p):
         return ""
     p = left.whiteness_p

@@ -1,4 +1,4 @@
-"""The report of a flight (a manoeuvre or a plan), and of a preview. One function per section."""
+"""The report of a flight (a manoeuvre or a plan) and of a preview, with one function per section."""
 
 from __future__ import annotations
 
@@ -62,8 +62,10 @@ class FlightModel:
 
 @dataclass(frozen=True, slots=True)
 class TrialSummary:
-    """A run of a self-planned trial: ``why`` it was flown, its duration [s], the precision ``known`` after it, how
-    well [%] the previous model predicted it (``predicted``; NaN: there was none), and why it was the last.
+    """A run of a self-planned trial.
+
+    ``why``: the reason for it. Its duration [s]. ``known``: the precision after it. ``predicted``: how well [%] the
+    previous model predicted it; NaN: there was no such model. The last one also has the reason why it was the last.
     """
 
     run: str
@@ -78,8 +80,8 @@ class TrialSummary:
 class FlightStory:
     """A flight: its ``title``, ISO 8601 moment ``when`` and each run ``flown`` as (name, record).
 
-    ``predicted``: the predicted run, for the track of a single run. ``sheets``, ``models``: what was read off the
-    records; ``remarks``: what they do not show. ``steps``: of a self-planned trial.
+    ``predicted``: the predicted run, for the track of a single run. ``sheets``, ``models``: results from the records.
+    ``remarks``: results that the records do not determine. ``steps``: steps of a self-planned trial.
     """
 
     title: str
@@ -93,12 +95,12 @@ class FlightStory:
 
     @property
     def is_single(self) -> bool:
-        """Whether it is one run."""
+        """Whether the flight is one run."""
         return len(self.flown) == 1
 
 
 def flight_document(story: FlightStory) -> Document:
-    """Return the report of a flight: figures, models, and of each run signals and track."""
+    """Return the report of a flight: figures and models, and the signals and track of each run."""
     flown, steps = story.flown, story.steps
     what = flown[0][1].reason if story.is_single else f"{len(flown)} runs, {_together([t for _, t in flown])}"
     oscillates = any(figure.slug == "oscillation" for sheet in story.sheets for figure in sheet.figures)
@@ -124,7 +126,7 @@ def flight_document(story: FlightStory) -> Document:
 
 
 def preview_document(title: str, when: str, seen: Sequence[tuple[str, Trial, str, str]]) -> Document:
-    """Return a preview: per run its name, record, time and space, and the reason not to fly it, if any."""
+    """Return a preview: for each run its name, record, time and space, and the reason not to fly it, if any."""
     troubles = [trouble if len(seen) == 1 else f"{name}: {trouble}" for name, _, _, trouble in seen if trouble]
     good = f"Predicted: {seen[0][2]}." if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
     each = tuple(f"Predicted: {name}: {words}." for name, _, words, _ in seen) if len(seen) > 1 else ()
@@ -160,14 +162,14 @@ def _runs(story: FlightStory) -> Iterator[Section]:
 
 _HOW_TO_READ_COURSE = (
     "After each run the model was identified again. The next run was the one expected to reach the required precision "
-    'in the least time. "Held-out prediction": how much of a run the model of the previous runs explained.'
+    'in the least time. "Held-out prediction": how much of a run the model from the earlier runs explained.'
 )
 
 
 def _course(story: FlightStory) -> Iterator[Section]:
     if story.steps:
         rows = tuple((s.run, s.why, format_seconds(s.seconds), _predicted(s), s.known) for s in story.steps)
-        table = Table(("run", "why", "length", "held-out prediction", "precision after it"), "llrrl", rows)
+        table = Table(("run", "reason", "length", "held-out prediction", "precision after the run"), "llrrl", rows)
         note = Note(_HOW_TO_READ_COURSE, kind="quiet")
         yield Section("story", "Course of the trial", (note, table), facts=IN_RESULT)
 
@@ -204,15 +206,15 @@ def _record(story: FlightStory) -> Iterator[Section]:
 
 
 SECTIONS = (_runs, _course, _sheets, _models, _record)
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""
 
 
 MOST_SIGNALS = 12
-"""Most runs whose signals are plotted; chosen so that the page stays small."""
+"""Most runs whose signals are plotted, so that the page stays small. Project choice."""
 
 
 def _signals(trial: Trial, name: str = "", *, predicted: bool = False) -> Iterator[Figure]:
-    """Yield motion and inputs of a run, if it has both."""
+    """Yield the plots of motion and inputs of a run, if it has both."""
     signals = [n for n in ("psi", "z", "u") if n in trial and len(trial[n]) > 1 and np.ptp(trial[n].values) > 0.0][:2]
     inputs = [n for n in ("N", "X", "Z", "Y") if n in trial and len(trial[n]) > 1 and trial[n].values.any()]
     if not signals or not inputs:
@@ -236,7 +238,7 @@ def _draw_signals(trial: Trial, signals: Sequence[str], inputs: Sequence[str]) -
 
 
 def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> Iterator[Figure]:
-    own = "Model (free run) and measurement. Below: the residual."
+    own = "Model (simulated from the inputs alone) and measurement. Below: the residual."
     unseen = () if model.unseen is None else model.unseen.traces
     shown = [*((t, own) for t in model.fit.traces), *((t, f"Held-out prediction of {t.run}.") for t in unseen)]
     for i, (trace, caption) in enumerate(shown):
@@ -246,7 +248,7 @@ def _fits(model: FlightModel, runs: Mapping[str, Trial]) -> Iterator[Figure]:
 
 
 def _track(runs: Mapping[str, Trial]) -> Figure:
-    caption = "Track from its start, north up; the prediction starts heading north."
+    caption = "Track from its start, north up. The predicted track starts with heading north."
     return Figure("track", caption, partial(draw_track, {n: _from_origin(trial) for n, trial in runs.items()}))
 
 

@@ -19,8 +19,8 @@ from gcs_autotune.report.toolkit.canvas import AFTER, INK, WANTED, legend, new_a
 from gcs_autotune.report.toolkit.document import Document, Figure, Section, Table, Verdict
 from gcs_autotune.report.toolkit.figures import finite, thin
 from gcs_autotune.report.toolkit.wording import UNKNOWN, format_moment, format_number, to_people
-from gcs_autotune.sname import SIGNALS
-from gcs_autotune.trial import Trial
+from gcs_autotune.sname import SIGNALS, wrap
+from gcs_autotune.trial import Mark, Trial
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -31,10 +31,13 @@ __all__ = [
     "HeldDistance",
     "HeldLine",
     "HeldLoop",
+    "HeldPosition",
     "LineFigures",
+    "PositionFigures",
     "distance_figures",
     "figures_on",
     "hold_document",
+    "position_figures",
 ]
 
 Array = NDArray[np.float64]
@@ -220,14 +223,129 @@ class HeldDistance:
         }
 
 
-Held = HeldLoop | HeldLine | HeldDistance
+@dataclass(frozen=True, slots=True)
+class PositionFigures:
+    """How a position was held, in the last third of each leg: ``rms`` distance from it [m], ``heading`` error [rad];
+    ``furthest``: greatest distance beyond a target [m].
+    """
+
+    rms: float
+    heading: float
+    furthest: float
+
+
+def position_figures(trial: Trial) -> PositionFigures:
+    """Return the figures of a held position."""
+    legs = [m for m in trial.marks if m.kind == "target"]
+    ends = [m.t for m in legs[1:]] + [trial.end]
+    away, turned, beyond = [], [], [0.0]
+    t = trial["x"].t
+    x, y, psi = (np.interp(t, trial[name].t, trial[name].values) for name in ("x", "y", "psi"))
+    before = _place(legs[0])
+    for mark, end in zip(legs, ends, strict=True):
+        at = _place(mark)
+        late = (t >= mark.t + (end - mark.t) * 2.0 / 3.0) & (t <= end)
+        away.append(np.hypot(x[late] - at[0], y[late] - at[1]))
+        turned.append(np.array([wrap(float(value) - at[2]) for value in psi[late]]))
+        north, east = at[0] - before[0], at[1] - before[1]
+        size, leg = math.hypot(north, east), (t >= mark.t) & (t <= end)
+        if size > 0.0:
+            beyond.append(float(np.max(((x[leg] - at[0]) * north + (y[leg] - at[1]) * east) / size)))
+        before = at
+    rms = float(np.sqrt(np.mean(np.concatenate(away) ** 2)))
+    return PositionFigures(rms, float(np.sqrt(np.mean(np.concatenate(turned) ** 2))), max(beyond))
+
+
+def _place(mark: Mark) -> tuple[float, float, float]:
+    return float(mark.detail["x"]), float(mark.detail["y"]), float(mark.detail["psi"])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldPosition:
+    """A position held by a law of our own: the designs of surge, sway and yaw, the record and its figures."""
+
+    law: str
+    designs: tuple[OwnDesign, OwnDesign, OwnDesign]
+    trial: Trial
+    figures: PositionFigures
+
+    @property
+    def follows(self) -> bool:
+        """Whether it holds the position, within :data:`AT_DISTANCE`."""
+        return self.figures.rms <= AT_DISTANCE
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain data."""
+        names = ("surge", "sway", "yaw")
+        return {
+            "schema": 1,
+            "law": self.law,
+            "follows": self.follows,
+            "omega_0": {name: d.wanted.omega_0 for name, d in zip(names, self.designs, strict=True)},
+            "position": asdict(self.figures),
+        }
+
+
+Held = HeldLoop | HeldLine | HeldDistance | HeldPosition
 
 
 def hold_document(held: Held, heading: str = "", when: str = "") -> Document:
     """Return the report: does the craft follow, the gains, the margins, the flight."""
+    if isinstance(held, HeldPosition):
+        return _position_document(held, heading, when)
     if isinstance(held, HeldDistance):
         return _distance_document(held, heading, when)
     return _line_document(held, heading, when) if isinstance(held, HeldLine) else _loop_document(held, heading, when)
+
+
+def _position_document(held: HeldPosition, heading: str, when: str) -> Document:
+    found = held.figures
+    text = (
+        f"The craft holds its position within {100.0 * found.rms:.1f} cm rms."
+        if held.follows
+        else f"The craft does not hold its position: {100.0 * found.rms:.1f} cm rms."
+    )
+    rows = (
+        ("distance from the target, rms", f"{100.0 * found.rms:.1f}", "cm"),
+        ("heading error, rms", f"{math.degrees(found.heading):.1f}", "deg"),
+        ("overshoot", f"{100.0 * found.furthest:.1f}", "cm"),
+    )
+    loops = tuple(
+        (name, format_number(d.wanted.omega_0, 3), f"{d.margins.vector:.2f}")
+        for name, d in zip(("surge", "sway", "yaw"), held.designs, strict=True)
+    )
+    heads = ("motion", "fastest loop [rad/s]", "vector margin")
+    return Document(
+        title=heading,
+        when=format_moment(when),
+        verdict=Verdict(text, "good" if held.follows else "bad", (f"{held.law.capitalize()} control.",)),
+        sections=(
+            Section("position", "Position", (Table(("figure", "flown", "unit"), "lrl", rows), *_held_track(held))),
+            Section("loops", "What each motion allows", (Table(heads, "lrr", loops),)),
+        ),
+        facts=held.to_dict(),
+    )
+
+
+def _held_track(held: HeldPosition) -> Iterator[Figure]:
+    yield Figure("own-position", "Position and heading against time, and the targets.", partial(_draw_position, held))
+
+
+def _draw_position(held: HeldPosition) -> Drawing:
+    trial = held.trial
+    legs = [m for m in trial.marks if m.kind == "target"]
+    t = np.array([m.t for m in legs] + [trial.end]) - trial.start
+    figure, axes = new_axes((1.5, 1.5, 1.5))
+    for panel, name, label in zip(axes, ("x", "y", "psi"), ("north [m]", "east [m]", "heading [deg]"), strict=True):
+        factor = math.degrees(1.0) if name == "psi" else 1.0
+        seen = thin(finite(trial[name].t - trial.start, factor * trial[name].values))
+        panel.plot(seen.t, seen.y, color=AFTER, lw=1.2, label="flown")
+        wanted = [factor * float(m.detail[name]) for m in legs]
+        panel.step(t, [*wanted, wanted[-1]], where="post", color=WANTED, lw=1.0, label="commanded")
+        panel.set_ylabel(label)
+    legend(axes[0], 2)
+    axes[-1].set_xlabel("time [s]")
+    return figure
 
 
 def _distance_document(held: HeldDistance, heading: str, when: str) -> Document:

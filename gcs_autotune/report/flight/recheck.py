@@ -1,4 +1,4 @@
-"""The report of a recheck of an old tune."""
+"""The report of a recheck of the gains of an earlier tune."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _record(check: LoopCheck, run: Trial | None) -> Iterator[Section]:
 
 
 SECTIONS = (_metrics, _record)
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""
 
 
 def _numbers(check: LoopCheck) -> Table:
@@ -120,8 +120,8 @@ def _numbers(check: LoopCheck) -> Table:
     std = now.overshoot_std
     rows = [
         _row("step overshoot", "%", 100.0, now.overshoot, math.nan if then is None else then.overshoot, std),
-        _row("rise time, 10 to 90 %", "s", 1.0, now.rise, math.nan if then is None else then.rise),
-        _row("settling time, to 5 %", "s", 1.0, now.settling, math.nan if then is None else then.settling),
+        _row("rise time (10 to 90 %)", "s", 1.0, now.rise, math.nan if then is None else then.rise),
+        _row("settling time (to within 5 %)", "s", 1.0, now.settling, math.nan if then is None else then.settling),
         _row("damping ratio", "", 1.0, now.damping, math.nan),
         _row("oscillation at constant command", f"{unit} amplitude", factor, now.oscillation, math.nan),
         _row("period of this oscillation", "s", 1.0, now.period, math.nan),
@@ -140,11 +140,11 @@ def _row(name: str, unit: str, factor: float, now: float, then: float, std: floa
 
 
 def _response(axis: str, run: Trial) -> Iterator[Figure]:
-    """Yield the plot of command and response, relative to the course."""
+    """Yield the plot of command and response, relative to the initial course."""
     signal = axis_kind(axis).stepped
     commanded = [(m.t, float(m.detail[f"{signal}_ref"])) for m in run.marks if f"{signal}_ref" in m.detail]
     if signal in run and commanded:
-        caption = f"Commanded and flown {axis}. A well damped loop follows quickly, without oscillation."
+        caption = f"Commanded and measured {axis}. A well damped loop follows quickly, without oscillation."
         yield Figure("recheck", caption, partial(_draw_response, axis, run, commanded))
 
 
@@ -161,7 +161,7 @@ def _draw_response(axis: str, run: Trial, commanded: Sequence[tuple[float, float
     axes.lines[-1].set_label("commanded")
     if SIGNALS[signal].down:
         axes.invert_yaxis()
-    axes.set_ylabel(f"{axis} [{unit}]" if not SIGNALS[signal].wraps else f"{axis} relative to course [{unit}]")
+    axes.set_ylabel(f"{axis} [{unit}]" if not SIGNALS[signal].wraps else f"{axis} relative to its course [{unit}]")
     axes.set_xlabel("time [s]")
     legend(axes, 2)
     return figure

@@ -1,4 +1,4 @@
-"""Figures of results, for notebooks and for the pages. Results are plain data; this is where they are drawn."""
+"""Figures of results, for notebooks and pages. Results are plain data; only this package plots them."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ __all__ = [
 def plot(
     result: Fit[Model] | Proposal | Diagnosis, ax: Axes | None = None, *, run: str = "", signal: str = ""
 ) -> Figure | Axes:
-    """Draw *result*; return the new figure, or *ax* where one is given.
+    """Plot *result*; return the new figure, or *ax* if it is supplied.
 
-    A fit: model against measurement and what is left, per run and signal; on *ax* one trace. A proposal: the step
-    predicted with the old gains and with the new. A diagnosis: what the simulation leaves of a run, before and with the
-    causes. *run* and *signal* select a trace; empty: the first. SI units; angles of a fit in degrees.
+    A fit: model, measurement and residual per run and signal; on *ax* one trace. A proposal: the predicted step with
+    the old and the new gains. A diagnosis: the residual of the simulation without and with the causes. *run* and
+    *signal* select a trace; empty: the first. Units are SI, but angles of a fit are in degrees.
 
     Raises
     ------
@@ -57,4 +57,4 @@ def plot(
         return plot_step(result, ax)
     if isinstance(result, Diagnosis):
         return plot_residuals(result, ax, run, signal)
-    raise UsageError(f"a {type(result).__name__} has no plot; a fit, a proposal and a diagnosis have one")
+    raise UsageError(f"a {type(result).__name__} has no plot. Plot a fit, a proposal or a diagnosis")

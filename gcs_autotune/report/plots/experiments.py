@@ -20,7 +20,7 @@ BLUE, RED, GREY = "#1f5fa8", "#b04a3a", "#888888"
 
 
 def correlation_plot(found: Identifiability) -> Figure:
-    """Return the correlation matrix of the estimates: dark squares off the diagonal are parameters moving together."""
+    """Return a plot of the correlation of the estimates. A dark square off the diagonal is a correlated pair."""
     from matplotlib.figure import Figure
 
     p = len(found.names)
@@ -35,7 +35,7 @@ def correlation_plot(found: Identifiability) -> Figure:
 
 
 def profile_plot(profiles: Sequence[Profile]) -> Figure:
-    """Return one curve per parameter: the rise of the deviance, with the level at which the interval ends."""
+    """Return a plot of the rise of the deviance for each parameter, with the level at which the interval ends."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(3.2 * max(len(profiles), 1), 2.8), layout="constrained")
@@ -50,14 +50,15 @@ def profile_plot(profiles: Sequence[Profile]) -> Figure:
         axes.locator_params(axis="x", nbins=4)
         axes.set_xlabel(f"{found.name} [{found.unit}]")
         axes.set_title("closed" if found.closed else "open", fontsize="small", loc="left")
-    grid[0].set_ylabel("rise of -2 log L")
+    grid[0].set_ylabel("increase of -2 log-likelihood")
     return figure
 
 
 def plan_plot(proposal: RankedManoeuvre, plan: Ranking | None = None) -> Figure:
-    """Return bars of the relative standard errors before and after *plan* (the best one), on a logarithmic scale.
+    """Return a bar plot of the relative standard errors before and after *plan* (the best one), on a logarithmic
+    scale.
 
-    An infinite one reaches the right edge.
+    An infinite standard error reaches the right edge.
     """
     from matplotlib.figure import Figure
 
@@ -69,7 +70,7 @@ def plan_plot(proposal: RankedManoeuvre, plan: Ranking | None = None) -> Figure:
     figure = Figure(figsize=(7.0, 1.2 + 0.32 * len(rows)), layout="constrained")
     axes = figure.subplots()
     axes.barh(rows - 0.2, np.minimum(before, edge), 0.38, color=GREY, label="from the runs so far")
-    axes.barh(rows + 0.2, np.minimum(after, edge), 0.38, color=BLUE, label="with the manoeuvre")
+    axes.barh(rows + 0.2, np.minimum(after, edge), 0.38, color=BLUE, label="with the proposed manoeuvre")
     axes.set_yticks(rows, proposal.names, fontsize="small")
     axes.invert_yaxis()
     axes.set_xscale("log")

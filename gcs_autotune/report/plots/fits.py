@@ -1,6 +1,6 @@
-"""Figures of a fit. Angles are drawn in degrees.
+"""Figures of a fit. Angles are plotted in degrees.
 
-Matplotlib is imported when the first one is drawn.
+Matplotlib is imported with the first plot.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ __all__ = ["draw_trace", "fit_plot", "label_as_read", "plot_trace"]
 Array = NDArray[np.float64]
 
 MEASURED, MODEL, BAND, INK = "#d55e00", "#0072b2", "#9ecae1", "#222222"
-"""The colour-blind-safe set of Okabe2008."""
+"""Colours from the colour-blind-safe palette of Okabe2008."""
 
 MOST_POINTS = 900
 """Most samples plotted per trace; more are not distinguishable."""
 
 
 def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
-    """Draw measured and fitted motion on *top*, what is left over on *bottom*, from the trace's own start on."""
+    """Plot measured and fitted motion on *top* and the residual on *bottom*, from the trace's own start."""
     t, band, left, unit = _draw_motion(top, trace, label)
     bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
     bottom.plot(t, left, color=INK, lw=0.8)
@@ -42,7 +42,7 @@ def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
 
 
 def _draw_motion(top: Axes, trace: Trace, label: str) -> tuple[Array, Array, Array, str]:
-    """Draw measured and fitted motion; return time, band, measured minus fitted, and the unit shown."""
+    """Plot measured and fitted motion. Return time, band, measured minus fitted, and the unit shown."""
     degrees = "rad" in trace.unit or not trace.unit
     scale, unit = (math.degrees(1.0), (trace.unit or "rad").replace("rad", "°")) if degrees else (1.0, trace.unit)
     name = label or SIGNALS.get(trace.signal, ("", trace.signal))[1].split(",")[0]
@@ -58,10 +58,10 @@ def _draw_motion(top: Axes, trace: Trace, label: str) -> tuple[Array, Array, Arr
 
 
 def label_as_read(axes: Axes, signal: str, first: float) -> None:
-    """Label a vertical axis of *signal* the way it is read aloud, of which *first* [deg, m] is the first value drawn.
+    """Label a vertical axis of *signal*; *first* [deg, m] is the first plotted value.
 
-    Depth grows downwards. A heading begins within 0 to 360 degrees and goes on beyond that: labels wrapped one by one
-    would read 300, 0, 60 upwards.
+    Depth increases downwards. A heading starts within 0 to 360 degrees and continues beyond that range. If labels were
+    wrapped one by one they would read 300, 0, 60 upwards.
     """
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -77,17 +77,17 @@ def label_as_read(axes: Axes, signal: str, first: float) -> None:
 
 
 def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "") -> Axes:
-    """Draw the first of *traces* (that of *run* and *signal* where named) on *ax* and return it.
+    """Plot the first of *traces*, or the one of *run* and *signal* if supplied, on *ax* and return *ax*.
 
     Raises
     ------
     UsageError
-        There is none.
+        There is no such trace.
     """
     found = next((t for t in traces if run in ("", t.run) and signal in ("", t.signal)), None)
     if found is None:
         have = ", ".join(f"{t.signal} of {t.run}" for t in traces) or "none"
-        raise UsageError(f"there is no trace of {signal or 'any signal'} of {run or 'any run'}; there is: {have}")
+        raise UsageError(f"no trace of {signal or 'any signal'} of {run or 'any run'}. Available: {have}")
     _draw_motion(ax, found, "")
     ax.set_xlabel("time [s]")
     ax.legend(fontsize="small")
@@ -95,7 +95,7 @@ def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "
 
 
 def fit_plot(fit: Fit[Model]) -> Figure:
-    """Return a figure: per run and signal the measured and the fitted motion, below what is left over."""
+    """Return a figure with the measured and the fitted motion for each run and signal, and the residual below."""
     from matplotlib.figure import Figure
 
     traces = fit.traces

@@ -1,4 +1,4 @@
-"""The Bode diagram of an empirical response, with its confidence band, coherence, and models beside it."""
+"""The Bode diagram of a measured frequency response, with its confidence band, coherence, and models to compare."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ COLOURS = ("#1f5fa8", "#b04a3a", "#3a8a4a", "#8a5aa8")
 def frequency_plot(
     response: FrequencyResponse, models: Mapping[str, Nomoto1 | Nomoto2 | TransferFunction] | None = None
 ) -> Figure:
-    """Return magnitude [dB], phase [deg] and coherence over frequency [rad/s].
+    """Return a figure with magnitude [dB], phase [deg] and coherence over frequency [rad/s].
 
-    Points below the coherence that counts as measured are drawn pale; the bars hold the truth with 95 % probability.
+    Points with too low a coherence are pale. The bars contain the true value with 95 % probability.
 
     Parameters
     ----------
-    models : name for the legend -> model whose response is drawn as a line.
+    models : name for the legend -> model whose response is plotted as a line.
     """
     from matplotlib.figure import Figure
 

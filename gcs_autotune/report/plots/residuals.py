@@ -1,4 +1,4 @@
-"""The figure of a diagnosis for a notebook: what is left of a run, before and after."""
+"""The figure of a diagnosis for a notebook: the residual of a run, before and after."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ if TYPE_CHECKING:
 __all__ = ["plot_residuals"]
 
 BEFORE, AFTER = "#d55e00", "#0072b2"
-"""The colour-blind-safe set of Okabe2008."""
+"""Colours from the colour-blind-safe palette of Okabe2008."""
 
 
 def plot_residuals(found: Diagnosis, ax: Axes | None, run: str, signal: str) -> Figure | Axes:
-    """Draw measured minus simulated of one run on *ax* and return it; in a new figure, returned, when it is None."""
+    """Plot the measured minus the simulated motion of one run on *ax*, or on a new figure if it is None; return
+    that."""
     before, after = (_trace(portraits, run, signal) for portraits in (found.before, found.after))
     if before is None:
         have = ", ".join(f"{p.signal} of {t.run}" for p in found.before for t in p.traces) or "none"
-        raise UsageError(f"there is no residual of {signal or 'any signal'} of {run or 'any run'}; there is: {have}")
+        raise UsageError(f"no residual of {signal or 'any signal'} of {run or 'any run'}. Available: {have}")
     if ax is None:
         from matplotlib.figure import Figure
 
@@ -42,7 +43,7 @@ def _trace(portraits: tuple[Portrait, ...], run: str, signal: str) -> Trace | No
 
 
 def _draw(ax: Axes, before: Trace, after: Trace | None) -> None:
-    for trace, colour, label in ((before, BEFORE, "simulation in question"), (after, AFTER, "with the causes found")):
+    for trace, colour, label in ((before, BEFORE, "original simulation"), (after, AFTER, "with the causes included")):
         if trace is not None:
             ax.plot(trace.t - trace.t[0], trace.measured - trace.fitted, color=colour, lw=1.0, label=label)
     name = SIGNALS.get(before.signal, ("", before.signal))[1].split(",")[0]

@@ -1,4 +1,4 @@
-"""The figure of a proposal for a notebook: the step as predicted, with the old gains and with the new."""
+"""The figure of a proposal for a notebook: the predicted step with the old and the new gains."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 __all__ = ["plot_step"]
 
 BEFORE, AFTER, WANTED = "#d55e00", "#0072b2", "#009e73"
-"""The colour-blind-safe set of Okabe2008."""
+"""Colours from the colour-blind-safe palette of Okabe2008."""
 
 
 def plot_step(proposal: Proposal, ax: Axes | None) -> Figure | Axes:
-    """Draw the predicted step on *ax* and return it; in a new figure, returned, when it is None."""
+    """Plot the predicted step on *ax*, or on a new figure if it is None; return that."""
     if ax is None:
         from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""The report of an identification: of a whole study, and of a single fit. One function per section."""
+"""The report of an identification, of a complete study or a single fit. One function per section."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ __all__ = ["damping_section", "fit_document", "method_list", "model_section", "s
 
 
 MOST_TRACES = 12
-"""Most traces plotted of each kind; chosen so that the page stays small."""
+"""Most traces plotted of each kind, so that the page stays small. Project choice."""
 
 _HOW_TO_READ_STD = (
     "Rounded to the standard error. The bound (Cramér-Rao) is the smallest standard error of any unbiased method on "
-    "these runs. A ratio std / bound near 1 means that the fit uses all information. Above 1 the residuals are not "
-    "white, or a richer structure is possible."
+    "these runs. A ratio std / bound near 1 means that the fit uses all information. A larger ratio means that the "
+    "residuals are not white, or that the model needs more terms."
 )
 
 
 def study_document(study: Study) -> Document:
-    """Return the report of an identification; its JSON form is that of the selected fit, with what was checked."""
+    """Return the report of an identification. Its JSON form is that of the selected fit, with the validation."""
     fit, unseen = study.fit, study.answer.unseen
     return Document(
         title=study.title,
@@ -82,7 +82,7 @@ def fit_document(fit: Fit[Model]) -> Document:
 
 
 def model_section(fit: Fit[Model], slug: str = "model") -> Section:
-    """Return the parameters of a fit, and how certain they are."""
+    """Return the section with the parameters of a fit and their uncertainty."""
     return Section(
         slug,
         structure_title(fit),
@@ -91,7 +91,7 @@ def model_section(fit: Fit[Model], slug: str = "model") -> Section:
             Note(_HOW_TO_READ_STD, kind="quiet"),
             Figure(
                 f"{slug}-correlation",
-                "Correlation of the estimates. These runs do not separate pairs near ±1.",
+                "Correlation of the estimates. Near ±1 the runs do not distinguish the two parameters.",
                 partial(draw_correlation, fit),
             ),
             Figure(f"{slug}-intervals", INTERVALS_CAPTION, partial(draw_intervals, fit.parameters)),
@@ -102,7 +102,7 @@ def model_section(fit: Fit[Model], slug: str = "model") -> Section:
 
 def _key_figures(fit: Fit[Model], unseen: Validation | None) -> Iterator[KeyFigure]:
     fitted = [p for p in fit.parameters.values() if p.status in ("fitted", "at_bound")]
-    yield KeyFigure(format_percent(fit.fit_percent), "fit", "free run, identification runs")
+    yield KeyFigure(format_percent(fit.fit_percent), "fit", "simulated over the identification runs")
     if unseen is not None:
         yield KeyFigure(format_percent(unseen.fit_percent), "prediction", "held-out data")
     yield KeyFigure(str(len(fitted)), "parameters", f"from {len(fit.used)} run{'s' if len(fit.used) > 1 else ''}")
@@ -141,13 +141,13 @@ def _trace(study: Study, trace: Trace, name: str, caption: str) -> Figure:
 
 
 def damping_section(fit: Fit[Model], *, detail: bool = False) -> Iterator[Section]:
-    """Yield how the damping of one axis was chosen."""
+    """Yield the explanation how the damping of one axis was chosen."""
     if is_of_one_axis(fit) and (parts := damping_parts(fit)):
         yield Section("damping", "Choice of damping", parts, detail, facts=IN_RESULT)
 
 
 def _structure(study: Study) -> Iterator[Section]:
-    """Yield the choice of structure by held-out data, and that of the damping by the fits."""
+    """Yield the choice of structure by held-out data, and the choice of the damping by the fits."""
     if not study.choice:
         yield from damping_section(study.fit)
         return
@@ -172,7 +172,7 @@ def _methods(study: Study) -> Iterator[Section]:
             *estimate_tables(study),
             Figure(
                 "methods",
-                "Estimates of each method relative to the selected one, with 95 % intervals.",
+                "Estimates of each method relative to those of the selected method, with 95 % intervals.",
                 partial(draw_methods, study.fit, fits),
             ),
         ),
@@ -258,7 +258,7 @@ SECTIONS = (
     _more,
     _runs,
 )
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""
 
 
 def method_list(methods: Iterable[Method]) -> Document:

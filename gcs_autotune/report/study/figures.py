@@ -1,4 +1,4 @@
-"""The figures of an identification: correlation of the estimates, and the methods compared."""
+"""The figures of an identification: correlation of the estimates, and comparison of methods."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ __all__ = ["draw_correlation", "draw_methods"]
 
 
 DEEPEST = 0.7
-"""Opacity of the cell of a fully correlated pair; its number stays legible on light and dark pages."""
+"""Opacity of the cell of a fully correlated pair. Its number is then legible on light and dark pages."""
 
 _COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
 
 
 def draw_correlation(fit: Fit[Model]) -> Figure | None:
-    """Plot the correlation of every pair of estimates; None with fewer than three."""
+    """Plot the correlation of every pair of estimates. Return None for fewer than three estimates."""
     from matplotlib.patches import Rectangle
 
     names = [n for n, p in fit.parameters.items() if p.std > 0.0]
@@ -47,7 +47,7 @@ def draw_correlation(fit: Fit[Model]) -> Figure | None:
 
 
 def draw_methods(selected: Fit[Model], fits: Sequence[Fit[Model]]) -> Figure | None:
-    """Plot the estimates of each method relative to the *selected* one; None with a single method."""
+    """Plot the estimates of each method relative to the *selected* one. Return None for a single method."""
     if len(fits) < 2:
         return None
     names = [n for n, p in selected.parameters.items() if p.status == "fitted" and p.value != 0.0][:10]

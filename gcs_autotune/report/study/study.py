@@ -1,4 +1,4 @@
-"""The record of an identification: one or several fits of the same runs, and their sentences."""
+"""The record of an identification: one or several fits of the same runs, and sentences about them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class RunRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodOutcome:
-    """The result of one method: a fit with its held-out prediction, or the reason for its refusal."""
+    """The result of one method: a fit with its prediction of held-out data, or the reason why it failed."""
 
     method: str
     fit: Fit[Model] | None
@@ -102,7 +102,7 @@ class Study:
 
 
 def comparison_sentences(study: Study) -> tuple[str, ...]:
-    """Return steady state and rise time of both models, two sentences per degree of freedom."""
+    """Return the steady state and the rise time of both models, two sentences per degree of freedom."""
     return tuple(s for c in study.comparisons for s in _compared(c, study.compared_with))
 
 
@@ -110,16 +110,16 @@ def _compared(c: DofComparison, other: str) -> tuple[str, str]:
     unit = f"{DOFS[c.dof].position_unit}/s"
     largest, smallest = (format_quantity(x, c.input_unit) for x in (c.largest, c.smallest))
     settles = [format_quantity(v, unit) for v in c.steady]
-    said = f"{c.dof}: at {largest}, the largest input, the steady state is {settles[0]}, with {other} {settles[1]}. "
+    said = f"{c.dof}, at the largest input ({largest}): steady speed {settles[0]}; {other}: {settles[1]}. "
     said += f"The difference is {format_quantity(c.steady_apart, unit)}"
     if c.quantum > 0.0:
         step = format_quantity(c.quantum, unit)
         said += f", {'within' if c.same_steady else 'more than'} the sensor resolution of {step}"
-        said += ". Their drag counts as equal" if c.same_steady else ""
+        said += ". The drag of both models is taken as equal" if c.same_steady else ""
     rise = [format_number(t) for t in c.rise]
-    soon = f"{c.dof}: at {smallest}, the smallest input, the rise time to {100.0 * c.share:.0f} % is {rise[0]} s, "
-    soon += f"with {other} {rise[1]} s. The difference is {format_number(c.rise_apart)} s "
-    soon += f"or {format_number(c.samples, 2)} samples"
+    soon = f"{c.dof}, at the smallest input ({smallest}): rise time to {100.0 * c.share:.0f} % {rise[0]} s; "
+    soon += f"{other}: {rise[1]} s. The difference is {format_number(c.rise_apart)} s "
+    soon += f"({format_number(c.samples, 2)} samples)"
     return f"{said}.", f"{soon}."
 
 
@@ -132,7 +132,7 @@ def structure_title(fit: Fit[Model]) -> str:
 
 
 def answer_sentences(fit: Fit[Model]) -> tuple[str, ...]:
-    """Return the meaning of a fit, its residual and its origin."""
+    """Return sentences on the meaning of a fit, its residual and its origin."""
     about = model_sentences(fit) if is_of_one_axis(fit) else _residual_sentences(fit)
     return (*about, f"Method: {fit.method}, from {', '.join(fit.used)}.")
 
@@ -145,9 +145,9 @@ def _residual_sentences(fit: Fit[Model]) -> tuple[str, ...]:
     rows = ", ".join(f"{n} {format_error(r.rms, SIGNALS[n][0], 2)}" for n, r in left.items())
     coloured = {n: r for n, r in left.items() if r.unexplained > 0.0}
     if not coloured:
-        return (f"Residual (rms): {rows}; white, like measurement noise.",)
+        return (f"Residual (rms): {rows}. It is white, like measurement noise.",)
     rest = ", ".join(f"{n} {format_error(r.unexplained, SIGNALS[n][0], 2)}" for n, r in coloured.items())
-    return (f"Residual (rms): {rows}; of that correlated and unexplained: {rest}.",)
+    return (f"Residual (rms): {rows}. Correlated, unexplained part: {rest}.",)
 
 
 def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
@@ -159,7 +159,7 @@ def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
 
 
 def verdict_of(fit: Fit[Model], unseen: Validation | None = None) -> Verdict:
-    """Return how well a fit explains the motion, of held-out data if it predicted any, and what it is."""
+    """Return how well a fit explains the motion, or predicts held-out data if available, and what kind of fit it is."""
     percent = fit.fit_percent if unseen is None else unseen.fit_percent
     said = explained_sentence(fit.fit_percent)
     if unseen is not None:
@@ -167,5 +167,5 @@ def verdict_of(fit: Fit[Model], unseen: Validation | None = None) -> Verdict:
         said = explained_sentence(percent, "held-out motion", own)
     grave = any(d.slug in ("poor-fit", "cannot-tell", "not-converged", "run-apart", CONTRADICTION) for d in fit.doubts)
     if percent < 40.0 or grave:
-        return Verdict(f"{said} Read the doubts before you use it.", "bad", answer_sentences(fit))
+        return Verdict(f"{said} Read the doubts before you use the model.", "bad", answer_sentences(fit))
     return Verdict(said, "good" if percent >= 70.0 and not fit.doubts else "neutral", answer_sentences(fit))

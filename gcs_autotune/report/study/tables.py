@@ -31,7 +31,7 @@ __all__ = [
 
 
 ABREAST = 3
-"""Parameters per table of estimates; as many as fit in 80 columns."""
+"""Number of parameters per table of estimates, as many as fit in 80 columns."""
 
 _FORCES = {
     "X": "surge force",
@@ -60,9 +60,9 @@ _NAMED = {
     "I_y": "moment of inertia in pitch",
     "I_z": "moment of inertia in yaw",
     "I_xz": "product of inertia",
-    "x_G": "centre of gravity, ahead",
-    "y_G": "centre of gravity, to starboard",
-    "z_G": "centre of gravity, down",
+    "x_G": "centre of gravity, distance ahead of the origin",
+    "y_G": "centre of gravity, distance to starboard of the origin",
+    "z_G": "centre of gravity, depth below the origin",
     "delay": "input delay",
     "lag": "first-order lag of the force",
     "V_x": "current to the north",
@@ -103,7 +103,7 @@ def _over_bound(p: Parameter) -> str:
 
 def _remark(p: Parameter) -> str:
     if p.status == "fitted" and p.std > abs(p.value) > 0.0:
-        return "not distinct from zero"
+        return "not distinguishable from zero"
     if p.status == "at_bound" and p.value == 0.0:
         return "none"
     return {"fitted": "", "absent": "absent", "fixed": "known"}.get(p.status, "AT ITS BOUND")
@@ -128,7 +128,7 @@ def meaning_of(name: str) -> str:
 
 
 def method_table(study: Study) -> Table:
-    """Return fit and held-out prediction of each method, or the reason for its refusal."""
+    """Return the fit and the prediction of held-out data for each method, or the reason why it failed."""
     return Table(
         ("method", "fit", "held out", "time", "remark"), "lrrrl", tuple(_method_row(o) for o in study.outcomes)
     )
@@ -168,7 +168,7 @@ def run_table(study: Study) -> Table:
 
 
 def unseen_table(found: Validation | None, dof: str) -> Table:
-    """Return the free-run prediction of held-out data by a fit of degree of freedom or form *dof*."""
+    """Return the free-run prediction of held-out data by a fit of the degree of freedom or form *dof*."""
     pairs = () if found is None else zip(found.traces, found.statistics, strict=True)
     rows = tuple(
         (

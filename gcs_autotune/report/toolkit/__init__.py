@@ -1,1 +1,1 @@
-"""Parts of every report: figures, number formats, tables, pages, terminal output, live lines."""
+"""Common parts of all reports: figures, number formats, tables, pages, terminal output, live lines."""

@@ -51,14 +51,14 @@ _STRUCTURES: Mapping[str, str] = {
     "nonlinear": "quadratic damping",
     "affine": "linear and quadratic damping",
 }
-"""Structure -> its name in the field (Miskovic2010: linear and nonlinear model)."""
+"""Structure -> its usual name (Miskovic2010: linear and nonlinear model)."""
 
 _DAMPING: Mapping[str, str] = {
     "linear": "Linear damping: drag is proportional to speed.",
     "nonlinear": "Quadratic damping: drag grows with the square of speed.",
     "affine": "Linear and quadratic damping: one part of drag is proportional to speed, one grows with its square.",
 }
-"""Structure -> its explanation, shown once per report."""
+"""Structure -> explanation of its damping, shown once per report."""
 
 
 def structure_words(structure: str) -> str:
@@ -67,49 +67,49 @@ def structure_words(structure: str) -> str:
 
 
 def model_words(fit: AxisFit) -> str:
-    """Return the parts of a model: its damping and its actuator effects."""
+    """Return the text of the parts of a model: its damping and its actuator effects."""
     found = listed([_effect_title(e) for e in fit.effects]) if fit.effects else ""
     return structure_words(fit.structure) + (f", with {found}" if found else "")
 
 
 def decision_sentence(fit: AxisFit) -> str:
-    """Return the two-experiment decision (Miskovic2010, eq. (7.1)-(7.2)) in words, and what decided instead.
+    """Return a sentence with the two-experiment decision (Miskovic2010, eq. (7.1)-(7.2)), and with the actual
+    criterion.
 
-    The criterion is advisory; the structure is chosen from the fits to the whole records.
+    The two-experiment criterion is advisory; the structure is chosen from the fits to the whole records.
     """
     decision = fit.decision
     assert decision is not None  # asked by the caller
     gap = decision.sigma_beta - decision.sigma_beta_quadratic
     numbers = (
-        "Between the two experiments the linear damping differs by "
-        f"{format_percent(decision.sigma_beta)}, the quadratic one by "
-        f"{format_percent(decision.sigma_beta_quadratic)}, the inertia by {format_percent(decision.sigma_alpha)}."
+        f"Difference between the two experiments: linear damping {format_percent(decision.sigma_beta)}, quadratic "
+        f"damping {format_percent(decision.sigma_beta_quadratic)}, inertia {format_percent(decision.sigma_alpha)}."
     )
     if decision.verdict == "undecided":
         return (
-            f"{numbers} The difference of {format_percent(abs(gap))} is within the margin of "
-            f"{format_percent(decision.margin)}, so this criterion does not decide. A third experiment with a clearly "
-            "different relay output can."
+            f"{numbers} The two damping figures are {format_percent(abs(gap))} apart, within the margin of "
+            f"{format_percent(decision.margin)}, so this criterion does not decide. Fly a third experiment with a "
+            "clearly different relay output."
         )
     advised = structure_words(decision.verdict)
     steadier = (
-        f"{numbers} The more consistent of the two, by {format_percent(abs(gap))} with a margin of "
+        f"{numbers} The smaller damping figure, by {format_percent(abs(gap))} at a margin of "
         f"{format_percent(decision.margin)}, indicates {advised}"
     )
     if fit.structure == decision.verdict:
         return f"{steadier}, and so do the fits." if len(fit.candidates) > 1 else f"{steadier}."
     if len(fit.candidates) <= 1:
-        return f"{steadier}; {structure_words(fit.structure)} was requested."
-    return f"{steadier}. The fits to the whole records support {structure_words(fit.structure)}, which is used."
+        return f"{steadier}. The user requested {structure_words(fit.structure)}."
+    return f"{steadier}. The fits to the whole records support {structure_words(fit.structure)}. The latter is used."
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
-    """Return the model in words: damping, lag, speed at the largest output flown, actuator, residual."""
+    """Return sentences on the model: damping, lag, speed at the largest output flown, actuator, residual."""
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
     if model.beta != 0.0 and fit.structure != "nonlinear":
-        said.append(f"Slow motion decays with a time constant of {format_seconds(model.alpha / model.beta)}.")
+        said.append(f"At low speed, motion decays with a time constant of {format_seconds(model.alpha / model.beta)}.")
     if model.input_unit == "1":
         said.extend(_top_speed(fit, unit))
     said.extend(_actuator_sentence(fit, own) for own in fit.effects)
@@ -119,7 +119,7 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
         by_it = _with_error(fit, lambda moved, effects: moved.alpha / _acting(effects, output))
         per_force = pretty_unit(fit.parameters[axis.parameter_names()[0]].unit)
         said.append(
-            f"{_of_full(output)} gives {format_number(acting)} of the table's unit of force. Relative to that force "
+            f"{_of_full(output)} gives {format_number(acting)} in the table's unit of force. Relative to this force "
             f"the inertia is {format_value(*by_it)} {per_force}, if the thrust curve holds between the outputs flown."
         )
     trace = fit.traces[0] if fit.traces else None
@@ -129,7 +129,10 @@ def model_sentences(fit: AxisFit) -> tuple[str, ...]:
 
 
 _MUCH = 0.02
-"""Difference between full output and the table's unit of force that gets a sentence. Chosen."""
+"""Difference between a full force and the actual one [fraction] above which a sentence states the latter.
+
+Project choice.
+"""
 
 
 def _top_speed(fit: AxisFit, unit: str) -> list[str]:
@@ -149,10 +152,10 @@ def _top_speed(fit: AxisFit, unit: str) -> list[str]:
 
 
 def _by_shape(fit: AxisFit, top: float) -> float:
-    """Return the standard error of a steady speed *top* from the shape of damping, which the fit takes as known.
+    """Return the standard error of a steady speed *top* due to the shape of damping, which the fit treats as known.
 
-    Up to the fastest motion flown the runs determine it. Beyond, damping may be linear or quadratic; the speed lies
-    between the two results.
+    Up to the fastest motion flown, the runs determine the shape. At higher speeds damping may be linear or quadratic,
+    and the speed is between the two results.
     """
     fastest = max((_fastest(trace, fit.model.axis.velocity) for trace in fit.traces), default=math.nan)
     if not 0.0 < fastest < top:
@@ -166,7 +169,7 @@ def _by_shape(fit: AxisFit, top: float) -> float:
 
 
 def _fastest(trace: Trace, velocity: str) -> float:
-    """Return the largest speed the model has on a trace, of its velocity or of its position."""
+    """Return the largest model speed on a trace, from its velocity or its position."""
     if trace.signal == velocity:
         return float(np.max(np.abs(trace.fitted), initial=0.0))
     dt = np.diff(trace.t)
@@ -175,7 +178,7 @@ def _fastest(trace: Trace, velocity: str) -> float:
 
 
 def _most_flown(fit: AxisFit) -> float:
-    """Return the largest output flown, 1 if unknown; beyond it the thrust curve is an extrapolation.
+    """Return the largest output flown, 1 if unknown. Above it the thrust curve is an extrapolation.
 
     A BlueBoat turned at 33.7 deg/s at full output in a spiral, where doublets of 63 % predicted 36.3: its thrusters
     are weaker astern.
@@ -194,7 +197,7 @@ def _of_full(output: float) -> str:
 
 
 def _acting(effects: Sequence[EffectInstance], output: float) -> float:
-    """Return the force of *output* in the model, dead zone included."""
+    """Return the force due to *output* in the model, including the dead zone."""
     acting = np.full(1, output)
     for own in effects:
         law = EFFECTS[own.slug]
@@ -204,7 +207,8 @@ def _acting(effects: Sequence[EffectInstance], output: float) -> float:
 
 
 def _with_error(fit: AxisFit, told: Callable[[SingleDof, Sequence[EffectInstance]], float]) -> tuple[float, float]:
-    """Return *told* of the model and its actuator effects, with its standard error to first order."""
+    """Return *told*, a number computed from the model and its actuator effects, with its standard error to first
+    order."""
     fields = ("alpha", "beta", "beta_quadratic", "delta", "delay")
     value, slopes = told(fit.model, fit.effects), np.zeros(len(fit.parameters))
     for k, (name, own) in enumerate(fit.parameters.items()):
@@ -226,30 +230,30 @@ def _moved(effect: EffectInstance, label: str, by: float) -> EffectInstance:
 
 
 def explains(percent: float) -> str:
-    """Return ``explains 74 % of``, or ``explains nothing of`` for a fit of 0 % or less."""
+    """Return the text ``explains 74 % of``, or ``explains nothing of`` for a fit of 0 % or less."""
     if percent > 0.0:
         return f"explains {format_percent(percent)} of"
     return "explains nothing of"
 
 
 def explained_sentence(percent: float, motion: str = "the motion used for the fit", also: str = "") -> str:
-    """Return how much of a *motion* a model explains in a free run; *also* is added to it."""
+    """Return a sentence on how much of a *motion* a model explains in a free run; *also* is appended."""
     return f"Simulated from the inputs alone, the model {explains(percent)} {motion}{also}."
 
 
 def remainder_sentence(left: Remainder, unit: str) -> str:
-    """Return the residual in words: white noise, and the correlated, unexplained part."""
+    """Return a sentence on the residual: white noise, and the correlated, unexplained part."""
     rms = format_error(left.rms, unit, 2)
     if not math.isfinite(left.rms):
         return ""
     if left.unexplained <= 0.0:
-        return f"The residual of {rms} rms is white, like measurement noise."
+        return f"The residual ({rms} rms) is white, like measurement noise."
     noise, rest = format_error(left.noise, unit, 2), format_error(left.unexplained, unit, 2)
-    return f"The residual is {rms} rms: {noise} white, like noise; {rest} correlated and unexplained."
+    return f"The residual is {rms} rms: {noise} white (noise), {rest} correlated and unexplained."
 
 
 def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
-    """Return an actuator effect in words, its number rounded to its standard error."""
+    """Return a sentence on an actuator effect, with its number rounded to its standard error."""
 
     def number(name: str) -> str:
         found = fit.parameters.get(own.label_of(name))
@@ -257,8 +261,8 @@ def _actuator_sentence(fit: AxisFit, own: EffectInstance) -> str:
 
     if own.slug == "quadratic-actuator":
         return (
-            f"The force at output x is (1 - q) x + q x² with q = {number('share')}; 0 is proportional, 1 quadratic "
-            "like a plain propeller."
+            f"The force at output x is (1 - q) x + q x² with q = {number('share')}. q = 0 is proportional; q = 1 is "
+            "quadratic, like a plain propeller."
         )
     if own.slug == "dead-zone":
         return f"The actuator has a dead zone: no force below {number('width')} of full output."
@@ -276,7 +280,7 @@ _STATUS: Mapping[str, str] = {
     "fitted": "",
     "absent": "not in this structure",
     "fixed": "fixed",
-    "at_bound": "AT ITS BOUND: do not trust it",
+    "at_bound": "AT ITS BOUND: not reliable",
 }
 """Parameter status -> remark."""
 
@@ -373,7 +377,10 @@ def candidate_table(fit: AxisFit) -> Table:
 
 
 def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str, taken: float) -> tuple[str, ...]:
-    """Return a row; if it fits better than the one *chosen* (BIC *taken*), with the reason it was not chosen."""
+    """Return the row of a candidate.
+
+    If it fits better than the *chosen* one (BIC *taken*), add why it was not chosen.
+    """
     pushes = min(candidate.model.beta, candidate.model.beta_quadratic) * candidate.model.alpha < 0.0
     passed_over = "negative damping" if pushes and candidate.bic < taken else ""
     return (
@@ -388,8 +395,7 @@ def _candidate_row(candidate: StructureFit, best: float, unit: str, chosen: str,
 
 _HOW_TO_READ_BIC = (
     "BIC weighs the misfit against the number of fitted parameters. A structure more than 10 above the best explains "
-    "the record clearly worse. A structure with negative damping is only chosen without an alternative, since water "
-    "does not push."
+    "the record clearly worse. Negative damping is not physical: such a structure is chosen only if there is no other."
 )
 
 

@@ -1,4 +1,4 @@
-"""Style of every figure, and its conversion to reproducible SVG for the page."""
+"""Common style of all figures, and their conversion to reproducible SVG for the page."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ INK = "#222222"
 FAINT = "#8a8a8a"
 
 BAND = "#9ecae1"
-"""Colour-blind-safe palette of Okabe2008."""
+"""Colours from the colour-blind-safe palette of Okabe2008."""
 
 GRID = "#e6e6e6"
 
@@ -95,7 +95,7 @@ _STYLE: dict[Any, object] = {
 def pens(name: str) -> Iterator[None]:
     """Apply the style and the identifier salt of figure *name* while plotting and saving.
 
-    The user's matplotlibrc is ignored, so that the report looks the same everywhere.
+    The user's matplotlibrc is ignored, so that the report looks the same on every computer.
     """
     import matplotlib
 
@@ -126,7 +126,10 @@ def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure,
 
 
 def new_columns(count: int, heights: tuple[float, ...]) -> tuple[Figure, list[list[Axes]]]:
-    """Return a figure of *count* columns, each with one axes per height [in]; rows share their values, columns time."""
+    """Return a figure of *count* columns, each with one axes per height [in].
+
+    Rows share the value axis, columns the time axis.
+    """
     from matplotlib.figure import Figure
 
     top, bottom, gap, left, between = 0.28, 0.48, 0.14, 0.13, 0.03
@@ -150,7 +153,7 @@ def new_columns(count: int, heights: tuple[float, ...]) -> tuple[Figure, list[li
 
 
 def new_row(count: int, height: float, *, polar_first: bool = False) -> tuple[Figure, list[Axes]]:
-    """Return a figure with *count* axes of one *height* [in] side by side, the first a compass rose if asked."""
+    """Return a figure with *count* axes of one *height* [in] side by side, optionally with a compass rose first."""
     from matplotlib.figure import Figure
 
     top, bottom, left, gap = 0.28, 0.48, 0.13, 0.16
@@ -181,8 +184,8 @@ def legend(axes: Axes, columns: int = 5) -> None:
 def to_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return the figure as an inline SVG element that scales with its column.
 
-    Identifiers begin with *name*, so that one page can hold several figures; *description* is for screen
-    readers. The colours of :data:`PENS` follow the page's, dark or light.
+    Identifiers begin with *name*, so that one page can hold several figures; *description* is for screen readers. The
+    colours in :data:`PENS` adapt to a dark or light page.
     """
     stream = io.StringIO()
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}

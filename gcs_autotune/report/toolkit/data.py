@@ -1,4 +1,4 @@
-"""Show a document as data: what ``--json`` prints and ``summary.json`` contains."""
+"""Convert a document to data, for the output of ``--json`` and for ``summary.json``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["to_json"]
 
 
 def to_json(document: Document) -> dict[str, Any]:
-    """Return the facts of *document*, and those of its sections; for :func:`gcs_autotune.plain_json.json_text`."""
+    """Return the facts of *document* and of its sections, for :func:`gcs_autotune.plain_json.json_text`."""
     data = dict(document.facts)
     for section in document.sections:
         if section.facts is not None:

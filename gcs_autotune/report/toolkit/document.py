@@ -1,9 +1,9 @@
 """The model of every report: a verdict, and sections of notes, tables and figures.
 
-A report is built once, from functions that return a section each, and shown three times: as a page
-(:func:`.page.to_html`), on the terminal (:func:`.terminal.to_terminal`) and as data (:func:`.data.to_json`).
-Everything here is frozen and plain; a figure is drawn only for the page. A part without text, row or part of its own
-is left out, so that a section can list what it may have.
+A report is built once, from functions that each return a section. It can be shown in three ways: as a page
+(:func:`.page.to_html`), on the terminal (:func:`.terminal.to_terminal`) and as data (:func:`.data.to_json`). All
+classes here are frozen and contain plain data. A figure is plotted only for the page. A part without content is left
+out, so a section can list optional parts.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ __all__ = [
 ]
 
 Tone = Literal["good", "neutral", "bad"]
-"""Colour of a verdict: good news, neither, or a reason to be careful."""
+"""Colour of a verdict: good, neutral, or a reason for caution."""
 
 IN_RESULT: Mapping[str, Any] = MappingProxyType({})
-"""``Section.facts`` of a section whose numbers the document's own facts contain."""
+"""``Section.facts`` of a section whose numbers are already in the document's own facts."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The result in one sentence, its tone, and the sentences that follow it."""
+    """The result in one sentence, its tone, and the sentences that follow."""
 
     text: str
     tone: Tone
@@ -50,7 +50,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class KeyFigure:
-    """A number of the page's first row, with its label and a remark."""
+    """A number in the page's first row, with its label and a remark."""
 
     number: str
     label: str
@@ -61,8 +61,8 @@ class KeyFigure:
 class Note:
     """A sentence or paragraph, with a bold ``label`` if it has one.
 
-    kind : ``text``; ``bullet`` of a list; ``command`` to copy, with *label* as its introduction; ``quiet``: how to
-    read what stands above. detail : whether the terminal leaves it out, as it does every quiet note.
+    kind : ``text``; ``bullet`` of a list; ``command`` to copy, with *label* as its introduction; ``quiet``: explanation
+        of the part above. detail : whether the terminal leaves it out. Quiet notes are always left out there.
     """
 
     text: str
@@ -73,11 +73,11 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of text under heads.
+    """A table: rows of text with column headings.
 
-    align : one letter a column, ``l`` text or ``r`` number. note : a sentence below it that holds for all rows.
+    align : one letter per column, ``l`` text or ``r`` number. note : a sentence below it that holds for all rows.
     shown : rows shown at first, None for all; the terminal has only these, the page folds the rest under *fold*.
-    wide : heads of columns that 80 characters have no space for. detail : whether the terminal leaves it out.
+    wide : headings of columns that do not fit into 80 characters. detail : whether the terminal leaves it out.
     """
 
     heads: tuple[str, ...]
@@ -104,10 +104,10 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading and what stands under it, in order; a section inside a section has a smaller heading.
+    """A heading and its parts, in order. A nested section has a smaller heading.
 
     slug : unique in the document; the page's anchor, and the key in JSON. detail : whether the terminal leaves it out.
-    facts : what JSON has of it, None for its text under its slug; :data:`IN_RESULT` for nothing more.
+    facts : its JSON form; None: its text under its slug; :data:`IN_RESULT`: nothing in addition.
     """
 
     slug: str
@@ -124,10 +124,11 @@ Part = Note | Table | Figure | Section
 class Document:
     """A report.
 
-    title : its heading on the page. when : the moment, formatted. about : further words beside it; badge : one that is
-    set off. verdict : None for a list that judges nothing. lead : the result in plain words, before the verdict, with
-    *lead_figures*. contradictions : what is wrong with the data themselves, before everything else. doubts : sentences
-    with their cures, None if doubts do not apply; doubted : their subject. facts : the JSON form without the sections.
+    title : its heading on the page. when : the moment, formatted. about : further words next to it; badge : a
+        highlighted word. verdict : None for a list without a verdict. lead : the result in plain words, before the
+        verdict, with
+    *lead_figures*. contradictions : inconsistencies in the data, shown first. doubts : sentences with their remedies;
+        None if doubts do not apply. doubted : their subject. facts : the JSON form without the sections.
     """
 
     title: str
@@ -146,7 +147,7 @@ class Document:
 
 
 def is_empty(part: Part) -> bool:
-    """Return whether there is nothing to show: no text, no row, no part; every renderer leaves it out."""
+    """Return whether there is nothing to show: no text, row or part. Every renderer then leaves it out."""
     if isinstance(part, Note):
         return not part.text
     if isinstance(part, Table):
@@ -155,10 +156,10 @@ def is_empty(part: Part) -> bool:
 
 
 def notes(texts: tuple[str, ...]) -> Iterator[Note]:
-    """Yield a note per sentence."""
+    """Yield one note per sentence."""
     return (Note(text) for text in texts)
 
 
 def bullets(texts: tuple[str, ...]) -> Iterator[Note]:
-    """Yield a bullet per sentence."""
+    """Yield one bullet per sentence."""
     return (Note(text, kind="bullet") for text in texts)

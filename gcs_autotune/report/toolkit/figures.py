@@ -55,13 +55,13 @@ class Curve:
 
 
 def finite(t: Array, y: Array) -> Curve:
-    """Return the samples where both are finite."""
+    """Return the samples at which both are finite."""
     keep = np.isfinite(t) & np.isfinite(y)
     return Curve(t[keep], y[keep])
 
 
 def thin(curve: Curve, most: int = 600) -> Curve:
-    """Return about *most* samples at most, with the minimum and maximum of every bucket."""
+    """Return about *most* samples at most, keeping the minimum and maximum of every bucket."""
     n = len(curve)
     if n <= most:
         return curve
@@ -77,13 +77,13 @@ def thin(curve: Curve, most: int = 600) -> Curve:
 COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
 
 LEAST_TRACK = 5.0
-"""Shortest track worth plotting [m]; below, receiver noise dominates. Chosen."""
+"""Shortest track that is plotted [m]; below it receiver noise dominates. Project choice."""
 
 MOST_INPUTS = 3
-"""Most inputs plotted of one run. Chosen."""
+"""Most inputs plotted of one run. Project choice."""
 
 WIDEST = 100.0
-"""Widest interval plotted [% of the value]; a wider one includes zero."""
+"""Widest interval plotted [% of the value]. A wider one includes zero."""
 
 
 def inputs_of(model: object, trial: Trial | None) -> tuple[str, ...]:
@@ -99,12 +99,15 @@ def inputs_of(model: object, trial: Trial | None) -> tuple[str, ...]:
 
 
 def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, end: float) -> None:
-    """Plot the inputs of a run from *start* to *end* [s, its timestamps], held between samples; time from *start*."""
+    """Plot the inputs of a run from *start* to *end* [s by its timestamps], held between samples.
+
+    The time axis begins at *start*.
+    """
     units = []
     for name, colour in zip(names, (INK, *COLOURS), strict=False):
         channel = trial[name]
         t = np.concatenate([[start], channel.t[(channel.t > start) & (channel.t <= end)], [end]])
-        scale, unit = (100.0, "% of full") if channel.unit == "1" else (to_people(channel.unit)[1], "")
+        scale, unit = (100.0, "% of full output") if channel.unit == "1" else (to_people(channel.unit)[1], "")
         units.append(unit or pretty_unit(to_people(channel.unit)[0]))
         few = thin(finite(t - start, scale * np.array([channel.held_at(moment) for moment in t])))
         axes.step(few.t, few.y, where="post", color=colour, lw=1.0, label=name if len(names) > 1 else None)
@@ -114,7 +117,7 @@ def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, en
 
 
 def draw_track(runs: Mapping[str, Trial]) -> Figure | None:
-    """Plot the track over ground, north up, equal scales; None if the craft hardly moved."""
+    """Plot the track over ground, north up, with equal scales. Return None if the craft hardly moved."""
     tracks = []
     for label, trial in runs.items():
         if "x" in trial and "y" in trial and len(trial["x"]) > 1 and len(trial["y"]) > 1:
@@ -140,12 +143,12 @@ def draw_track(runs: Mapping[str, Trial]) -> Figure | None:
 
 
 def is_bent(actuator: Actuator | None) -> bool:
-    """Return whether force is not proportional to output."""
+    """Return whether the force is not proportional to the output."""
     return actuator is not None and not actuator.is_plain
 
 
 def draw_thrust(actuator: Actuator, flown: Sequence[float] = ()) -> Figure:
-    """Plot force over output, both in percent of full; *flown*: normalised outputs of the experiments."""
+    """Plot force over output, both in percent of full. *flown*: normalised outputs of the experiments."""
     figure, (axes,) = new_axes((2.4,), share=False)
     u = np.linspace(-1.0, 1.0, 401)
     ahead_only = bool(flown) and min(flown) >= 0.0
@@ -166,7 +169,7 @@ def draw_thrust(actuator: Actuator, flown: Sequence[float] = ()) -> Figure:
 
 
 def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
-    """Plot the 95 % interval of every fitted parameter in percent of its value; None if none is known."""
+    """Plot the 95 % interval of every fitted parameter in percent of its value. Return None if none is known."""
     known = [p for p in parameters.values() if p.status in ("fitted", "at_bound") and p.value and p.std > 0.0]
     known = [p for p in known if math.isfinite(p.std)]
     if not known:
@@ -178,7 +181,7 @@ def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
         told = half <= WIDEST
         axes.plot([-min(half, limit), min(half, limit)], [i, i], color=AFTER if told else BEFORE, lw=2.4)
         axes.plot(0.0, i, "o", ms=4.5, color=AFTER if told else BEFORE)
-        words = f"± {format_percent(half)}" + ("" if told else ", not distinct from zero")
+        words = f"± {format_percent(half)}" + ("" if told else ", not distinguishable from zero")
         axes.text(1.01, i, words, transform=axes.get_yaxis_transform(), va="center", fontsize=7.5)
         if math.isfinite(p.bound) and p.bound > 0.0:
             bound = min(196.0 * p.bound / abs(p.value), limit)
@@ -194,8 +197,8 @@ def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
 
 
 INTERVALS_CAPTION = (
-    "Uncertainty of each parameter: its 95 % interval in percent of its value. Pale, if known: the smallest "
-    "interval that any unbiased method could reach with these runs."
+    "95 % interval of each parameter, in percent of its value. Pale (if known): the smallest interval that any "
+    "unbiased method could reach with these runs."
 )
 
 

@@ -1,6 +1,6 @@
 """The live lines: progress of a manoeuvre, and of a long calculation.
 
-In a terminal one line is rewritten in place; elsewhere a plain line comes every few seconds.
+In a terminal one line is updated in place. Otherwise a plain line is printed every few seconds.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ _SIGNALS: Mapping[str, tuple[str, str]] = {
 """Progress.signal -> (name, SI unit of its value)."""
 
 REDRAW = 0.1
-"""Shortest time between two updates of the line [s]. Chosen: the eye follows about ten a second."""
+"""Shortest time [s] between two updates of the line; the eye follows about ten a second. Project choice."""
 
 PLAIN_EVERY = 5.0
-"""Vehicle time between two plain lines [s]. Chosen for a readable log."""
+"""Vehicle time [s] between two plain lines, for a readable log. Project choice."""
 
 BAR = 5
-"""Width of the bar [characters]. Chosen so that the signal still fits at 80 columns."""
+"""Width of the bar [characters], so that the signal still fits into 80 columns. Project choice."""
 
 STALE = 1.0
-"""Age of the last message [s] from which the silent link is shown first. Chosen: ten control periods."""
+"""Age of the last message [s] from which a silent link is shown first: ten control periods. Project choice."""
 
 
 def describe_progress(progress: Progress, width: int = 0) -> str:
-    """Return one line of *progress*; with a *width*, the least important parts are dropped.
+    """Return one line of *progress*. With a *width*, the least important parts are left out.
 
     ``t`` is shown if the time since the start is unknown. Order of importance: stage, elapsed and remaining time,
     a silent link and the step, the signal and its target, periods, the nearest limit, amplitude, output, scatter.
@@ -66,7 +66,7 @@ def _join(pieces: list[tuple[int, str]]) -> str:
 
 
 def _pieces(p: Progress) -> list[tuple[int, str]]:
-    """Return (rank, text) in the order of the line; lower ranks are kept longer."""
+    """Return pairs (rank, text) in the order of the line. Parts of lower rank are kept longer."""
     since = p.elapsed if math.isfinite(p.elapsed) else p.t
     pieces = [(0, f"{p.manoeuvre or p.stage} {format_seconds(since)}{_left(p)}")]
     if p.steps:
@@ -89,7 +89,7 @@ def _pieces(p: Progress) -> list[tuple[int, str]]:
 
 
 def _bar(p: Progress) -> str:
-    """Return the completed fraction."""
+    """Return a bar that shows the completed fraction."""
     whole = p.elapsed + p.left
     if not (math.isfinite(whole) and whole > 0.0):
         return ""
@@ -123,7 +123,8 @@ def _reading(value: float, signal: str, unit: str) -> str:
 class TerminalObserver:
     """Shows progress on a ``rich`` console. Call :meth:`close` (or use ``with``) before anything else writes.
 
-    quiet : sentences only, no progress. verbose : plain lines in a terminal too, and the vehicle's messages.
+    quiet : show sentences only, without progress. verbose : print plain lines in a terminal too, and the vehicle's
+        messages.
     """
 
     def __init__(
@@ -160,7 +161,7 @@ class TerminalObserver:
             self._redraw(progress)
 
     def say(self, text: str) -> None:
-        """Show a sentence on a line of its own."""
+        """Show a sentence on a separate line."""
         self._erase()
         self._console.print(Text(visible(text)))
 
@@ -170,7 +171,7 @@ class TerminalObserver:
             self.say(f"vehicle message: {quoted([fact.text])}")
 
     def close(self) -> None:
-        """End the live line, so that other output starts on a new one; harmless without one."""
+        """End the live line, so that other output starts on a new line. It may be called without a live line."""
         if self._line_open:
             self._console.print()
             self._line_open = False
@@ -201,7 +202,7 @@ class TerminalObserver:
 
 
 class _TimeLeft(ProgressColumn):
-    """The remaining part of the time limit."""
+    """The column of a progress bar with the time left until the time limit."""
 
     def __init__(self, given: float) -> None:
         super().__init__()
@@ -216,7 +217,8 @@ class _TimeLeft(ProgressColumn):
 class StageBar:
     """One line for the current stage, removed at the end. Silent if *console* is not a terminal.
 
-    verbose : keep a line per stage, terminal or not. given : time limit [s], shown if it is long enough.
+    verbose : keep a line for each completed stage, also without a terminal. given : time limit [s], shown if it is long
+        enough.
     """
 
     def __init__(self, console: Console, *, verbose: bool = False, given: float = math.inf) -> None:

@@ -1,4 +1,4 @@
-"""Show a document as a page: one self-contained HTML file that opens offline, on a phone and on paper."""
+"""Convert a document to a page: one self-contained HTML file for a browser, a phone or paper, which opens offline."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _Blocks = tuple[tuple[str, object], ...]
 
 @dataclass(frozen=True, slots=True)
 class _Laid:
-    """A section as (kind, content) in order, figures drawn and bullets gathered into lists."""
+    """A section as (kind, content) in order, with figures plotted and bullets collected into lists."""
 
     slug: str
     title: str
@@ -38,14 +38,14 @@ class _Laid:
 
 
 PHONE = 42
-"""Characters of a table's row that a phone 390 pixels wide shows."""
+"""Number of characters in a table row that fit on a phone 390 pixels wide."""
 
 LEGIBLE = 14
-"""Width in characters below which a column of sentences becomes one of single words. Chosen."""
+"""Column width [characters] below which sentences would break into single words. Project choice."""
 
 
 def to_html(document: Document) -> str:
-    """Return the page; the same document gives the same bytes. A figure or section with nothing in it is left out."""
+    """Return the page. The same document gives the same bytes. Empty figures and sections are left out."""
     environment = Environment(
         loader=PackageLoader("gcs_autotune.report", ""),
         autoescape=select_autoescape(["html"]),
@@ -99,7 +99,7 @@ def _is_wide(table: Table) -> bool:
 
 
 def _least_width(cells: Sequence[str], align: str) -> int:
-    """Return the width a column needs [characters]: numbers stay on one line, text wraps between words."""
+    """Return the width that a column needs [characters]. Numbers stay on one line; text wraps between words."""
     if align == "r":
         return 2 + max(map(len, cells))
     longest = max((len(word) for cell in cells for word in cell.split()), default=0)

@@ -1,4 +1,4 @@
-"""Show a document on the terminal: legible without colour, at 80 columns, and through a pipe."""
+"""Show a document on the terminal, legible without colour, at 80 columns and through a pipe."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ DOUBTFUL = "bold yellow"
 def to_terminal(document: Document) -> Group:
     """Return what the terminal shows, without figures and details; print it with :func:`print_document`.
 
-    Contradictions come first. A document with a lead begins with it and its verdict; any other ends with its verdict,
-    which is then the last line a reader sees.
+    Contradictions come first. A document with a lead begins with the lead and its verdict. Any other document ends with
+    its verdict, so that it is the last line on the screen.
     """
     return Group(*_pieces(document))
 
 
 def print_document(console: Console, document: Document) -> None:
-    """Print :func:`to_terminal`; a command to copy stays on one line, however long."""
+    """Print :func:`to_terminal`. A command to copy stays on one line at any length."""
     console.print(to_terminal(document), crop=False)
 
 
@@ -75,7 +75,7 @@ def _verdict(document: Document) -> Iterator[RenderableType]:
 
 
 def _section(section: Section) -> Iterator[RenderableType]:
-    """Yield heading and parts; nothing if the terminal has no part of it."""
+    """Yield heading and parts, or nothing if the terminal shows no part of it."""
     if section.detail:
         return
     pieces, is_after_table = [], False
@@ -115,7 +115,7 @@ def _title(text: str, style: str = "bold") -> RenderableType:
 
 
 def _apart(piece: RenderableType) -> Padding:
-    """Return a piece with a blank line before it."""
+    """Return a part with a blank line before it."""
     return Padding(piece, (1, 0, 0, 0))
 
 
@@ -124,7 +124,7 @@ def _text(text: str) -> Text:
 
 
 def _grid(table: Table) -> Padding:
-    """Return a table without its empty and its wide columns, and without the rows that the page folds."""
+    """Return a table without its empty and wide columns, and without the rows that the page folds."""
     is_headed = any(table.heads)
     lines = RichTable(box=box.SIMPLE, pad_edge=False, show_edge=False, header_style="bold", show_header=is_headed)
     rows = table.rows[: table.shown]

@@ -1,4 +1,4 @@
-"""Format numbers and sentences for people: rounded to their uncertainty, in degrees, with unit signs."""
+"""Format numbers and sentences for users: rounded to their uncertainty, in degrees, with unit signs."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ __all__ = [
 
 
 MOST_FACTOR = 100.0
-"""Largest gain margin shown as a number; beyond, differences have no practical meaning. Chosen."""
+"""Largest gain margin shown as a number; above it differences have no practical meaning. Project choice."""
 
 NOT_IDENTIFIABLE = "not identifiable from these runs"
-"""Shown for a number that the runs do not determine."""
+"""Text for a number that the runs do not determine."""
 
 _HEADINGS = ("anchor", "direction")
 """Parameters that are headings if their unit is rad."""
@@ -54,12 +54,13 @@ _PEOPLE: dict[str, tuple[str, float]] = {
 
 
 def to_people(unit: str) -> tuple[str, float]:
-    """Return (unit shown, factor from SI): ``rad`` becomes degrees."""
+    """Return (display unit, factor from SI); ``rad`` becomes degrees."""
     return _PEOPLE.get(unit, (unit, 1.0))
 
 
 def format_parameter(name: str, value: float, std: float, unit: str) -> str:
-    """Return :func:`format_value`, with a heading (``anchor``, ``direction`` [rad]) as a turn of 0 to 2 pi.
+    """Return :func:`format_value` of a parameter. A heading (``anchor``, ``direction`` [rad]) is first wrapped to 0 to
+    2 pi.
 
     A heading with a standard error above a quarter turn is shown as not identifiable.
     """
@@ -87,12 +88,12 @@ def beside_telemetry(telemetry: AxisFit, onboard: AxisFit) -> list[str]:
 
 
 def format_factor(factor: float, digits: int = 3) -> str:
-    """Return a margin's factor; above 100, infinity included, ``more than 100``."""
+    """Return a margin's factor as text; above 100, infinity included, ``more than 100``."""
     return "more than 100" if factor > MOST_FACTOR else format_number(factor, digits)
 
 
 def format_quantity(value: float, unit: str, digits: int = 3) -> str:
-    """Return *value* [SI *unit*] for people, with its unit: ``format_quantity(0.5, "rad")`` is ``"28.6°"``."""
+    """Return *value* [SI *unit*] as text in display units: ``format_quantity(0.5, "rad")`` is ``"28.6°"``."""
     shown, factor = to_people(unit)
     if not math.isfinite(value):
         return format_number(value)
@@ -102,14 +103,14 @@ def format_quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def format_error(value: float, unit: str, digits: int = 3) -> str:
-    """Return :func:`format_quantity` of an error; a heading error above half a turn is shown only as that."""
+    """Return :func:`format_quantity` of an error. For a heading error above half a turn only that is stated."""
     if unit == "rad" and math.isfinite(value) and abs(value) > math.pi:
         return "over 180°"
     return format_quantity(value, unit, digits)
 
 
 def format_seconds(t: float, missing: str = UNKNOWN) -> str:
-    """Return a time span: tenths below a minute, then ``2 min 05 s``; NaN gives *missing*."""
+    """Return a time span as text: tenths below a minute, else as ``2 min 05 s``; NaN gives *missing*."""
     if math.isnan(t):
         return missing
     if math.isinf(t):
@@ -123,7 +124,7 @@ def format_seconds(t: float, missing: str = UNKNOWN) -> str:
 
 
 def format_percent(percent: float) -> str:
-    """Return a number in percent, to a tenth below 10 and from 90 to 100, else whole.
+    """Return a number as percentage: to a tenth below 10 and from 90 to 100, else whole.
 
     ``format_percent(34.2)`` is ``"34 %"``, ``format_percent(98.63)`` is ``"98.6 %"``.
     """
@@ -159,29 +160,30 @@ def format_moment(when: str) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """Write powers as signs: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``; the unit ``1`` becomes ``""``, and a
-    normalised output times a unit that unit.
+    """Write powers as signs: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``.
+
+    The unit ``1`` becomes ``""``. A normalised output times a unit becomes that unit.
     """
     return "" if unit == "1" else unit.removeprefix("1 ").replace("^2", "²").replace("^3", "³")
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return ``a, b and c``."""
+    """Return a list as text: ``a, b and c``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def contradictions_in(doubts: Iterable[Doubt]) -> tuple[str, ...]:
-    """Return a sentence per contradiction between columns, for the head of a result."""
+    """Return one sentence per contradiction between columns, for the beginning of a result."""
     return tuple(sentence(d.cause) for d in doubts if d.slug == CONTRADICTION)
 
 
 def doubt_sentence(doubt: Doubt) -> str:
-    """Return the sentence of a doubt with its cure."""
+    """Return the sentence of a doubt with its remedy."""
     return f"{sentence(doubt.cause)} Cure: {sentence(doubt.cure)}"
 
 
 def doubt_sentences(doubts: Iterable[Doubt]) -> tuple[str, ...]:
-    """Return the sentence of each doubt with its cure."""
+    """Return the sentence of each doubt with its remedy."""
     return tuple(doubt_sentence(doubt) for doubt in doubts)
 
 

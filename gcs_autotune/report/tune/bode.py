@@ -30,14 +30,15 @@ DECADES = 1.3
 """Frequency factor plotted on either side of the crossings."""
 
 HIGHEST, LOWEST, LEAST_PHASE = 40.0, -50.0, -360.0
-"""Plot limits [dB] and [deg]; margins lie well inside."""
+"""Plot limits [dB] and [deg]; margins are well inside them."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoopMargins:
-    """The least margins of some loops: ``gain`` (ratio, counting both ways) at ``gain_at`` [rad/s], ``phase`` [rad] at
-    ``phase_at``; infinite and pi where no crossing limits them. ``narrowest``: index of the loop of the least phase
-    margin.
+    """The smallest margins of some loops.
+
+    ``gain``: ratio, for increase or decrease, at ``gain_at`` [rad/s]. ``phase`` [rad] at ``phase_at``. They are
+    infinite and pi if no crossing limits them. ``narrowest``: index of the loop with the smallest phase margin.
     """
 
     stable: bool
@@ -49,7 +50,7 @@ class LoopMargins:
 
 
 def loop_margins(loops: Sequence[OpenLoop]) -> LoopMargins:
-    """Return the least margins of *loops*, opened at the actuator, delays exactly."""
+    """Return the smallest margins of *loops*, opened at the actuator, with exact delays."""
     gain, gain_at, phase, phase_at, narrowest = math.inf, math.nan, math.pi, math.nan, 0
     stable = True
     for k, loop in enumerate(loops):
@@ -64,7 +65,7 @@ def loop_margins(loops: Sequence[OpenLoop]) -> LoopMargins:
 
 
 def draw_bode(loops: tuple[Sequence[OpenLoop], Sequence[OpenLoop]], margins: Sequence[LoopMargins]) -> Figure:
-    """Plot magnitude and phase of *loops* with old and new gains; bold: the one with the least phase margin.
+    """Plot magnitude and phase of *loops* with old and new gains. The loop with the smallest phase margin is bold.
 
     margins : result of :func:`loop_margins` for each.
     """
@@ -90,7 +91,7 @@ def draw_bode(loops: tuple[Sequence[OpenLoop], Sequence[OpenLoop]], margins: Seq
     bottom.set_ylim(max(bottom.get_ylim()[0], LEAST_PHASE), min(bottom.get_ylim()[1], 90.0))
     top.set_ylabel("magnitude [dB]")
     bottom.set_ylabel("phase [°]")
-    bottom.set_xlabel("frequency [rad/s]; thick lines: margins")
+    bottom.set_xlabel("frequency [rad/s] (thick lines: margins)")
     bottom.xaxis.set_major_formatter("{x:g}")
     bottom.xaxis.set_minor_formatter("")
     legend(top)

@@ -14,7 +14,7 @@ SCHEMA = 1
 
 
 def summarise(story: TuneStory) -> dict[str, Any]:
-    """Return a short summary for programs that read many runs."""
+    """Return a short summary for programs that read the results of many runs."""
     proposal, fit = story.proposal, story.fit
     return {
         "schema": SCHEMA,

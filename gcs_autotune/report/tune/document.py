@@ -1,4 +1,4 @@
-"""The report of a tune. One function per section."""
+"""The report of a tune, with one function per section."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ from gcs_autotune.report.tune.wording import (
 __all__ = ["tune_document"]
 
 MOST_PARAMETERS = 24
-"""Most parameters listed without folding them. Chosen."""
+"""Most parameters listed without folding them. Project choice."""
 
 
 def tune_document(story: TuneStory) -> Document:
-    """Return the report of a tune, as far as it got; its JSON form is ``summary.json``."""
+    """Return the report of a tune as far as it was completed. Its JSON form is ``summary.json``."""
     fit = story.fit
     doubts = (*story.doubts, *(() if fit is None else doubt_sentences(fit.doubts)))
     return Document(
@@ -130,14 +130,14 @@ def _gains(story: TuneStory) -> Iterator[Section]:
         wanted = proposal.wanted
         how = (
             f"The gains make the closed loop follow a {wanted.kind.capitalize()} reference model with a characteristic "
-            f"frequency of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law}). The range is that of the "
+            f"frequency of {format_number(wanted.omega_0, 3)} rad/s (law {proposal.law}). The range is from the "
             "firmware's documentation."
         )
         predicted = metrics_table(proposal.before.metrics, proposal.after.metrics)
         parts += [
             Note(how, kind="quiet"),
             *(Note(sentence(note), detail=True) for note in proposal.notes),
-            Section("gains-predicted", "Predicted on the model", (predicted,), detail=True),
+            Section("gains-predicted", "Prediction of the model", (predicted,), detail=True),
         ]
     yield Section("gains", "Gains", tuple(parts), facts=IN_RESULT)
 
@@ -145,11 +145,11 @@ def _gains(story: TuneStory) -> Iterator[Section]:
 def _proof(story: TuneStory) -> Iterator[Section]:
     if story.awaits_proof and story.proving:
         command = Note(proof_command(story), PROOF_SENTENCE, kind="command")
-        yield Section("proof", "How to apply and prove them", (command,), facts=IN_RESULT)
+        yield Section("proof", "How to apply and test the new gains", (command,), facts=IN_RESULT)
 
 
 def _undo(story: TuneStory) -> Iterator[Section]:
-    """Yield the command that restores the old parameters; on the terminal only where new gains stay."""
+    """Yield the command that restores the old parameters. On the terminal it is shown only if new gains stay."""
     if story.parameters_before:
         command = Note(undo_command(story), undo_sentence(story), kind="command")
         yield Section("undo", "How to undo", (command,), detail=story.ending != "kept", facts=IN_RESULT)
@@ -175,8 +175,8 @@ def _model(story: TuneStory) -> Iterator[Section]:
 
 
 _HOW_TO_READ_CYCLES = (
-    "IS-O assumes sinusoidal motion and starts the refined fit, which uses every sample. In an IS-O row the two "
-    "damping columns are alternatives."
+    "The first-harmonic estimate (IS-O) assumes sinusoidal motion. It starts the refined fit, which uses every sample. "
+    "In an IS-O row the two damping columns are alternatives."
 )
 
 
@@ -218,7 +218,7 @@ def _vehicle(story: TuneStory) -> Iterator[Section]:
 
 def _events(story: TuneStory) -> Iterator[Section]:
     rows = tuple(("" if math.isnan(t) else f"{t:.1f} s", text) for t, text in story.events)
-    clock = Note("Times are those of the vehicle's clock." if rows else "", kind="quiet")
+    clock = Note("All times are on the vehicle's clock." if rows else "", kind="quiet")
     yield Section("events", "Events", (Table(("", ""), "rl", rows), clock), detail=True, facts=IN_RESULT)
 
 
@@ -246,4 +246,4 @@ SECTIONS = (
     _parameters,
     _files,
 )
-"""The sections in their order; a new one is a function here."""
+"""The sections in their order. To add one, add a function here."""

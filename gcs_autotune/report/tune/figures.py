@@ -1,7 +1,7 @@
 """The figures of a tune: step before and after, relay experiments, limit cycles, model and measurement.
 
-A figure draws nothing if the tune did not get that far. Matplotlib is imported with the first that is drawn. Angles
-are in degrees here, and only here.
+A figure is empty if the tune did not reach its stage. Matplotlib is imported with the first plot. Only this module uses
+angles in degrees.
 """
 
 from __future__ import annotations
@@ -69,12 +69,12 @@ __all__ = [
 
 
 MOST_PERIODS = 60
-"""Most periods of a relay experiment plotted. Chosen: twice what an experiment may last."""
+"""Most periods of a relay experiment plotted: twice the number that an experiment may have. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepLeg:
-    """A step, or the step back: times from its command [s], positions from where the step began [rad or m]."""
+    """A step, or the step back: times from its command [s], positions from the start of the step [rad or m]."""
 
     position: Curve
     target: Curve
@@ -83,7 +83,7 @@ class StepLeg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepSeries:
-    """The legs flown of a step trial: the step of ``size`` [rad or m] and the step back."""
+    """The completed parts of a step trial: the step of ``size`` [rad or m] and the step back."""
 
     legs: tuple[StepLeg, ...]
     size: float
@@ -106,7 +106,7 @@ class RelaySeries:
 
 
 def step_series(trial: Trial | None, watched: PlottedSignals, windows: Sequence[float] = ()) -> StepSeries | None:
-    """Return the step in *trial*, None if it has none (never flown, or ended before it).
+    """Return the step in *trial*; None if it contains none, because it was never flown or ended earlier.
 
     The marks ``target`` with ``value`` [rad or m] and ``phase`` (``hold``, ``step``, ``back``) locate it.
     windows : seconds of each leg to plot; without one, the whole leg.
@@ -132,7 +132,7 @@ def step_series(trial: Trial | None, watched: PlottedSignals, windows: Sequence[
 def _leg(
     trial: Trial, watched: PlottedSignals, start: float, window: float, base: float, target: tuple[float, float]
 ) -> StepLeg | None:
-    """Return *window* [s] of *trial* from *start* [s] on, with two seconds before it; None with fewer than two samples.
+    """Return *window* [s] of *trial* from *start* [s], with two seconds before it. None for fewer than two samples.
 
     target : the reference before and from *start*, relative to the *base* [rad or m].
     """
@@ -146,7 +146,7 @@ def _leg(
 
 
 LEAD = 2.0
-"""Seconds plotted before a command. Chosen."""
+"""Time [s] plotted before a command. Project choice."""
 
 
 def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
@@ -156,7 +156,7 @@ def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
 
 
 def relay_series(trial: Trial, watched: PlottedSignals, periods: int = 5) -> RelaySeries | None:
-    """Return the last :data:`MOST_PERIODS` periods in *trial*, None if it has no usable position."""
+    """Return the last :data:`MOST_PERIODS` periods in *trial*; None if it has no usable position."""
     if watched.position not in trial:
         return None
     start = trial.start
@@ -199,7 +199,7 @@ def _from(channel: Channel, start: float, base: float) -> Curve:
 
 
 MOST_RELAYS = 6
-"""Most relay experiments and fit traces plotted; chosen so that the page stays small."""
+"""Most relay experiments and fit traces plotted, so that the page stays small. Project choice."""
 
 
 def step_figure(story: TuneStory) -> Iterator[Figure]:
@@ -215,14 +215,14 @@ def relay_figures(story: TuneStory) -> Iterator[Figure]:
     found = (relay_series(trial, swung) for trial in story.relays[:MOST_RELAYS])
     relays = [series for series in found if series is not None]
     for i, relay in enumerate(relays, start=1):
-        caption = f"Relay experiment '{relay.name}': {noun} relative to its reference, with the switchings marked."
+        caption = f"Relay experiment '{relay.name}': {noun} relative to its reference, with the relay switches marked."
         if flown[relay.name].reason:
             caption += f" End: {flown[relay.name].reason}."
         if not len(relay.switches):
             caption = f"Throttle steps '{relay.name}': {noun} relative to its value before the first step."
         yield Figure(f"relay-{i}", caption, partial(_draw_relay, relay, story))
     if relays:
-        caption = f"Limit cycles: rate of change against {noun}. Bold: the last periods, at most five."
+        caption = f"Limit cycles: rate of change against {noun}. Bold: the last periods (at most five)."
         yield Figure("cycle", caption, partial(_draw_cycles, relays, swung))
 
 
@@ -263,7 +263,7 @@ def track_figure(story: TuneStory) -> Figure:
 
 
 def _levels(story: TuneStory) -> list[float]:
-    """Return the outputs held in the experiments, normalised."""
+    """Return the normalised outputs that were held in the experiments."""
     held = [t.meta.get("levels", [t.meta.get("C", math.nan), -t.meta.get("C", math.nan)]) for t in story.relays]
     return [float(v) for levels in held for v in levels if math.isfinite(v)]
 
@@ -278,7 +278,7 @@ def _bode_caption(margins: Sequence[LoopMargins], *, several: bool) -> str:
         words.append(f"{label} gains: {gain}, {format_quantity(found.phase, 'rad', 3)} in phase")
     thin_lines = " Thin lines: the loop at other speeds and outputs." if several else ""
     told = "; ".join(words)
-    return f"Bode plot of the design model, loop opened at the actuator. Margins: {told}.{thin_lines}"
+    return f"Bode plot of the design model, with the loop opened at the actuator. Margins: {told}.{thin_lines}"
 
 
 def _noun(watched: PlottedSignals) -> tuple[str, str, str]:
@@ -290,7 +290,7 @@ def _noun(watched: PlottedSignals) -> tuple[str, str, str]:
 def _step_caption(story: TuneStory) -> str:
     what = _noun(story.stepped)[0]
     if story.step_before is None and story.step_after is None:
-        return f"Predicted {what} step with the old and the new gains; not measured."
+        return f"Predicted (not measured) {what} step with the old and the new gains."
     if story.step_before is None or story.step_after is None:
         return f"Measured {what} step (left) and step back (right). Below: the actuator."
     return (
@@ -321,7 +321,7 @@ def _draw_step(story: TuneStory) -> Drawing | None:
             top.set_xlim(-LEAD, max(float(leg.target.t[-1]) for leg, _ in legs))
         bottom.set_xlabel("time since the step back [s]" if k else "time since the step [s]")
     top, bottom = columns[0]
-    top.set_ylabel(f"{what}, from the start [{unit}]")
+    top.set_ylabel(f"change of {what} [{unit}]")
     if SIGNALS[story.stepped.position].down:
         top.invert_yaxis()  # shared by the row: depth grows downwards
     _label_output(bottom, story)
@@ -330,7 +330,7 @@ def _draw_step(story: TuneStory) -> Drawing | None:
 
 
 def _draw_targets(axes: Axes, legs: Sequence[tuple[StepLeg, str]], story: TuneStory) -> None:
-    """Plot the target of each leg; coinciding targets once, in grey."""
+    """Plot the target of each leg. Coinciding targets are plotted once, in grey."""
     targets = [(leg.target, colour) for leg, colour in legs]
     if not targets and story.proposal is not None:
         targets = [(_predicted(story.proposal.after, "target"), FAINT)]
@@ -342,7 +342,7 @@ def _draw_targets(axes: Axes, legs: Sequence[tuple[StepLeg, str]], story: TuneSt
 
 
 def _draw_predictions(top: Axes, bottom: Axes, size: float | None, story: TuneStory) -> None:
-    """Plot the predicted step, over a measured step of the same *size*, or alone (None)."""
+    """Plot the predicted step, either over a measured step of the same *size* or alone (None)."""
     if story.proposal is None:
         return
     old, new = story.proposal.before, story.proposal.after
@@ -390,7 +390,7 @@ def _draw_relay(relay: RelaySeries, story: TuneStory) -> Drawing:
         top.invert_yaxis()  # depth grows downwards
     _draw_output(bottom, relay.output, story, INK)
     _label_output(bottom, story)
-    bottom.set_xlabel("time [s]; shaded: the last periods, at most five" if len(relay.switches) else "time [s]")
+    bottom.set_xlabel("time [s] (shaded: the last periods, at most five)" if len(relay.switches) else "time [s]")
     legend(top)
     return figure
 

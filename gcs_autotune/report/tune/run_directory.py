@@ -1,4 +1,4 @@
-"""Write the run directory: JSON for programs, ``report.html`` for people; each file atomically."""
+"""Write the run directory: JSON for programs, ``report.html`` for users. Each file is written atomically."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ PAGE, SUMMARY = "report.html", "summary.json"
 def write_story(story: TuneStory, directory: Path) -> Path:
     """Write the record of a tune into *directory* and return the path of ``report.html``.
 
-    ``summary.json`` always; ``model.json``, ``fit.json``, ``gains.json``, ``parameters_before.json`` and
-    ``parameters_after.json`` if the tune got that far. The page comes last, so that the numbers are on
-    disk even if plotting fails.
+    ``summary.json`` is always written; ``model.json``, ``fit.json``, ``gains.json``, ``parameters_before.json`` and
+    ``parameters_after.json`` if the tune got that far. The page comes last, so that the numbers are on disk even if
+    plotting fails.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The record of one tune, as far as it got."""
+"""The record of one tune, as far as it was completed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["PLOTTED_SIGNALS", "PlottedSignals", "TuneStory"]
 
 @dataclass(frozen=True, slots=True)
 class PlottedSignals:
-    """The signals plotted of a manoeuvre: position or velocity, its rate if it has one, the actuator.
+    """The signals plotted for a manoeuvre: position or velocity, its rate if it has one, and the actuator.
 
     ``unit`` SI; ``noun`` its common name.
     """
@@ -56,7 +56,7 @@ class TuneStory:
     parameters_before, parameters_after : as read from the vehicle; empty if not read.
     events : (vehicle time [s] or NaN, what happened).
     ending : ``kept``, ``restored``, ``dry-run``, ``declined``, ``unchanged`` or ``aborted``; ``reason`` in words.
-    given : data of the model the gains were designed from, if it came from a file instead of a fit.
+    given : data of the model used for the design, if it came from a file instead of a fit.
     given_changes : changes by gains from a file, if none were designed.
     proving : the command that proves the gains of a file by the same step, without the file.
     doubts : sentences about the tune as a whole (the fit carries its own).
@@ -97,14 +97,14 @@ class TuneStory:
 
     @property
     def dof(self) -> Dof:
-        """The degree of freedom this axis moves in."""
+        """The degree of freedom of the tuned axis."""
         kind = AXES.get(OTHER_NAMES.get(self.axis, self.axis))
         name = self.fit.dof if self.fit is not None else "yaw" if kind is None else kind.dof
         return DOFS[name]
 
     @property
     def stepped(self) -> PlottedSignals:
-        """The signals of the step before and after."""
+        """The signals plotted for the step before and after."""
         # A story may come from anywhere, with an axis that is none of ours.
         kind = AXES.get(OTHER_NAMES.get(self.axis, self.axis))
         signal = self.dof.position if kind is None else kind.stepped
@@ -124,7 +124,7 @@ class TuneStory:
 
     @property
     def awaits_proof(self) -> bool:
-        """Whether gains were designed but neither proved nor disproved on the water."""
+        """Whether gains were designed but not yet tested on the vehicle."""
         designed = self.proposal is not None and bool(self.proposal.changes)
         return designed and self.kept is None and self.metrics_after is None and self.ending != "unchanged"
 

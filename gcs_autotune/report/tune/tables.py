@@ -35,12 +35,12 @@ __all__ = [
 _METRICS: tuple[tuple[str, str, Callable[[StepMetrics], str]], ...] = (
     ("itae", "tracking error (ITAE per unit step)", lambda m: _with_unit(m.itae, "s²")),
     ("overshoot", "overshoot", lambda m: format_share(m.overshoot)),
-    ("rise", "rise time, 10 to 90 %", lambda m: format_seconds(m.rise, "not reached")),
-    ("settling", "settling time, to 5 %", settling_cell),
+    ("rise", "rise time (10 to 90 %)", lambda m: format_seconds(m.rise, "not reached")),
+    ("settling", "settling time (to within 5 %)", settling_cell),
     ("steady_error", "remaining error", lambda m: format_share(m.steady_error)),
     ("travel", "actuator travel per second", lambda m: format_share(m.travel)),
 )
-"""Field of StepMetrics, its label, its format."""
+"""Field of StepMetrics -> its label and its format."""
 
 _VEHICLE: Mapping[str, str] = {
     "name": "vehicle",
@@ -54,7 +54,7 @@ _VEHICLE: Mapping[str, str] = {
 
 
 def gains_table(changes: Sequence[Change]) -> Table:
-    """Return old and new gains, the documented range and the reason; a shared reason stands once, as the note."""
+    """Return old and new gains, the documented range and the reason. A common reason is shown once, as the note."""
     common = _common_reason(changes)
     rows = tuple(_gain_row(change, common) for change in changes)
     if not common:
@@ -91,7 +91,7 @@ def _gain_row(change: Change, common: str) -> tuple[str, ...]:
 
 
 def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Table:
-    """Return the step metrics before and after, or of a single step; lower is better throughout."""
+    """Return the step metrics before and after, or of a single step. For all of them, lower is better."""
     if after is None or before is None:
         return _metrics_of_one(before or after)
     rows = []
@@ -109,10 +109,10 @@ def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Tabl
 
 
 def beside_table(story: TuneStory) -> Table:
-    """Return the metrics of the turn-rate step of a heading tune; without one, no rows."""
+    """Return the metrics of the turn-rate step of a heading tune; no rows without such a step."""
     before, after = story.beside or (None, None)
     table = metrics_table(before, after)
-    return replace(table, heads=("turn rates, lower is better", *table.heads[1:]))
+    return replace(table, heads=("turn rate, lower is better", *table.heads[1:]))
 
 
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:
@@ -126,7 +126,7 @@ def margins_table(proposal: Proposal) -> Table:
     shown = [_margin_cells(m) for m in (proposal.margins, proposal.worst_margins)]
     labels = ("stable", "gain margin", "phase margin", "delay margin")
     rows = tuple((label, *cells) for label, *cells in zip(labels, *shown, strict=True))
-    return Table(("", "identified model", "worst in 95 % region"), "lrr", rows)
+    return Table(("", "identified model", "worst case in its 95 % region"), "lrr", rows)
 
 
 def _margin_cells(margins: Margins) -> tuple[str, ...]:
@@ -152,7 +152,7 @@ def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
 
 
 def changed_parameters(story: TuneStory, most: int) -> Table:
-    """Return every parameter read, changed ones first; folded if there are more than *most*."""
+    """Return every parameter read, changed ones first. They are folded if there are more than *most*."""
     changed = story.differences
     names = [*changed, *(n for n in story.parameters_before if n not in changed)]
     rows = tuple(
@@ -172,7 +172,7 @@ def changed_parameters(story: TuneStory, most: int) -> Table:
 
 
 def vehicle_table(vehicle: Mapping[str, object]) -> Table:
-    """Return the vehicle's data without heads, known keys first, without tables of numbers."""
+    """Return the vehicle's data without headings, known keys first, without tables of numbers."""
     plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
     keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
     rows = tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)

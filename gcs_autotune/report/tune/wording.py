@@ -35,17 +35,17 @@ __all__ = [
 
 
 PROOF_SENTENCE = (
-    "The new gains are in proposed.param (Mission Planner, MAVProxy) and proposed.params (QGroundControl). This "
-    "command writes them, flies the same step again and keeps them only if they are better:"
+    "The new gains are in proposed.param (Mission Planner, MAVProxy) and proposed.params (QGroundControl). The next "
+    "command writes these gains and flies the same step again. It keeps them only if they are better:"
 )
 """Sentence that introduces :func:`proof_command`."""
 
 _ENDINGS: Mapping[str, tuple[str, Tone]] = {
-    "kept": ("The new {axis} gains proved better and are on the vehicle.", "good"),
-    "restored": ("The new {axis} gains did not prove better; the old ones were restored.", "neutral"),
-    "dry-run": ("Dry run: new {axis} gains are proposed; nothing was written.", "neutral"),
-    "declined": ("New {axis} gains were proposed and declined; nothing was written.", "neutral"),
-    "unchanged": ("The present {axis} gains stay: no better ones were found.", "neutral"),
+    "kept": ("The new {axis} gains are better in a measured step and are kept.", "good"),
+    "restored": ("The new {axis} gains are not better in a measured step. The old ones were restored.", "neutral"),
+    "dry-run": ("Dry run: new {axis} gains are proposed. Nothing was written to the vehicle.", "neutral"),
+    "declined": ("New {axis} gains were proposed and declined. Nothing was written to the vehicle.", "neutral"),
+    "unchanged": ("The design gave no better {axis} gains. The present gains stay on the vehicle.", "neutral"),
     "aborted": ("The {axis} tune was aborted.", "bad"),
 }
 """Ending -> headline, tone."""
@@ -64,7 +64,7 @@ def verdict_of(story: TuneStory) -> Verdict:
         sentences.append(as_it_is(story.metrics_before))
     elif story.proposal is not None:
         before, after = story.proposal.before.metrics, story.proposal.after.metrics
-        sentences.append(improvement(before, after, "predicted, not proved on the water"))
+        sentences.append(improvement(before, after, "predicted, not measured"))
     if story.proposal is not None and story.ending != "unchanged":
         sentences.append(safety(story.proposal))
     sentences.append(parameters_sentence(story))
@@ -83,7 +83,7 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
 
 
 def turn_rates(before: StepMetrics, after: StepMetrics) -> str:
-    """Return one sentence on the turn-rate step that was flown with the same gains."""
+    """Return one sentence on the turn-rate step flown with the same gains."""
     old, new = (format_share(max(1.0 - m.steady_error, 0.0)) for m in (before, after))
     return (
         f"Turn-rate step with the same gains (measured): tracking error {_change_words(before.itae, after.itae)}; "
@@ -92,20 +92,22 @@ def turn_rates(before: StepMetrics, after: StepMetrics) -> str:
 
 
 def as_it_is(now: StepMetrics) -> str:
-    """Return one sentence on the step that was flown with gains that stay."""
-    return f"Step response with them (measured): overshoot {format_share(now.overshoot)}; {_settling_words(now)}."
+    """Return one sentence on the step flown with gains that stay."""
+    return (
+        f"Step response with these gains (measured): overshoot {format_share(now.overshoot)}; {_settling_words(now)}."
+    )
 
 
 def _settling_words(metrics: StepMetrics) -> str:
     if math.isfinite(metrics.settling):
         return f"settled after {format_seconds(metrics.settling)}"
     if metrics.hidden_by_noise:
-        return "settling time not readable: the noise exceeds the 5 % band"
+        return "settling time unknown: the noise exceeds the 5 % band"
     return "not settled within the 5 % band at the end of the record"
 
 
 def settling_cell(metrics: StepMetrics) -> str:
-    """Return the settling time, or why there is none, for a table cell."""
+    """Return the settling time, or the reason why there is none, for a table cell."""
     return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else "not reached")
 
 
@@ -119,14 +121,14 @@ def _change_words(before: float, after: float) -> str:
 
 
 def safety(proposal: Proposal) -> str:
-    """Return whether the loop with the new gains is stable, at the model and over its uncertainty."""
+    """Return a sentence on whether the loop with the new gains is stable, for the model and over its uncertainty."""
     margins, worst = proposal.margins, proposal.worst_margins
     if not margins.stable:
         return "NOT SAFE: the identified loop is unstable with the new gains. Do not use them."
     if not worst.stable:
         return (
-            "CAREFUL: the loop is stable at the identified model, but not everywhere in its 95 % region. "
-            "Identify again with a longer or calmer run before you rely on these gains."
+            "CAREFUL: the loop is stable with the identified model, but not everywhere in the model's 95 % region. "
+            "Identify again from a longer or calmer run before you rely on these gains."
         )
     return (
         "With the new gains the loop is stable over the whole 95 % region of the identified model. "
@@ -136,30 +138,32 @@ def safety(proposal: Proposal) -> str:
 
 def _margin_words(margins: Margins) -> str:
     return (
-        f"a factor of {format_factor(margins.gain, 2)} in gain, "
-        f"{format_quantity(margins.phase, 'rad', 2)} of phase and {format_seconds(margins.delay)} of extra delay"
+        f"a factor of {format_factor(margins.gain, 2)} in gain, {format_quantity(margins.phase, 'rad', 2)} of phase "
+        f"and {format_seconds(margins.delay)} of extra delay"
     )
 
 
 def parameters_sentence(story: TuneStory) -> str:
-    """Return the known state of the vehicle's parameters at the end."""
+    """Return a sentence on the known state of the vehicle's parameters at the end."""
     if not story.parameters_before:
         return "No parameter was read, and none was written."
     if not story.changes or story.ending in ("dry-run", "declined", "unchanged"):
         return "No parameter was written."
     if not story.parameters_after:
         return (
-            "The parameters were not read back at the end. The events show how far the run got. To restore them, run "
-            f"`{undo_command(story)}`."
+            "The parameters were not read back at the end. The events show how far the run got. To restore the "
+            f"parameters, run `{undo_command(story)}`."
         )
     changed = story.differences
     if not changed:
         return "All parameters have their original values, verified by reading back."
     written = [name for name in changed if name in {c.parameter for c in story.changes}]
     names, own = ", ".join(written), ", ".join(name for name in changed if name not in written)
-    also = f" The vehicle itself changed {own}, which this tool never writes." if own else ""
+    also = f" The vehicle itself changed {own}. This tool never writes these parameters." if own else ""
     if not written:
-        return f"All parameters that were written have their original values, verified by reading back.{also}"
+        return (
+            f"All parameters written during the run have their original values again, verified by reading back.{also}"
+        )
     if story.ending == "kept" or story.kept:
         return f"Changed on the vehicle, verified by reading back: {names}.{also}"
     return f"NOT RESTORED: {names}. Run `{undo_command(story)}`.{also}"
@@ -170,7 +174,7 @@ def undo_sentence(story: TuneStory) -> str:
     written = bool(story.changes) and story.ending in ("kept", "restored", "aborted")
     if written:
         return "The original parameters are saved. To restore them, connect to the vehicle and run:"
-    return "Nothing was written, so there is nothing to undo. The original parameters are saved:"
+    return "Nothing was written, so there is nothing to undo. This command restores the saved original parameters:"
 
 
 def undo_command(story: TuneStory) -> str:
@@ -185,7 +189,7 @@ def proof_command(story: TuneStory) -> str:
 
 
 def bound_sentence(bound: tuple[float, float]) -> str:
-    """Return the stability bound of Miskovic2010, eq. (8.22)-(8.27), evaluated."""
+    """Return a sentence with the stability bound of Miskovic2010, eq. (8.22)-(8.27), evaluated."""
     left, right = bound
     if math.isnan(left) or math.isnan(right):
         return (
@@ -195,6 +199,6 @@ def bound_sentence(bound: tuple[float, float]) -> str:
     verdict = "fulfilled" if left < right else "NOT fulfilled"
     sign = "<" if left < right else ">="
     return (
-        "Closed-form stability bound (Miskovic2010, 8.22-8.27): "
-        f"{format_number(left, 3)} {sign} {format_number(right, 3)}, {verdict}."
+        f"Closed-form stability bound (Miskovic2010, 8.22-8.27): {format_number(left, 3)} {sign} "
+        f"{format_number(right, 3)}, {verdict}."
     )

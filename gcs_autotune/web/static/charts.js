@@ -157,7 +157,7 @@ function drawTrack(rows, legs, { room, track }) {
     else { corners.forEach(([n, e], i) => (i ? pen.lineTo(px(e), py(n)) : pen.moveTo(px(e), py(n)))); pen.closePath(); }
     pen.stroke(); pen.setLineDash([]);
   }
-  if (zones.length) limit += "; area and fence drawn (dotted: keep out)";
+  if (zones.length) limit += "; area and fence shown (dotted: keep out)";
   if (predicted.length) {
     pen.strokeStyle = css("wanted"); pen.setLineDash([8, 5]); pen.beginPath();
     predicted.forEach(([n, e], i) => (i ? pen.lineTo(px(e), py(n)) : pen.moveTo(px(e), py(n))));
@@ -193,7 +193,7 @@ function drawPhase(rows, kind) {
   const { pen, width, height } = canvas("phase");
   const points = rows.filter((r) => r[2] !== null && r[5] !== null).map((r) => [(r[2] - (r[3] ?? r[2])) * kind.factor, r[5] * kind.factor]);
   if (!points.length || rows.every((r) => r[3] === null)) {
-    say("caption-phase", "Phase portrait: shown while there is a target");
+    say("caption-phase", "Phase portrait: shown only while there is a target");
     return;
   }
   const most = (k, floor) => Math.max(floor, ...points.map((p) => Math.abs(p[k]))) * 1.15;

@@ -47,7 +47,7 @@ async function answer(yes) {
   show();
   const told = await post("answer", { id, yes });
   if (!told.ok) {
-    refused = `the answer did not arrive: ${told.error}`;
+    refused = `your answer did not reach the server: ${told.error}`;
     answering = null;
     show();
   }
@@ -100,7 +100,7 @@ function gains(offer) {
   const told = document.createElement("p");
   if (shared) told.textContent = `${offer.values.every((v) => parts(v)[1] === shared) ? "All are" : "The others are"} ${shared}. `;
   if (offer.cost_after !== null) {
-    told.textContent += `Predicted on the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer.cost_after, offer.cost_worst)} s²; lower is better; "at worst" covers the model's uncertainty.`;
+    told.textContent += `Predicted with the identified model: ITAE of the step ${short(offer.cost_before)} → ${costs(offer.cost_after, offer.cost_worst)} s². Lower is better. "At worst" includes the uncertainty of the model.`;
   }
   return [table, told];
 }
@@ -140,7 +140,7 @@ function showBar() {
   const button = $("stop"), stopping = running() && (state.stopping || wantStop);
   button.disabled = !running() || !mayTouch;
   button.classList.toggle("stopping", Boolean(stopping));
-  say("stop", stopping ? "STOPPING: restoring" : "STOP");
+  say("stop", stopping ? "STOPPING: restoring the vehicle" : "STOP");
   document.title = `${stopping ? "STOPPING – " : running() ? "▶ " : ""}gcs-autotune`;
 }
 
@@ -149,10 +149,10 @@ function showAlarm() {
   const alarms = [];
   if (refused) alarms.push(refused);
   if (running() && wantStop && !state.stopping && performance.now() - wantStop > 700 && !refused) {
-    alarms.push("STOP is not confirmed yet; trying again. Use your transmitter or the vehicle's own switch.");
+    alarms.push("STOP is not confirmed yet. Sending it again. Use your transmitter or the switch on the vehicle.");
   }
   if (!link.connected && away > 2) {
-    alarms.push(`No connection to the server for ${duration(away)}.${running() ? " A current run continues without this page." : ""}`);
+    alarms.push(`No connection to the server for ${duration(away)}.${running() ? " The current run continues without this page." : ""}`);
   } else if (running() && state.vitals && !state.run.simulated && quiet > 3) {
     alarms.push(`No messages from the vehicle for ${duration(quiet)}.`);
   }

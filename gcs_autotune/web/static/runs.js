@@ -46,7 +46,7 @@ export async function list() {
     const { entries } = await (await fetch("runs")).json();
     $("runs").replaceChildren(...(entries.length ? entries.map(row) : [item("No recorded runs yet.")]));
   } catch {
-    say("runs-error", "The list of runs did not arrive.");
+    say("runs-error", "The list of runs could not be loaded. Reload the page.");
   }
 }
 
@@ -68,13 +68,13 @@ function report(name, file, text) {
 async function open(name) {
   say("runs-error", "");
   const answer = await fetch(`runs/${encodeURIComponent(name)}`);
-  if (!answer.ok) { say("runs-error", "This run no longer exists."); return; }
+  if (!answer.ok) { say("runs-error", "This run no longer exists. Reload the page."); return; }
   entry = await answer.json();
   $("entry").hidden = false;
   say("entry-title", entry.log || `${entry.title} (${entry.name})`);
   say("entry-reason", entry.reason);
   $("trials").replaceChildren(...entry.trials.map((trial) => item(press(trial.name, () => play(entry.name, trial)), ` ${trial.ending}`)));
-  if (!entry.trials.length) $("trials").replaceChildren(item("No recorded trial to replay."));
+  if (!entry.trials.length) $("trials").replaceChildren(item("This run contains no record to replay."));
   $("files").replaceChildren(...entry.files.map((file) => item(report(entry.name, file, file))));
   $("entry").scrollIntoView({ block: "nearest" });
 }
@@ -139,9 +139,9 @@ export function parse(text, trial) {
 
 async function play(name, trial) {
   const answer = await fetch(address(name, trial.file));
-  if (!answer.ok) { say("runs-error", "The record did not arrive."); return; }
+  if (!answer.ok) { say("runs-error", "The record could not be loaded. Try again."); return; }
   const rows = parse(await answer.text(), trial);
-  if (!rows.length) { say("runs-error", "This record has nothing to plot."); return; }
+  if (!rows.length) { say("runs-error", "This record contains no signal to plot."); return; }
   replay = { rows, trial, at: 0, playing: true };
   say("replay-title", `${trial.name} of ${name}`);
   $("replay").hidden = false;

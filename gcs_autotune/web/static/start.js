@@ -70,10 +70,10 @@ function offer() {
   $("fly-rows").hidden = !flies;
   $("manoeuvre-help").textContent = `${kind.help}. Space: ${kind.room}.`;
   $("dry-row").hidden = $("model-row").hidden = job === "experiment";
-  $("model-help").textContent = flies ? "for the preview; none: the vehicle's own parameters"
-    : "to design from, without swings; none: what this run identifies";
+  $("model-help").textContent = flies ? "for the preview. None: the preview uses the vehicle's own parameters"
+    : "for the design, without relay experiments. None: the model that this run identifies";
   $("dry-label").textContent = flies ? "Preview only: time, space and track; nothing moves"
-    : "Dry run: fly, identify and design, but write nothing";
+    : "Dry run: fly, identify and design, but write no parameter";
   const kept = chosen().numbers;
   const groups = [];
   const tables = flies ? { [`Options of ${kind.name}`]: kind.options, ...table.numbers } : table.numbers;

@@ -86,7 +86,7 @@ export function token() {
   try { return link.token || localStorage.getItem(KEY) || "none"; } catch { return link.token || "none"; }
 }
 
-// Returns {ok, status, ...the answer}; status 0 when the server was not reached.
+// Returns {ok, status, ...the answer}; status 0 when the server cannot be reached.
 export async function post(where, what = {}) {
   try {
     const answer = await fetch(where, {
@@ -96,6 +96,6 @@ export async function post(where, what = {}) {
     });
     return { ok: answer.ok, status: answer.status, ...(await answer.json().catch(() => ({}))) };
   } catch {
-    return { ok: false, status: 0, error: "the server was not reached" };
+    return { ok: false, status: 0, error: "the server cannot be reached" };
   }
 }

@@ -88,7 +88,7 @@ def test_damping_that_stops_at_zero_is_told_as_none_and_not_as_a_bound_to_widen(
     """She has damping; where her damping is bounded to push, the nearest there is none."""
     held = fit(runs[:1], FORM, delay=0.0, bounds={"N_r": (0.0, 9.0)})
     doubt = next(d for d in held.doubts if d.slug == "at-bound")
-    assert doubt.cause == "N_r stopped at zero, the limit of damping: these runs show no such damping"
+    assert doubt.cause == "N_r stopped at zero, the limit of damping. These runs show no such damping"
     assert "widen" not in doubt.cure
 
 

@@ -107,7 +107,7 @@ def test_what_makes_no_sense_is_refused_in_words(tmp_path: Path) -> None:
     run = yaw_run(1, {})
     with pytest.raises(UnknownName, match="dead-zone"):
         fit(run, effects=["deadzone"])
-    with pytest.raises(UsageError, match="cannot be placed at 'surge'"):
+    with pytest.raises(UsageError, match="cannot act on 'surge'"):
         fit(run, effects=["input-bias@surge"])
     with pytest.raises(UsageError, match="output-error"):
         fit(run, method="ekf", effects=["dead-zone"])

@@ -57,10 +57,10 @@ def test_a_plan_takes_the_constants_of_another_craft():
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('runs = ["line*"]', "", "name the runs with"),
+        ('runs = ["line*"]', "", "select the runs with"),
         ('held = ["m"]', 'held = ["m", "X_uu"]', "X_uu is held, but no earlier step"),
         ('held = ["m"]', 'held = ["m", "X_u"]', "both held and identified"),
-        ('dofs = ["surge"]', 'dofs = ["yaw"]', "equation that is not among"),
+        ('dofs = ["surge"]', 'dofs = ["yaw"]', "equation of a degree of freedom that the form lacks"),
         ('shared = ["X_udot"]', 'shared = ["X_udto"]', "X_udto"),
         ("coriolis = false", "corioli = false", "corioli"),
         ("[[step]]", "[[stpe]]", "stpe"),

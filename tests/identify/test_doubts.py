@@ -1,0 +1,59 @@
+"""Reasons not to trust a fit stand in one table."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gcs_autotune.identify import Doubt
+from gcs_autotune.identify.axis.run_comparison import RunComparison
+from gcs_autotune.identify.doubts import DOUBTS, DoubtRow, doubts_about
+from gcs_autotune.identify.outlier_run import DifferentPair, MisfittingRun, OutlierRun
+
+
+@dataclass(frozen=True)
+class Voltages:
+    """What a method might know of a battery."""
+
+    volts: tuple[float, ...]
+
+
+def _low(known: Voltages) -> Iterator[dict[str, object]]:
+    yield from ({"volts": v} for v in known.volts if v < 10.0)
+
+
+LOW_BATTERY = DoubtRow("low-battery", Voltages, _low, "the battery had {volts:.1f} V", "charge it")
+
+
+def test_to_add_a_doubt_is_to_add_a_row() -> None:
+    run = MisfittingRun("second", 4.0, 2.0)
+    found = doubts_about(Voltages((9.0, 12.0, 8.0)), run, None, rows=(*DOUBTS, LOW_BATTERY))
+    assert [d.slug for d in found] == ["run-apart", "low-battery", "low-battery"]
+    assert found[1] == Doubt("low-battery", "the battery had 9.0 V", "charge it")
+    assert not doubts_about(Voltages((9.0,)))
+
+
+def test_each_row_has_a_sentence_and_a_cure_of_named_facts() -> None:
+    for row in DOUBTS:
+        fields = [field for text in (row.cause, row.cure) for _, field, _, _ in string.Formatter().parse(text)]
+        assert all(field is None or field.isidentifier() for field in fields), row.slug
+        assert row.cause and row.cure
+
+
+def test_of_runs_that_differ_either_the_craft_or_the_model_is_doubted() -> None:
+    odd = (OutlierRun("second", 9.0, 0.5),)
+    (apart,) = doubts_about(RunComparison(odd))
+    assert "run 'second' differs from the others by 9 standard errors" in apart.cause
+    (lacking,) = doubts_about(RunComparison(odd, True, ("sway",), "surge,sway,yaw"))
+    assert lacking.slug == "runs-disagree" and "also moved in sway" in lacking.cause
+    assert lacking.cure.endswith("--dof surge,sway,yaw")
+    (term,) = doubts_about(RunComparison(odd, True))
+    assert term.cure == "find the missing term with `diagnose`" and "also moved" not in term.cause
+
+
+def test_of_two_runs_neither_is_called_the_outlier() -> None:
+    (pair,) = doubts_about(RunComparison((OutlierRun("a", 9.0, 0.5, ("a", "b")),)))
+    assert pair.slug == "run-apart" and "'a' and 'b'" in pair.cause
+    (different,) = doubts_about(DifferentPair(("a", "b"), 2.04))
+    assert different.slug == "runs-disagree" and "2.0 times better" in different.cause
