@@ -20,7 +20,7 @@ RATIO = 0.95
 CORNER_RATIO, CORNER = 1.1, 0.5
 """Relative and absolute [m] increase of a corner that counts as scatter. Project choice: the noise of a GNSS."""
 LATE_RATIO, LATE = 1.25, 0.05
-"""Increase in the second half of legs that is allowed, relative and [of a leg's length]. Project choice."""
+"""Allowed distance in the third quarter of legs, relative to that before and [of a leg]. Project choice."""
 TIME_RATIO = 1.5
 """Longest time, relative to the time before. Project choice: slower is easily better."""
 
@@ -29,12 +29,14 @@ TIME_RATIO = 1.5
 class TrackMetrics:
     """Distances from the route [m]: from the leg under way or the one before it, whichever is nearer.
 
-    ``rms`` over all legs; ``late`` likewise in their second halves; ``corners`` the greatest one after each corner.
+    ``rms`` over all legs; ``late`` in their second halves; ``settled`` in their third quarters, where the boat has left
+    one corner behind and does not yet round the next; ``corners`` the greatest one after each corner.
     ``seconds``: duration of the legs. ``leg``: length of a leg [m].
     """
 
     rms: float
     late: float
+    settled: float
     corners: tuple[float, ...]
     seconds: float
     leg: float
@@ -44,6 +46,7 @@ class TrackMetrics:
         return {
             "rms": self.rms,
             "late": self.late,
+            "settled": self.settled,
             "corners": list(self.corners),
             "seconds": self.seconds,
             "leg": self.leg,
@@ -59,6 +62,7 @@ def track_metrics(
     """
     off: list[Array] = []
     late: list[Array] = []
+    settled: list[Array] = []
     corners: list[float] = []
     for k in range(1, len(waypoints)):
         begin, end = waypoints[k - 1], waypoints[k]
@@ -70,8 +74,9 @@ def track_metrics(
         off.append(away)
         along = ((inside - begin) / (end - begin)).real
         late.append(away[along > 0.5])
+        settled.append(away[(along > 0.5) & (along < 0.75)])
     leg = abs(waypoints[1] - waypoints[0])
-    return TrackMetrics(_rms(off), _rms(late), tuple(corners), turned[-1] - turned[0], leg)
+    return TrackMetrics(_rms(off), _rms(late), _rms(settled), tuple(corners), turned[-1] - turned[0], leg)
 
 
 def _distance(place: NDArray[np.complex128], begin: complex, end: complex) -> Array:
@@ -89,7 +94,7 @@ def _rms(pieces: Sequence[Array]) -> float:
 
 def follows_better(before: TrackMetrics, after: TrackMetrics) -> Verdict:
     """Compare two flights of one mission: the rms distance must be lower, and nothing else clearly higher."""
-    lines = [_rms_line(before, after), _late_line(before, after)]
+    lines = [_rms_line(before, after), _settled_line(before, after)]
     lines += [_corner_line(n, *pair) for n, pair in enumerate(zip(before.corners, after.corners, strict=True), start=1)]
     most = TIME_RATIO * before.seconds
     slow = "" if after.seconds <= most else f", more than the {most:.0f} s allowed"
@@ -99,15 +104,15 @@ def follows_better(before: TrackMetrics, after: TrackMetrics) -> Verdict:
 
 def _rms_line(before: TrackMetrics, after: TrackMetrics) -> tuple[bool, str]:
     good = after.rms <= RATIO * before.rms
-    tail = "" if good else f"; at least {1.0 - RATIO:.0%} less is required"
+    tail = "" if good else f"; at least {100.0 * (1.0 - RATIO):.0f} % less is required"
     return good, f"distance from the route {before.rms:.2f} -> {after.rms:.2f} m rms{tail}"
 
 
-def _late_line(before: TrackMetrics, after: TrackMetrics) -> tuple[bool, str]:
-    most = max(LATE_RATIO * before.late, LATE * before.leg)
-    good = after.late <= most
+def _settled_line(before: TrackMetrics, after: TrackMetrics) -> tuple[bool, str]:
+    most = max(LATE_RATIO * before.settled, LATE * before.leg)
+    good = after.settled <= most
     tail = "" if good else f", more than the {most:.2f} m allowed"
-    return good, f"in the second half of legs {before.late:.2f} -> {after.late:.2f} m rms{tail}"
+    return good, f"in the third quarter of legs {before.settled:.2f} -> {after.settled:.2f} m rms{tail}"
 
 
 def _corner_line(number: int, before: float, after: float) -> tuple[bool, str]:

@@ -22,14 +22,13 @@ from gcs_autotune.design import (
     line_changes,
     track_metrics,
 )
-from gcs_autotune.errors import NotInformative, PreconditionFailed, WrongVehicle
+from gcs_autotune.errors import AutotuneError, NotInformative, PreconditionFailed, WrongVehicle
 from gcs_autotune.frames import from_flat
 from gcs_autotune.identify import AxisFit, fit_axis
 from gcs_autotune.link import (
     Journal,
     MavlinkCraft,
     MissionLoan,
-    ParameterTransaction,
     StoredMission,
     set_current,
     waypoint,
@@ -39,6 +38,7 @@ from gcs_autotune.observer import Observer
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import battery, how_long
+from gcs_autotune.workflow.autopilot_loop import lend_parameters
 from gcs_autotune.workflow.background import run_in_background
 from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.identification import delay_of
@@ -135,9 +135,16 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
     def fly(journal: Journal) -> None:
         with MissionLoan(craft.session, journal, partial(_busy, craft)) as mission:
             mission.set(_mission(course, craft, now))
+            flown.append(mission)
             log.say("the proof mission is uploaded; the vehicle's own one is in the journal")
             tune_loop(_Line(flights, tune, present), log, visit.agrees, journal, dry_run=tune.dry_run)
 
+    def finish() -> None:
+        read_back(partial(_learn, craft), visit)
+        for mission in flown:
+            _set_item(craft, mission, log)
+
+    flown: list[MissionLoan] = []
     runner = visit.runner(replace(envelope, time=math.inf), keep, gains=True)
     flights = _Flights(visit, runner, course, speed)
     names = ", ".join(name for name in LINE_PARAMETERS if name in present)
@@ -158,7 +165,7 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
         ),
         fly=fly,
         writes="write no parameter (dry run)" if tune.dry_run else changes,
-        finish=partial(read_back, partial(_learn, craft), visit),
+        finish=finish,
     )
 
 
@@ -222,6 +229,16 @@ def _check_space(course: ProofCourse, speed: float, envelope: Envelope, now: Obs
 def _busy(craft: MavlinkCraft) -> str:
     mode = craft.firmware.mission_mode
     return f"the vehicle is in {mode} by order of another operator" if craft.mode == mode else ""
+
+
+def _set_item(craft: MavlinkCraft, mission: MissionLoan, log: TuneLog) -> None:
+    """Set the item of the restored mission once more: ArduRover resets it when it disarms."""
+    try:
+        with craft.shielded():
+            if not craft.armed:
+                mission.rewind()
+    except AutotuneError as error:
+        log.say(f"the current item of the mission could not be restored: {error}")
 
 
 def _mission(course: ProofCourse, craft: MavlinkCraft, now: Observation) -> StoredMission:
@@ -297,7 +314,7 @@ class _Line:
 
     def lend(self, journal: Journal) -> GainLoan:
         """Return the transaction on the vehicle's parameters."""
-        return ParameterTransaction(self._craft.parameters, journal)
+        return lend_parameters(self._craft, journal)
 
     def experiment(self) -> None:
         """Fly the mission with the present parameters."""

@@ -134,6 +134,7 @@ class TuneLog(MissionLog):
             metrics_before=self.metrics_before,
             metrics_after=self.metrics_after,
             beside=self.beside,
+            missions=tuple(t for t in self._trials if t.meta.get("manoeuvre") == "mission"),
             track_before=self.track_before,
             track_after=self.track_after,
             kept=kept,

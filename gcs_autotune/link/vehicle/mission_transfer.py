@@ -33,7 +33,7 @@ __all__ = [
 
 _MISSION: int = mavlink.MAV_MISSION_TYPE_MISSION
 _ACCEPTED: int = mavlink.MAV_MISSION_ACCEPTED
-_PATIENCE, _TRIES = 1.5, 5
+_PATIENCE, _TRIES = 1.5, 3
 _CURRENT = 42
 """Number of MISSION_CURRENT."""
 _GIVES_UP = 3.0
@@ -170,7 +170,7 @@ def read_mission(session: Session) -> StoredMission:
     LinkLost, OperatorStopped
         From the session.
     """
-    items = download(session)
+    items = next((found for _ in range(_TRIES) if (found := download(session)) is not None), None)
     if items is None:
         raise NoReply(f"{session.vehicle} does not report its mission. Try a better link")
     now = ask_mission(session, lambda: session.request_message(_CURRENT), "MISSION_CURRENT")
@@ -326,6 +326,11 @@ class MissionLoan:
         self._ours = None
         with suppress(PreconditionFailed):  # a full disk: the journal only says too much then
             self._journal.record("mission_returned")
+
+    def rewind(self) -> None:
+        """Set the current item of a mission that has been restored; ``NoReply`` if the vehicle does not confirm it."""
+        if self._ours is None and self._before is not None and not self._before.is_empty and self._before.current:
+            set_current(self._session, self._before.current)
 
     def _restored(self, before: StoredMission, ours: StoredMission) -> str:
         found = read_mission(self._session)

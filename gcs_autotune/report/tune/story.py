@@ -51,7 +51,8 @@ class TuneStory:
     announced : the announcement, one line per entry.
     rates : message name -> (requested, measured) [Hz].
     beside : the turn-rate step flown with a heading step, with old and new gains.
-    track_before, track_after : how the mission of a tune of the line was followed, with old and new parameters.
+    missions : the flights of a tune of the line.
+    track_before, track_after : how they followed their route, with old and new parameters.
     kept : whether the new gains stayed; None if undecided; ``verdict_reasons`` has the reasons.
     parameters_before, parameters_after : as read from the vehicle; empty if not read.
     events : (vehicle time [s] or NaN, what happened).
@@ -81,6 +82,7 @@ class TuneStory:
     metrics_before: StepMetrics | None = None
     metrics_after: StepMetrics | None = None
     beside: tuple[StepMetrics, StepMetrics] | None = None
+    missions: tuple[Trial, ...] = ()
     track_before: TrackMetrics | None = None
     track_after: TrackMetrics | None = None
     kept: bool | None = None
