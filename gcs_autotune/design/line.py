@@ -24,10 +24,10 @@ LAGS = 3.0
 """Time constants until a turn rate is reached and again is over. Found with four simulated hulls."""
 WIDER = 1.1
 """WP_RADIUS as a multiple of the distance at which the target passes a U-turn. Project choice."""
-VELOCITY_GAIN = 2.0
-"""PSC_VEL_P [1/s]. Found by a search on four simulated hulls; from 1.5 to 3 the distance from the route is flat."""
-LAG_PRODUCT, POSITION_GAIN = 0.5, (0.1, 0.5)
-"""PSC_POS_P times the lag, and its limits [1/s]. ``T s^2 + s + P`` has a damping of 0.7 where P T is 0.5."""
+VELOCITY_GAIN = 1.5
+"""PSC_VEL_P [1/s]. Found by a search on four simulated hulls; from 1.4 to 3 the distance from the route is flat."""
+LAG_PRODUCT, POSITION_GAIN = 0.4, (0.1, 0.5)
+"""PSC_POS_P times the lag, and its limits [1/s]. ``T s^2 + s + P`` has a damping of 0.8 where P T is 0.4."""
 DIGITS = 2
 
 LINE_PARAMETERS: Mapping[str, tuple[float, float, str]] = {

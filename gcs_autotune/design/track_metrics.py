@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,9 @@ __all__ = ["TrackMetrics", "follows_better", "track_metrics"]
 Array = NDArray[np.float64]
 
 RATIO = 0.95
-"""Largest ratio of the new to the old rms distance: it must be at least 5 % lower. Chosen, as for the ITAE of steps."""
-CORNER_RATIO, CORNER = 1.1, 0.5
-"""Relative and absolute [m] increase of a corner that counts as scatter. Project choice: the noise of a GNSS."""
+"""Largest ratio of the new to the old rms distance: at least 5 % lower. Project choice, as for steps."""
+MEAN_RATIO, WIDEST_RATIO = 1.05, 1.1
+"""Largest ratio of the new to the old mean of the corners, and of the widest. Project choice: scatter."""
 LATE_RATIO, LATE = 1.25, 0.05
 """Allowed distance in the third quarter of legs, relative to that before and [of a leg]. Project choice."""
 TIME_RATIO = 1.5
@@ -30,7 +31,8 @@ class TrackMetrics:
     """Distances from the route [m]: from the leg under way or the one before it, whichever is nearer.
 
     ``rms`` over all legs; ``late`` in their second halves; ``settled`` in their third quarters, where the boat has left
-    one corner behind and does not yet round the next; ``corners`` the greatest one after each corner.
+    one corner behind and does not yet round the next: the median of the legs, because a boat weaves on each.
+    ``corners``: the greatest one after each corner.
     ``seconds``: duration of the legs. ``leg``: length of a leg [m].
     """
 
@@ -62,7 +64,7 @@ def track_metrics(
     """
     off: list[Array] = []
     late: list[Array] = []
-    settled: list[Array] = []
+    settled: list[float] = []
     corners: list[float] = []
     for k in range(1, len(waypoints)):
         begin, end = waypoints[k - 1], waypoints[k]
@@ -74,9 +76,11 @@ def track_metrics(
         off.append(away)
         along = ((inside - begin) / (end - begin)).real
         late.append(away[along > 0.5])
-        settled.append(away[(along > 0.5) & (along < 0.75)])
+        settled.append(_rms([away[(along > 0.5) & (along < 0.75)]]))
     leg = abs(waypoints[1] - waypoints[0])
-    return TrackMetrics(_rms(off), _rms(late), _rms(settled), tuple(corners), turned[-1] - turned[0], leg)
+    return TrackMetrics(
+        _rms(off), _rms(late), float(np.nanmedian(settled)), tuple(corners), turned[-1] - turned[0], leg
+    )
 
 
 def _distance(place: NDArray[np.complex128], begin: complex, end: complex) -> Array:
@@ -94,8 +98,7 @@ def _rms(pieces: Sequence[Array]) -> float:
 
 def follows_better(before: TrackMetrics, after: TrackMetrics) -> Verdict:
     """Compare two flights of one mission: the rms distance must be lower, and nothing else clearly higher."""
-    lines = [_rms_line(before, after), _settled_line(before, after)]
-    lines += [_corner_line(n, *pair) for n, pair in enumerate(zip(before.corners, after.corners, strict=True), start=1)]
+    lines = [_rms_line(before, after), _settled_line(before, after), _corners_line(before, after)]
     most = TIME_RATIO * before.seconds
     slow = "" if after.seconds <= most else f", more than the {most:.0f} s allowed"
     lines.append((not slow, f"time {before.seconds:.0f} -> {after.seconds:.0f} s{slow}"))
@@ -115,8 +118,16 @@ def _settled_line(before: TrackMetrics, after: TrackMetrics) -> tuple[bool, str]
     return good, f"in the third quarter of legs {before.settled:.2f} -> {after.settled:.2f} m rms{tail}"
 
 
-def _corner_line(number: int, before: float, after: float) -> tuple[bool, str]:
-    most = max(CORNER_RATIO * before, before + CORNER)
-    good = after <= most
-    tail = "" if good else f", more than the {most:.2f} m allowed"
-    return good, f"corner {number} off by {before:.2f} -> {after:.2f} m{tail}"
+def _corners_line(before: TrackMetrics, after: TrackMetrics) -> tuple[bool, str]:
+    text = f"corners off by {_shown(before.corners)} -> {_shown(after.corners)} m"
+    mean, most = fmean(after.corners), MEAN_RATIO * fmean(before.corners)
+    if not mean <= most:
+        return False, f"{text}; their mean is more than the {most:.2f} m allowed"
+    widest = WIDEST_RATIO * max(before.corners)
+    if not max(after.corners) <= widest:
+        return False, f"{text}; the widest is more than the {widest:.2f} m allowed"
+    return True, text
+
+
+def _shown(corners: Sequence[float]) -> str:
+    return ", ".join(f"{corner:.2f}" for corner in corners)

@@ -364,10 +364,7 @@ class _Line:
     def _hull(self, fit: AxisFit) -> HullTurn:
         """Return what the hull can turn by the model *fit*: the smaller rate of both sides."""
         model, speed = fit.model, self._flights.speed
-        full = FULL
-        if self._craft.skid:
-            full = min(FULL, 1.0 - 0.01 * self._present.get("CRUISE_THROTTLE", 0.0))
-        rate = min(abs(model.steady_velocity(side * full)) for side in (-1.0, 1.0))
+        rate = min(abs(model.steady_velocity(side * FULL)) for side in (-1.0, 1.0))
         if not (math.isfinite(rate) and rate > 0.0):
             raise NotInformative("the model has no steady turn rate. Fly `tune heading` again")
         lag = abs(model.alpha) / max(abs(model.beta) + abs(model.beta_quadratic) * rate, 1e-6) + model.delay

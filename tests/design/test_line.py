@@ -57,7 +57,7 @@ def test_distances_are_those_from_the_nearer_of_two_legs() -> None:
     found = flight([*first, *beyond, *second], (0.0, 30.0, 59.5))
     assert found.corners == (pytest.approx(2.0),)
     assert found.rms == pytest.approx(math.sqrt((30 * 0.25 + 1.0 + 4.0) / 60.0))
-    assert found.settled == pytest.approx(math.sqrt(7 * 0.25 / 14.0), rel=0.1)
+    assert found.settled == pytest.approx(0.25, abs=0.01)
     assert (found.seconds, found.leg) == (59.5, 30.0)
 
 
@@ -69,7 +69,9 @@ BEFORE = TrackMetrics(2.0, 0.5, 0.4, (3.0, 4.0), 100.0, 30.0)
     [
         ({"rms": 1.0}, True, "2.00 -> 1.00 m"),
         ({"rms": 1.95}, False, "at least 5 % less"),
-        ({"rms": 1.0, "corners": (3.0, 5.0)}, False, "corner 2 off by 4.00 -> 5.00 m, more than"),
+        ({"rms": 1.0, "corners": (1.0, 5.0)}, False, "the widest is more than the 4.40 m"),
+        ({"rms": 1.0, "corners": (4.0, 4.0)}, False, "their mean is more than the 3.68 m"),
+        ({"rms": 1.0, "corners": (3.5, 2.0)}, True, "corners off by 3.00, 4.00 -> 3.50, 2.00 m"),
         ({"rms": 1.0, "settled": 1.6}, False, "third quarter of legs 0.40 -> 1.60 m rms, more than"),
         ({"rms": 1.0, "seconds": 160.0}, False, "more than the 150 s"),
         ({"rms": math.nan}, False, "at least 5 % less"),
