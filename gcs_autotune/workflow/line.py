@@ -6,6 +6,7 @@ own mission is restored on every ending. The hull's turning is identified from t
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -33,7 +34,7 @@ from gcs_autotune.link import (
     set_current,
     waypoint,
 )
-from gcs_autotune.manoeuvres import Envelope, FlyMission, ProofCourse
+from gcs_autotune.manoeuvres import NEARLY, TO_COME_ABOUT, Envelope, FlyMission, ProofCourse
 from gcs_autotune.observer import Observer
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
@@ -56,6 +57,9 @@ __all__ = ["LineSettings", "tune_line"]
 
 SECONDS, LEAST_LEG, MOST_LEG = 25.0, 30.0, 120.0
 """Length of a leg at the working speed [s], and its limits [m]. Project choice: a slow boat is on its line by then."""
+Place = tuple[float, float]
+SWING = 8.0
+"""How far a boat goes beyond a corner before the flight ends early [s at the working speed]. Project choice."""
 BEYOND = 20.0
 """Free water around the course [s at the working speed]. Project choice: Charlie goes 19 m beyond a corner."""
 LATE, LATEST = 1.4, 3.0
@@ -145,7 +149,7 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
             _set_item(craft, mission, log)
 
     flown: list[MissionLoan] = []
-    runner = visit.runner(replace(envelope, time=math.inf), keep, gains=True)
+    runner = visit.runner(envelope, keep, gains=True)
     flights = _Flights(visit, runner, course, speed)
     names = ", ".join(name for name in LINE_PARAMETERS if name in present)
     changes = f"write some of {names}, after asking again, and restore the old values unless the new ones prove better"
@@ -210,7 +214,8 @@ def _check_space(course: ProofCourse, speed: float, envelope: Envelope, now: Obs
     """
     if not math.isfinite(now.x + now.y + now.psi):
         raise PreconditionFailed("the vehicle reports no position, so no mission can be flown. Check its GPS")
-    needs, limit = course.reach + BEYOND * speed, envelope.distance_limit
+    limit = envelope.distance_limit
+    needs = max(course.reach + BEYOND * speed, (course.reach + SWING * speed) / NEARLY)
     if needs > limit:
         leg = course.length * (limit - BEYOND * speed) / course.reach
         smaller = f"--leg-length {leg:.0f} or " if leg >= 2.0 * BEYOND else ""
@@ -218,12 +223,23 @@ def _check_space(course: ProofCourse, speed: float, envelope: Envelope, now: Obs
             f"the mission goes up to {needs:.0f} m from the start, and --max-distance is {limit:.0f} m. Use {smaller}"
             f"--max-distance {math.ceil(needs)}"
         )
-    out = [place for place in course.waypoints if envelope.area is not None and envelope.area.beyond(*place) > 0.0]
-    if out and envelope.area is not None:
+    ahead = [place for leg in itertools.pairwise(course.waypoints) for place in _ends(*leg, TO_COME_ABOUT * speed)]
+    if LATE * course.way / speed > envelope.time:
         raise PreconditionFailed(
-            f"{len(out)} waypoints are outside {envelope.area.source}. Turn the boat so that the free water is ahead "
+            f"one flight takes about {LATE * course.way / speed:.0f} s, and --max-time is {envelope.time:.0f} s. Use a "
+            "smaller --leg-length or a larger --max-time"
+        )
+    if envelope.area is not None and any(envelope.area.beyond(*place) > 0.0 for place in ahead):
+        raise PreconditionFailed(
+            f"the course does not fit into {envelope.area.source}. Turn the boat so that the free water is ahead "
             "and to starboard, or use a smaller --leg-length"
         )
+
+
+def _ends(begin: Place, end: Place, metres: float) -> tuple[Place, Place]:
+    """Return the end of a leg, and the place *metres* beyond it."""
+    share = 1.0 + metres / max(math.dist(begin, end), 1.0)
+    return end, (begin[0] + share * (end[0] - begin[0]), begin[1] + share * (end[1] - begin[1]))
 
 
 def _busy(craft: MavlinkCraft) -> str:

@@ -26,6 +26,7 @@ from gcs_autotune.link import (
     Session,
     StoredMission,
     difference,
+    is_ours,
     read_failsafes,
     read_mission,
     read_outputs,
@@ -230,7 +231,7 @@ class _Restoring:
         if same_mission(found, _items(owed["items"])):
             return
         self._owes_mission = True
-        if not same_mission(found, _items(owed["ours"])):
+        if not is_ours(found, _items(owed["items"]), _items(owed["ours"])):
             self._left[_MISSION] = "its mission is neither the run's nor the one before it"
 
     def _put_back_mission(self) -> None:

@@ -119,8 +119,8 @@ def test_a_mission_of_another_station_stays(tmp_path: Path) -> None:
     boat = Boat()
     with MissionLoan(boat.session, Journal(tmp_path / "j")) as loan:
         loan.set(OURS)
-        boat.mission.store(THEIRS[:2])
-    assert boat.flown == theirs()[:1]
+        boat.mission.store([THEIRS[0], Stored(Command.WAYPOINT, 3, latitude=460000000, longitude=160000000)])
+    assert [item[2] for item in boat.flown] == [460000000]
     assert "another station" in " ".join(boat.session.notes)
 
 
@@ -132,3 +132,12 @@ def test_a_mission_under_way_by_order_of_an_operator_is_left_and_stays_in_the_jo
         loan.give_back()
     assert not Journal.read(tmp_path / "j").is_settled
     assert len(boat.flown) == 2
+
+
+def test_what_an_interrupted_upload_leaves_is_replaced_by_the_mission_before(tmp_path: Path) -> None:
+    """ArduPilot overwrites item by item: the first is ours, the rest is theirs."""
+    boat = Boat()
+    with MissionLoan(boat.session, Journal(tmp_path / "j")) as loan:
+        loan.set(OURS)
+        boat.mission.store([boat.mission.items[0], boat.mission.items[1], *THEIRS[2:]])
+    assert boat.flown == theirs()

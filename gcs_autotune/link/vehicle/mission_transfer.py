@@ -24,6 +24,7 @@ __all__ = [
     "StoredMission",
     "ask_mission",
     "download",
+    "is_ours",
     "read_mission",
     "same_mission",
     "set_current",
@@ -111,6 +112,20 @@ def same_mission(one: Sequence[MissionItem], other: Sequence[MissionItem]) -> bo
     if max(len(one), 1) != max(len(other), 1):
         return False
     return all(a.is_like(b) for a, b in zip(one[1:], other[1:], strict=True))
+
+
+def is_ours(found: Sequence[MissionItem], before: Sequence[MissionItem], ours: Sequence[MissionItem]) -> bool:
+    """Return whether *found* is *ours*, or what an interrupted upload leaves of *ours* and *before*.
+
+    ArduPilot replaces a mission item by item as they arrive.
+    """
+    if same_mission(found, ours):
+        return True
+    if len(found) <= 1:
+        return False
+    return all(
+        any(k < len(known) and found[k].is_like(known[k]) for known in (ours, before)) for k in range(1, len(found))
+    )
 
 
 def ask_mission(
@@ -336,7 +351,7 @@ class MissionLoan:
         found = read_mission(self._session)
         if same_mission(found.items, before.items) and not same_mission(found.items, ours.items):
             return ""
-        if not same_mission(found.items, ours.items):
+        if not is_ours(found.items, before.items, ours.items):
             self._session.notes.append("the mission stays as another station uploaded it during the run")
             return ""
         write_mission(self._session, before)
