@@ -40,8 +40,8 @@ def open_vehicle(
     model: FlownModel | None = None,
     names: str = "own",
 ) -> Server:
-    """Return the vehicle called *name*, or of the file at that path, behind its server. It is at rest and just
-    booted.
+    """Return the MAVLink server of a new vehicle. The vehicle is at rest and just booted. *name* is in the table of
+    vehicles, or is the path of a vehicle file.
 
     Parameters
     ----------

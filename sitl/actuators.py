@@ -33,25 +33,32 @@ class Actuators(ABC):
     @property
     @abstractmethod
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output, for those that it drives."""
+        """Degree of freedom -> force [N] or moment [N m] at full output. It contains only the degrees that these
+        actuators drive.
+        """
 
     @abstractmethod
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return the normalised outputs of ``N``, ``X`` (``Z``, ``Y``).
+        """Return the normalised outputs (-1 to 1) that the pulses *pwm* [us] command, by SNAME force: ``N``, ``X`` and,
+        if driven, ``Z``, ``Y``, ``M``.
 
         A pulse of 0 us means no signal and counts as zero output.
         """
 
     @abstractmethod
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses nearest to *pwm* that command *shares*. Limits are ignored."""
+        """Return *pwm* [us] with those pulses changed that set each axis to its normalised output in *shares* (-1 to
+        1).
+
+        Pulse limits are ignored.
+        """
 
     @abstractmethod
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench* with the forces of these normalised outputs."""
+        """Write the forces [N] and moments [N m] of the normalised outputs *shares* (-1 to 1) into *wrench*."""
 
     def drive(self, pwm: Sequence[int], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench* with the forces of the servo pulses."""
+        """Write the forces [N] and moments [N m] of the servo pulses *pwm* [us] into *wrench*."""
         self.apply(self.read(pwm), parameters, wrench)
 
 
@@ -74,7 +81,9 @@ class YawSchedule:
     rows: Sequence[tuple[float, float, float]]
 
     def at(self, n2: float) -> tuple[float, float, float]:
-        """Return (alpha, beta, normalised rudder moment) at *n2* [V^2], by linear interpolation between the rows."""
+        """Return (alpha, beta, rudder moment as a fraction of the angle) at *n2* [V^2], interpolated linearly between
+        the rows.
+        """
         low = self.rows[0]
         if n2 <= low[0]:
             return low[1], low[2], n2 / low[0]
@@ -106,25 +115,29 @@ class RudderBoat(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output. For yaw it is the rudder angle [rad]."""
+        """Degree of freedom -> input at full output: rudder angle [rad] for yaw, thrust [N] for surge."""
         return {"yaw": self.full_rudder, "surge": self.full_thrust}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return rudder (``N``) and throttle (``X``) as normalised outputs."""
+        """Return the rudder (``N``) and throttle (``X``) commands of the pulses *pwm* [us] as normalised outputs (-1 to
+        1).
+        """
         return {
             "N": _fraction(pwm[self.rudder_channel - 1], _RUDDER_SPAN),
             "X": _fraction(pwm[self.throttle_channel - 1], _RUDDER_SPAN),
         }
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses that set rudder and throttle to *shares*."""
+        """Return *pwm* [us] with the two pulses that set rudder and throttle to *shares* (-1 to 1)."""
         pulses = list(pwm)
         pulses[self.rudder_channel - 1] = _pulse(shares["N"], _RUDDER_SPAN)
         pulses[self.throttle_channel - 1] = _pulse(shares["X"], _RUDDER_SPAN)
         return pulses
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench*, and set the hull's yaw inertia and drag for this propeller speed."""
+        """Write the forces into *wrench*, and the hull's yaw inertia and drag at this propeller speed into
+        *parameters*.
+        """
         rudder, throttle = shares["N"] * self.full_rudder, shares["X"]
         n = self.full_n * throttle
         parameters["yaw.alpha"], parameters["yaw.beta"], share = self.schedule.at(n * n)
@@ -150,24 +163,28 @@ class TwinThrusterBoat(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output: opposite thrust for yaw, both ahead for surge."""
+        """Degree of freedom -> moment [N m] with full opposite thrusts for yaw, force [N] with both full ahead for
+        surge.
+        """
         return {"yaw": self.arm * (1.0 + self.astern) * self.full_thrust, "surge": 2.0 * self.full_thrust}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return half the difference (``N``, to starboard) and half the sum (``X``) of the two commands."""
+        """Return half the difference (``N``, to starboard) and half the sum (``X``) of the two thrusters' normalised
+        commands.
+        """
         left = _fraction(pwm[self.left_channel - 1], _RUDDER_SPAN)
         right = _fraction(pwm[self.right_channel - 1], _RUDDER_SPAN)
         return {"N": 0.5 * (left - right), "X": 0.5 * (left + right)}
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses for *shares*."""
+        """Return *pwm* [us] with the two thrusters' pulses that set steering and throttle to *shares* (-1 to 1)."""
         pulses = list(pwm)
         pulses[self.left_channel - 1] = _pulse(shares["X"] + shares["N"], _RUDDER_SPAN)
         pulses[self.right_channel - 1] = _pulse(shares["X"] - shares["N"], _RUDDER_SPAN)
         return pulses
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench*."""
+        """Write the surge force [N] and yaw moment [N m] of the two thrusters into *wrench*."""
         left, right = self._force(shares["X"] + shares["N"]), self._force(shares["X"] - shares["N"])
         wrench.X = left + right
         wrench.Z = 0.0
@@ -181,7 +198,7 @@ class TwinThrusterBoat(Actuators):
 class ThrustCurve:
     """Thrust as a function of the command: an odd polynomial (coefficients of u, u^3, u^5 ...), 0 within ``dead``.
 
-    Scaled so that full command is full force.
+    The curve is scaled so that a command of 1 produces a force of 1.
     """
 
     odd: Sequence[float] = (1.0,)
@@ -198,7 +215,9 @@ class ThrustCurve:
 
 
 class Motor(NamedTuple):
-    """Contribution of one thruster at full output, relative to the authority of each axis; ``Z`` down, ``M`` bow up."""
+    """Force or moment of one thruster at full output, as a fraction of each axis' authority; ``Z`` down, ``M``
+    bow up.
+    """
 
     N: float = 0.0
     X: float = 0.0
@@ -209,10 +228,10 @@ class Motor(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ThrusterFrame(Actuators):
-    """Fixed thrusters.
+    """A frame of thrusters in fixed directions.
 
-    An authority is the combined force of all thrusters that the autopilot drives for an axis. ``full_Y`` is 0 on frames
-    that do not sway, ``full_M`` on craft that do not pitch.
+    ``full_N`` ... ``full_M`` are authorities [N, N m]: the combined force of all thrusters that the autopilot drives
+    for an axis. ``full_Y`` is 0 on frames that do not sway, ``full_M`` on craft that do not pitch.
 
     The ``curve`` of one thruster is applied to each axis, because all thrusters that drive an axis have the same
     command.
@@ -230,12 +249,16 @@ class ThrusterFrame(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output. Pitch is not commanded."""
+        """Degree of freedom -> force [N] or moment [N m] at full output. Pitch is omitted, because it is not
+        commanded.
+        """
         sway = {"sway": self.full_Y} if self.full_Y else {}
         return {"yaw": self.full_N, "surge": self.full_X, "heave": self.full_Z, **sway}
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return the combined normalised ``N``, ``X``, ``Z`` (``Y``, ``M``) of all motors."""
+        """Return the normalised outputs (-1 to 1) of all motors together: ``N``, ``X``, ``Z`` and, if driven, ``Y``,
+        ``M``.
+        """
         N = X = Z = Y = M = 0.0
         for pulse, (yaw, ahead, down, side, pitching) in zip(pwm, self.motors, strict=False):
             if pulse == _NEUTRAL_PWM:
@@ -254,7 +277,10 @@ class ThrusterFrame(Actuators):
         return shares
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the motors' pulses, changed along each axis' own pattern. The patterns are orthogonal."""
+        """Return *pwm* [us] with the motor outputs changed so that each axis has its output in *shares* (-1 to 1).
+
+        Each axis' contributions are orthogonal to those of the others, so the changes do not affect each other.
+        """
         outputs, now = [_fraction(pulse, _MOTOR_SPAN) for pulse in pwm], self.read(pwm)
         for name in now:
             pattern = [getattr(motor, name) for motor in self.motors]
@@ -265,7 +291,9 @@ class ThrusterFrame(Actuators):
         return [*(_pulse(output, _MOTOR_SPAN) for output in outputs[:count]), *pwm[count:]]
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench*, in proportion to the outputs unless there is a curve."""
+        """Write the forces [N, N m] of *shares* into *wrench*: proportional to the outputs, or along the thrust
+        curve.
+        """
         N, X, Z, Y, M = (shares.get(name, 0.0) for name in Motor._fields)
         if self.curve is not None:
             N, X, Z, Y, M = (self.curve(share) for share in (N, X, Z, Y, M))
@@ -296,12 +324,12 @@ FRAMES: Mapping[str, Sequence[Motor]] = {
     "simple-rov-5": (*_PAIR, _DOWN, _DOWN, _ASIDE),
     "rov-4-fore-aft": (*_PAIR, Motor(Z=0.5, M=-0.5), Motor(Z=0.5, M=0.5)),
 }
-"""Actual positions of the thrusters.
+"""Frame -> contribution of each thruster to each axis, from the thrusters' actual positions.
 
-Miskovic2010, table 2.2, has them as (a) simple-rov-3, (b) simple-rov-5, (c) vectored, (d) vectored-6dof-90, (e)
-rov-4-fore-aft, (f) a rudder that pushes sideways. On (d) ArduSub turns with the two thrusters that drive ahead. So full
-N is theirs, and a difference between the two lateral thrusters shows as a turn. ArduSub does not support (e). It is
-driven as SimpleROV-4: its two vertical thrusters get the same command, and a difference between them shows as pitch.
-ArduSub drives the front two of BlueROV1's three vertical thrusters with 0.45 of the command of the rear one, so full Z
-is 1.9 thrusters.
+Miskovic2010, table 2.2, lists these frames as (a) simple-rov-3, (b) simple-rov-5, (c) vectored, (d) vectored-6dof-90,
+(e) rov-4-fore-aft, (f) a rudder that pushes sideways. On (d) ArduSub turns with the two thrusters that drive ahead. So
+full N is the moment of these two, and a difference between the two lateral thrusters turns the craft. ArduSub does not
+support (e). It is driven as SimpleROV-4: its two vertical thrusters get the same command, and a difference between them
+pitches the craft. ArduSub drives the front two of BlueROV1's three vertical thrusters with 0.45 of the command of the
+rear one, so full Z is 1.9 thrusters.
 """

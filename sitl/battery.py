@@ -14,14 +14,16 @@ resistance [ohm]. Project choice."""
 
 
 class Battery:
-    """The battery. Open-circuit voltage and capacity are the autopilot's SIM_BATT_VOLTAGE and BATT_CAPACITY."""
+    """A battery with a voltage drop under load. Open-circuit voltage and capacity are the autopilot's SIM_BATT_VOLTAGE
+    and BATT_CAPACITY.
+    """
 
     def __init__(self) -> None:
         self.current = _IDLE_CURRENT
         self.consumed_mah = 0.0
 
     def drain(self, pwm: Sequence[int], dt: float) -> None:
-        """Discharge for *dt* [s] with these servo pulses [us]."""
+        """Discharge the battery for *dt* [s] under servo pulses *pwm* [us]."""
         load = 0.0
         for pulse in pwm:
             if pulse:

@@ -51,14 +51,14 @@ VEHICLES: Mapping[str, str] = {
     "videoray-wall": "videoray_wall.toml",
     "videoray-lasers": "videoray_lasers.toml",
 }
-"""Name -> data file in ``vehicles/``."""
+"""Vehicle name -> name of its data file in ``vehicles/``."""
 
 _FOLDER = Path(__file__).parent / "vehicles"
 _FIRMWARE = ("rover", "sub")
 
 
 class UnknownVehicle(KeyError):
-    """Raised if there is no vehicle of that name; the message lists the nearest ones."""
+    """Raised if there is no vehicle of that name; the message lists the nearest names."""
 
     def __init__(self, name: str) -> None:
         near = difflib.get_close_matches(name, VEHICLES, n=3, cutoff=0.5)
@@ -93,7 +93,7 @@ class VehicleData:
 
     @property
     def is_boat(self) -> bool:
-        """Whether it stays at the surface."""
+        """Whether the vehicle stays at the surface."""
         return str(self.tables["actuators"]) in (RUDDER, TWIN_THRUSTER)
 
     def make_plant(self) -> Plant:
@@ -101,7 +101,7 @@ class VehicleData:
         return make_plant(self.tables)
 
     def make_rangefinder(self, seed: int) -> Rangefinder | None:
-        """Return the rangefinder that faces a wall ahead, or None."""
+        """Return the rangefinder that faces a wall ahead, or None if the vehicle has none."""
         if "rangefinder" not in self.tables:
             return None
         at = values_of(self.tables["rangefinder"])
@@ -139,7 +139,7 @@ def load_vehicle(name: str) -> VehicleData:
     UnknownVehicle
         There is no such vehicle; the message states the nearest names.
     BadVehicle
-        The file cannot be read, or lacks something.
+        The file cannot be read, or a required entry is missing.
     """
     if name in VEHICLES:
         return _read(name, _FOLDER / VEHICLES[name])

@@ -30,11 +30,11 @@ class Pacer:
         self._origin = wall()
 
     def now(self) -> float:
-        """Return the simulated time [s] that is due."""
+        """Return the simulated time [s] that corresponds to the present wall-clock time."""
         return (self._wall() - self._origin) * self.speedup
 
     def wait_until(self, t: float) -> None:
-        """Sleep until simulated time *t* [s]. If that is long past, set the clock back to it."""
+        """Sleep until simulated time *t* [s]. If *t* is long past, set the clock back to *t*."""
         ahead = (t - self.now()) / self.speedup
         if ahead > 0.0:
             self._sleep(ahead)

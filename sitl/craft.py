@@ -1,7 +1,7 @@
 """A craft without its autopilot: a plant, its actuators and hidden effects, in steps of any length.
 
-The plant may follow a model from a file; autopilot, mixer and sensors remain those of the vehicle. For effects, inputs
-are normalised (-1 to 1) and signals are those measured by the sensors.
+A model from a file may replace the plant's dynamics; autopilot, mixer and sensors remain those of the vehicle. For
+effects, inputs are normalised (-1 to 1) and signals are those measured by the sensors.
 """
 
 from __future__ import annotations
@@ -37,10 +37,11 @@ class Craft:
 
     Parameters
     ----------
-    data : its data file.
+    data : the vehicle's data file.
     effects : hidden effects, in order.
-    model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` if this is not possible.
-    plant : the body to drive instead of the vehicle's own hull; not together with *model*, which is that of a hull.
+    model : hull dynamics to fly instead of the vehicle's own. Its effects are applied first. ``BadModel`` if this is
+    not possible.
+    plant : the body to drive instead of the vehicle's own hull; not together with *model*, which describes a hull.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class Craft:
         self.plant.step(self._wrench, dt)
 
     def alter(self, t: float, reading: SensorReading) -> None:
-        """Apply the effects to the sensor readings."""
+        """Change the sensor reading of time *t* [s] by all effects."""
         for effect in self.effects:
             effect.alter_measurement(t, reading)
 
@@ -116,19 +117,21 @@ class _ModelActuators(Actuators):
 
     @property
     def full(self) -> Mapping[str, float]:
-        """Degree of freedom -> force at full output."""
+        """Degree of freedom -> force [N] or moment [N m] at full output, of the model where it has that degree."""
         return self._full
 
     def read(self, pwm: Sequence[int]) -> dict[str, float]:
-        """Return the normalised outputs."""
+        """Return the normalised outputs (-1 to 1) that the pulses *pwm* [us] command, by SNAME force."""
         return self._own.read(pwm)
 
     def write(self, pwm: Sequence[int], shares: Mapping[str, float]) -> list[int]:
-        """Return the pulses for *shares*."""
+        """Return *pwm* [us] with those pulses changed that set the outputs to *shares* (-1 to 1)."""
         return self._own.write(pwm, shares)
 
     def apply(self, shares: Mapping[str, float], parameters: Parameters, wrench: Wrench) -> None:
-        """Fill *wrench*. Modelled degrees of freedom get the model's forces, inertia and drag."""
+        """Write the forces of *shares* into *wrench*. Modelled degrees of freedom get the model's forces, inertia and
+        drag.
+        """
         self._own.apply(shares, parameters, wrench)
         for dof, values in self._axes.items():
             for name, value in zip(("alpha", "beta", "beta2"), values, strict=True):

@@ -12,7 +12,7 @@ __all__ = ["keep_parameters", "read_parameters"]
 
 
 def read_parameters(path: Path) -> Mapping[str, float]:
-    """Return the content of *path*; empty if there is no such file yet.
+    """Return name -> value of the parameters stored in *path*; empty if there is no such file yet.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def keep_parameters(store: ParameterDialect, path: Path) -> None:
-    """Write every changed parameter to *path* from now on. The whole file is written and then renamed."""
+    """Store every later change of a parameter in *path*. The whole file is written and then renamed."""
     changed = dict(read_parameters(path))
 
     def save(name: str, value: float) -> None:

@@ -35,14 +35,14 @@ class CannotListen(OSError):
 
 
 class Link(Protocol):
-    """A link that never blocks."""
+    """Interface of a link between the vehicle and a ground station. Its methods never block."""
 
     def read(self) -> bytes:
-        """Return the received bytes, if any."""
+        """Return the bytes received since the last call; empty if none."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Send, queue or drop the bytes; never block."""
+        """Send, queue or drop *data* without blocking."""
         ...
 
     def close(self) -> None:
@@ -61,7 +61,7 @@ class UdpLink:
             _bind(self._socket, host, port)
 
     def read(self) -> bytes:
-        """Return the received datagrams, joined."""
+        """Return the content of all datagrams received since the last call, joined."""
         data = bytearray()
         while True:
             try:
@@ -73,7 +73,7 @@ class UdpLink:
             data += piece
 
     def write(self, data: bytes) -> None:
-        """Send in datagrams. A message may be split, because MAVLink parsers join the parts."""
+        """Send *data* in one or more datagrams. A message may be split, because MAVLink parsers read a byte stream."""
         if self._peer is None:
             return
         for start in range(0, len(data), _DATAGRAM):
@@ -88,7 +88,7 @@ class UdpLink:
 
 
 class TcpLink:
-    """A server for one client at a time; a new one replaces it."""
+    """A TCP server for one client at a time. A new client replaces the last."""
 
     def __init__(self, host: str, port: int) -> None:
         self._server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -100,7 +100,7 @@ class TcpLink:
         self._backlog = bytearray()
 
     def read(self) -> bytes:
-        """Return the bytes from the client, and accept a new client."""
+        """Accept a new client, if any, and return the bytes received from the client."""
         self._accept()
         if self._client is None:
             return b""
@@ -115,7 +115,7 @@ class TcpLink:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send what the client accepts and keep the rest."""
+        """Send the bytes that the client accepts without blocking, and keep the rest for the next call."""
         if self._client is None:
             return
         if len(self._backlog) < _BACKLOG_LIMIT:
@@ -150,7 +150,7 @@ class TcpLink:
 
 
 class SerialLink:
-    """A serial device with a baud rate. A pseudo-terminal ignores the rate."""
+    """A serial device with a baud rate. A pseudo-terminal ignores the baud rate."""
 
     def __init__(self, device: str, baud: int) -> None:
         try:
@@ -161,14 +161,14 @@ class SerialLink:
             ) from error
 
     def read(self) -> bytes:
-        """Return the received bytes. Raises ``CannotListen`` if the device has disappeared."""
+        """Return the bytes received since the last call. Raises ``CannotListen`` if the device has disappeared."""
         try:
             return bytes(self._port.read(_CHUNK))
         except serial.SerialException as error:
             raise CannotListen(f"the serial device {self._port.port} was disconnected: {error}") from error
 
     def write(self, data: bytes) -> None:
-        """Send what the device accepts. The rest is lost, as on a real line."""
+        """Send the bytes that the device accepts without blocking. The others are lost, as on a real serial line."""
         try:
             self._port.write(data)
         except serial.SerialTimeoutException:
@@ -194,7 +194,7 @@ def _bind(bound: socket.socket, host: str, port: int) -> None:
 
 
 def host_and_port(rest: str) -> tuple[str, int]:
-    """Parse ``HOST:PORT``. Raises ``AddressError`` if it is not valid."""
+    """Return host and port of a text ``HOST:PORT``. Raises ``AddressError`` if it is not valid."""
     host, _, port = rest.rpartition(":")
     try:
         if host:
@@ -220,18 +220,21 @@ LINKS: Mapping[str, Callable[[str], Link]] = {
     "tcp": lambda rest: TcpLink(*host_and_port(rest)),
     "serial": _open_serial,
 }
-"""Scheme -> function that opens the rest of the address. ``udp`` waits for a sender, ``udpout`` sends first."""
+"""Scheme of an address -> function that opens the link for the text after the colon. ``udp`` waits for a sender,
+``udpout`` sends first.
+"""
 
 
 def open_link(address: str) -> Link:
-    """Open ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or ``serial:DEVICE[,BAUD]``.
+    """Return an open link of the address ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or
+    ``serial:DEVICE[,BAUD]``.
 
     Raises
     ------
     AddressError
         The address has none of these forms.
     CannotListen
-        It is in use, or the system does not permit its use.
+        The address is in use, or the system does not permit its use.
     """
     scheme, _, rest = address.partition(":")
     if scheme not in LINKS:

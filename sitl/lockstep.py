@@ -1,7 +1,7 @@
-"""Connect the vehicle to a pipe, with a clock that waits for the other end: decision record 1.
+"""Connect the vehicle to a pipe, with a clock that waits for the other end (decision record 1).
 
 Each request has one reply. Request: ``<dI`` (time to run to [s], n) and n bytes for the vehicle. Reply: ``<dI`` (time
-reached [s], n) and n bytes from the vehicle. End of file ends it.
+reached [s], n) and n bytes from the vehicle. The end of the file ends the service.
 """
 
 from __future__ import annotations

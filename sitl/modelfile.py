@@ -48,15 +48,17 @@ _SPECIAL = {
 
 
 class BadModel(ValueError):
-    """Raised for a file that is not a model, or whose model cannot be flown; the message states why."""
+    """Raised for a file that does not contain a model, or whose model cannot be flown; the message states why."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlownModel:
     """A model prepared for flight.
 
-    ``axes``: degree of freedom -> inertia, linear and quadratic drag. ``forces``: constant force by letter. ``gains``:
-    channel -> force letter -> force at full output. ``coupling``: None if it does not sway.
+    ``axes``: degree of freedom -> inertia, linear and quadratic drag.
+    ``forces``: force letter -> constant force [N, N m].
+    ``gains``: channel -> force letter -> force at full output.
+    ``coupling``: None if the model does not sway.
     """
 
     axes: Mapping[str, tuple[float, float, float]]
@@ -68,12 +70,12 @@ class FlownModel:
 
 
 def read_model(path: Path) -> FlownModel:
-    """Read a model file (``single-dof``, plain ``coupled``, or ``extended`` with effects).
+    """Return the model in the file *path* (``single-dof``, plain ``coupled``, or ``extended`` with effects).
 
     Raises
     ------
     BadModel
-        It cannot be read or flown.
+        The file cannot be read, or its model cannot be flown.
     """
     try:
         return _model_from(model_data(read(path)))

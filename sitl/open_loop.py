@@ -1,7 +1,7 @@
 """A bare hull in open loop: commands in, hidden effects, and the recorded file.
 
-The hull is uncoupled, except by effects. Steps are short compared with every time constant and end on the stamps of the
-file.
+The hull is uncoupled, except by effects. Steps are short compared with every time constant and end at the time stamps
+of the file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ __all__ = ["INPUTS", "SIGNALS", "Command", "Hull", "open_loop"]
 
 Array = NDArray[np.float64]
 Command = Array | Sequence[float] | Sequence[tuple[float, float]]
-"""Values at the file's stamps (n,), or steps as (time [s], value from then on), with 0 before the first step."""
+"""Values at the file's time stamps (n,), or steps as (time [s] of the step, value after it). Before the first step it
+is 0.
+"""
 
 SIGNALS = ("x", "y", "z", "psi", "u", "v", "w", "r")
 """Measurable signals, SI and radians; the heading is continuous."""
@@ -58,7 +60,9 @@ class Hull:
     bottom: float = 10.0
 
     def axis(self, dof: str) -> AxisDynamics:
-        """Return inertia and drag of a degree of freedom. The inertia is infinite if the hull does not have it."""
+        """Return inertia, linear and quadratic drag of the degree of freedom *dof*. The inertia is infinite if the hull
+        does not have it.
+        """
         if dof not in self.dofs:
             return AxisDynamics(math.inf, 0.0, 0.0)
         return AxisDynamics(self.inertia[dof], self.linear.get(dof, 0.0), self.quadratic.get(dof, 0.0))
@@ -77,18 +81,20 @@ def open_loop(
     initial: Mapping[str, float] | None = None,
     stamps_jitter: float = 0.0,
 ) -> dict[str, Array]:
-    """Drive *hull* with *commands* and return the file: ``t``, inputs and signals, (n,) each, n = duration/interval.
+    """Drive *hull* with *commands* and return the columns of the recorded file: ``t``, inputs and signals, (n,) each, n
+    = duration/interval.
 
-    Commands are held from one stamp to the next. With a wrong clock (``time-scale``) duration, interval and commands
-    are in true time, but the file's stamps are not. For late signals (``time-offset``, ``measurement-delay``) the hull
-    starts earlier by the delay, in the *initial* state and with the first command.
+    Commands are constant from one time stamp to the next. With a wrong clock (``time-scale``) duration, interval and
+    commands are in true time, but the file's time stamps are not. For late signals (``time-offset``,
+    ``measurement-delay``) the hull starts earlier by the delay, in the *initial* state and with the first command.
 
     Parameters
     ----------
     duration, interval : [s].
-    measured : of :data:`SIGNALS`.
+    measured : recorded signals, from :data:`SIGNALS`.
     noise : standard deviation of white noise per measured signal.
-    initial : state at the start, 0 by default. stamps_jitter : largest deviation of stamps from the even grid [s],
+    initial : state at the start, 0 by default. stamps_jitter : largest deviation of the time stamps from the even grid
+    [s],
         below half an interval.
 
     Raises
@@ -275,11 +281,13 @@ class _Heun:
         self._plain = dict(self.plant.parameters)
 
     def restore(self) -> None:
-        """Restore the plain inertia and drag."""
+        """Restore the hull's inertia and drag without effects."""
         self.plant.parameters.update(self._plain)
 
     def stepper(self, hull: Hull, state: Sequence[float]) -> _Step:
-        """Return the function that integrates this hull from *state*: a shorter one if it only turns or only dives."""
+        """Return the function that integrates this hull from *state*. A hull that only turns or only dives has a faster
+        one.
+        """
         if any(
             speed
             for speed, dof in zip(state[4:], ("surge", "sway", "heave", "yaw"), strict=True)
@@ -293,7 +301,7 @@ class _Heun:
         return self.step
 
     def take(self, state: Sequence[float]) -> None:
-        """Set the state, in the order of :data:`SIGNALS`."""
+        """Set the plant's state to *state*, in the order of :data:`SIGNALS`."""
         at = self.plant.state
         at.x, at.y, at.z, at.psi, at.u, at.v, at.w, at.r = state
 
@@ -308,7 +316,7 @@ class _Heun:
         return c * u - s * v + water.V_x, s * u + c * v + water.V_y, w, r, udot, vdot, wdot, rdot
 
     def step_alone(self, dof: str) -> _Step:
-        """Return Heun's rule for a hull that only turns or only dives (*dof*)."""
+        """Return the step function by Heun's rule for a hull that moves only in *dof* (``yaw`` or ``heave``)."""
         at, force = (SIGNALS.index("psi"), "N") if dof == "yaw" else (SIGNALS.index("z"), "Z")
         alpha, beta, beta2 = f"{dof}.alpha", f"{dof}.beta", f"{dof}.beta2"
         p = self.plant.parameters

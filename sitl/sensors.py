@@ -15,7 +15,7 @@ __all__ = ["Rangefinder", "SensorData", "SensorReading", "Sensors"]
 
 @dataclass(frozen=True, slots=True)
 class SensorData:
-    """Standard deviations of noise, which is white from one sensor sample to the next (50 a second, held in
+    """Standard deviations of noise, which is white from one sensor sample to the next (50 a second, constant in
     between).
 
     ``heading_quantum`` [rad] is the resolution of the compass (0: none). ``speed_noise`` has a value for the speed
@@ -83,7 +83,9 @@ class Rangefinder:
 
 
 class Sensors:
-    """Samples the sensors of a plant. Every sensor has its own random numbers, so one does not affect another."""
+    """Samples the sensors of a plant. Every sensor has its own random numbers, so a change of one sensor's noise does
+    not affect the others.
+    """
 
     def __init__(self, data: SensorData, seed: int, *, floats: bool) -> None:
         self._data = data
@@ -112,7 +114,7 @@ class Sensors:
         self._noise: list[float] = []
 
     def sample(self, plant: Plant, reading: SensorReading, *, new: bool = True) -> None:
-        """Fill *reading* with the present measurement. The noise of the last one is reused unless *new* is set."""
+        """Fill *reading* with the present measurement. Unless *new* is set, the noise of the last sample is reused."""
         if new or not self._noise:
             self._noise = [draw() for draw in self._draws]
         noise, quantum = self._noise, self._data.heading_quantum

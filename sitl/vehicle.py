@@ -1,7 +1,7 @@
 """The whole craft: hull, actuators, sensors, battery and autopilot, in steps of one autopilot loop.
 
 A loop corresponds to the firmware's main loop: 50 a second on Rover, 400 on Sub (SCHED_LOOP_RATE). Real firmware
-processes sticks, failsafes and battery at 50 Hz, whatever the loop rate. Here this is done at
+processes sticks, failsafes and battery at 50 Hz at any loop rate. The simulator processes them at
 :data:`~sitl.autopilot.SLOW_RATE`. Sensor noise is updated at the same rate, so that it does not depend on the loop
 rate.
 """
@@ -27,14 +27,15 @@ class Vehicle:
 
     Parameters
     ----------
-    data : its data file.
+    data : the vehicle's data file.
     seed : seed of all sensor noise. parameters : autopilot parameters set before boot, in addition to those of the data
-        file. ``KeyError`` when unknown. names : the firmware generation whose parameter names and units it uses over
-        MAVLink (``GENERATIONS``).
+        file. ``KeyError`` if a name is unknown. names : the firmware generation whose parameter names and units the
+        vehicle uses over MAVLink (``GENERATIONS``).
     effects : hidden effects, in order.
-    model : hull dynamics to fly instead of its own, with effects that come first. ``BadModel`` if this is not possible.
+    model : hull dynamics to fly instead of the vehicle's own. Its effects are applied first. ``BadModel`` if this is
+    not possible.
 
-    ``rate`` [Hz] is that of its loop. Time is counted in whole ticks, so that stamps are exact.
+    ``rate`` [Hz] is the rate of the autopilot's loop. Time is counted in whole ticks, so that time stamps are exact.
     """
 
     def __init__(
@@ -91,11 +92,11 @@ class Vehicle:
 
     @property
     def seconds(self) -> float:
-        """Seconds since the simulation began, as a float."""
+        """Seconds since the simulation began, as a fraction."""
         return self.tick / self.rate
 
     def move(self) -> None:
-        """Advance by one tick under the pulses of the last loop, and sample the sensors."""
+        """Advance the plant by one tick under the pulses of the last loop, and sample the sensors."""
         self.tick += 1
         pwm: Sequence[int] = self.autopilot.pwm
         t, dt = self.seconds, self._dt

@@ -20,7 +20,7 @@ __all__ = ["HEADINGS", "VehicleFile", "verify_vehicle_tables"]
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Permitted units of a number, its range, and whether it may be a list (a schedule)."""
+    """Permitted units of a number in a vehicle file, its permitted range, and whether it may be a list (a schedule)."""
 
     units: tuple[str, ...]
     least: float = -1e9
@@ -30,7 +30,7 @@ class Range:
 
     @property
     def form(self) -> Any:
-        """Type of the value: a number only, or either a number or a list."""
+        """Python type that the value must have: a number, or either a number or a list."""
         one: Any = Annotated[
             float, Meta(gt=self.least, le=self.most) if self.above else Meta(ge=self.least, le=self.most)
         ]
@@ -100,14 +100,14 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "apart": Range(("m",), 0.0, 10.0),
     },
 }
-"""Heading -> name -> permitted number.
+"""Heading of a vehicle file -> name of a number -> its permitted units and range.
 
 Ranges are wide enough for any craft and narrow enough to detect a typing error. Project choice.
 """
 
 
 class ParameterEntry(Struct, forbid_unknown_fields=True, frozen=True):
-    """An autopilot parameter in the file."""
+    """An autopilot parameter in a vehicle file."""
 
     value: Annotated[float, Meta(ge=-3.5e38, le=3.5e38)]
     unit: str
@@ -115,7 +115,7 @@ class ParameterEntry(Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class Derivative(Struct, forbid_unknown_fields=True, frozen=True):
-    """A derivative of the hull, or ``coriolis``, which is true or false."""
+    """A SNAME derivative of the hull in a vehicle file, or ``coriolis``, which is true or false."""
 
     value: bool | Annotated[float, Meta(ge=-1e9, le=1e9)]
     unit: str
@@ -153,7 +153,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     Raises
     ------
     ValueError
-        It does not match or is inconsistent; the message states where.
+        The file does not match the schema or is inconsistent; the message states where.
     """
     _verify_units(own)
     conform(own, VehicleFile)

@@ -54,13 +54,19 @@ class ActuatorStep(NamedTuple):
 class Actuator:
     """The actuator from output to force, with its elements in this order.
 
-    Outputs are in the model's input unit, or in fractions once scaled. ``limit``: saturation. ``rate`` [1/s]: rate
-    limit. ``lag`` [s]: first-order lag. ``backlash`` and ``dead_zone`` (half-width): those of its linkage or speed
-    controller. ``subtracted``: fraction of the half-width that is lost outside the dead zone (1: the force starts from
-    zero; 0: it starts with a jump). ``square``: fraction of its force that is proportional to ``u|u|/reference``.
-    ``ahead`` and ``astern``: gains for positive and negative outputs. ``weakest``: the gain to which it may decrease in
-    use. ``dither``: rms of noise on its output that is too fast for the craft, so that the force is the mean over the
-    noise.
+    Outputs are in the model's input unit, or in fractions once scaled.
+
+    - ``limit``: saturation.
+    - ``rate`` [1/s]: rate limit.
+    - ``lag`` [s]: first-order lag.
+    - ``backlash`` and ``dead_zone`` (half-width): those of its linkage or speed controller.
+    - ``subtracted``: fraction of the half-width that is lost outside the dead zone (1: the force starts from zero; 0:
+      it starts with a jump).
+    - ``square``: fraction of its force that is proportional to ``u|u|/reference``.
+    - ``ahead`` and ``astern``: gains for positive and negative outputs.
+    - ``weakest``: the gain to which it may decrease in use.
+    - ``dither``: rms of noise on its output that is too fast for the craft, so that the force is the mean over the
+      noise.
     """
 
     limit: float = math.inf

@@ -29,7 +29,8 @@ WEAKEST = 0.3
 class Remark:
     """Remark about one effect.
 
-    ``treated``: its treatment in the design. ``advice``: further action, if any.
+    - ``treated``: its treatment in the design.
+    - ``advice``: further action, if any.
     """
 
     slug: str

@@ -72,8 +72,10 @@ def worst(margins: list[Margins]) -> Margins:
 class Crossings(NamedTuple):
     """Crossings of the frequency responses of several loops.
 
-    ``row`` (k,): index of the loop. ``at`` (k,): frequency [rad/s]. ``value`` (k,): at 180 degrees of phase, the
-    logarithm of the magnitude; at magnitude one, the angle from 180 degrees [rad].
+    - ``row`` (k,): index of the loop.
+    - ``at`` (k,): frequency [rad/s].
+    - ``value`` (k,): at 180 degrees of phase, the logarithm of the magnitude; at magnitude one, the angle from 180
+      degrees [rad].
     """
 
     row: Index

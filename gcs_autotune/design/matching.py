@@ -75,8 +75,9 @@ DIGITS = 4
 class DesignProblem:
     """Inputs of matching except the specification.
 
-    ``delay`` [s]: in addition to the model's. ``present_overshoot``: that of the same step with the present gains.
-    ``late``: gains that only refinement changes.
+    - ``delay`` [s]: in addition to the model's.
+    - ``present_overshoot``: that of the same step with the present gains.
+    - ``late``: gains that only refinement changes.
     """
 
     law: Law

@@ -70,7 +70,8 @@ def shortfall_of(itae: float, seconds: float) -> float:
 class OtherMode:
     """The loop of the other mode on the same craft.
 
-    ``problem``: its design problem. ``duration`` [s]: time of its step in each direction.
+    - ``problem``: its design problem.
+    - ``duration`` [s]: time of its step in each direction.
     """
 
     problem: DesignProblem

@@ -61,8 +61,11 @@ SAME = 1e-3
 class ProvisionalGains:
     """Gains for the present model.
 
-    ``wanted``: the reference model. ``gains``: under canonical names. ``itae`` [s^2]: their predicted ITAE, evaluated
-    like flown steps. ``spread``: as in :class:`Proposal`. ``span`` [s]: simulated time of the search.
+    - ``wanted``: the reference model.
+    - ``gains``: under canonical names.
+    - ``itae`` [s^2]: their predicted ITAE, evaluated like flown steps.
+    - ``spread``: as in :class:`Proposal`.
+    - ``span`` [s]: simulated time of the search.
     """
 
     wanted: ReferenceModel

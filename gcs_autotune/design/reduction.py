@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 class Reduction:
     """A model reduced to one axis: ``model`` and ``actuator`` in the units of input ``channel``.
 
-    ``covariance`` (5, 5): of (alpha, beta, beta_quadratic, delta, delay), zero for unknown ones. ``heavier``: the
-    largest factor on the inertia in use. ``quantum``: resolution of the position's sensor.
+    - ``covariance`` (5, 5): of (alpha, beta, beta_quadratic, delta, delay), zero for unknown ones.
+    - ``heavier``: the largest factor on the inertia in use.
+    - ``quantum``: resolution of the position's sensor.
     """
 
     model: SingleDof

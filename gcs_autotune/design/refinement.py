@@ -254,8 +254,9 @@ def _rounded(problem: DesignProblem, settings: Settings) -> dict[str, float]:
 class _Aims:
     """Aims of the search: follow ``wanted`` over ``duration`` [s], with at most ``noise`` in the output.
 
-    ``lenient``: the smallest margins are required, and the specified ones only add cost. ``other``: the other mode,
-    whose shortfall also counts. ``most`` [s^2]: largest ITAE of this mode in that case.
+    - ``lenient``: the smallest margins are required, and the specified ones only add cost.
+    - ``other``: the other mode, whose shortfall also counts.
+    - ``most`` [s^2]: largest ITAE of this mode in that case.
     """
 
     problem: DesignProblem

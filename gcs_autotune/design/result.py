@@ -107,8 +107,9 @@ class StepMetrics:
 class Beside(NamedTuple):
     """Prediction for another mode that uses the same gains.
 
-    ``law``: control law of that mode. ``before``, ``after``: ITAE of its step relative to that of a craft that does not
-    follow. ``given_up``: relative increase of the ITAE of the axis' own step, because that mode is considered.
+    - ``law``: control law of that mode.
+    - ``before``, ``after``: ITAE of its step relative to that of a craft that does not follow.
+    - ``given_up``: relative increase of the ITAE of the axis' own step, because that mode is considered.
     """
 
     law: str
@@ -160,17 +161,21 @@ class Prediction:
 class Proposal:
     """New gains for one axis, not yet written to a vehicle.
 
-    ``margins``: at the identified parameters. ``worst_margins``: over the 95 % region of the parameters. ``bound``:
-    (left side, right side) of Miskovic2010 (8.22)-(8.27), stable if left < right. For a model with effects, ``remarks``
-    describe each, and ``left`` is the residual motion after a small step with the old and the new gains.
+    - ``margins``: at the identified parameters.
+    - ``worst_margins``: over the 95 % region of the parameters.
+    - ``bound``: (left side, right side) of Miskovic2010 (8.22)-(8.27), stable if left < right. For a model with
+      effects, ``remarks`` describe each, and ``left`` is the residual motion after a small step with the old and the
+      new gains.
 
-    ``loops``: with the old and with the new gains, opened at the actuator, one for each state of the craft; ``margins``
-    are the smallest of these. ``actuator``: the actuator effects of the model between output and force.
+    - ``loops``: with the old and with the new gains, opened at the actuator, one for each state of the craft;
+      ``margins`` are the smallest of these.
+    - ``actuator``: the actuator effects of the model between output and force.
 
-    ``windows`` [s]: duration of step and step back for the predicted metrics (after a proof: what both its steps
-    recorded); empty: as long as the predictions. ``ruler``: measurement properties for these metrics. ``spread``:
-    largest relative increase of the predicted error over time within the 95 % region. ``beside``: another mode that
-    uses the same gains.
+    - ``windows`` [s]: duration of step and step back for the predicted metrics (after a proof: what both its steps
+      recorded); empty: as long as the predictions.
+    - ``ruler``: measurement properties for these metrics.
+    - ``spread``: largest relative increase of the predicted error over time within the 95 % region.
+    - ``beside``: another mode that uses the same gains.
     """
 
     axis: str

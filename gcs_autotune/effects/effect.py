@@ -73,8 +73,9 @@ class Quantity:
 class EffectInstance:
     """An effect at a place, with values: a part of an extended model.
 
-    ``place``: the input, signal or degree of freedom (``"N"``, ``"psi"``, ``"yaw"``; several joined by ``+``).
-    ``values``: the fitted parameters, SI. ``constants``: numbers read from the runs once, such as a reference speed.
+    - ``place``: the input, signal or degree of freedom (``"N"``, ``"psi"``, ``"yaw"``; several joined by ``+``).
+    - ``values``: the fitted parameters, SI.
+    - ``constants``: numbers read from the runs once, such as a reference speed.
     """
 
     slug: str
@@ -113,8 +114,11 @@ class EffectInstance:
 class Drive:
     """Inputs of one run; each value of ``channels[name]`` (j,) is held from its stamp in ``t`` (j,) to the next.
 
-    The first value also holds before its stamp. ``measured``: the run's recorded channels, for effects that depend on a
-    measured quantity. ``start`` [s]: the run's first stamp. ``run``: its name.
+    The first value also holds before its stamp.
+
+    - ``measured``: the run's recorded channels, for effects that depend on a measured quantity.
+    - ``start`` [s]: the run's first stamp.
+    - ``run``: its name.
     """
 
     t: Array
@@ -192,10 +196,12 @@ def concerns(place: str, run: str) -> bool:
 class Effect:
     """One row of the table of effects: class attributes describe it, methods implement it (see the module).
 
-    ``plain``: the first sentence of a report, for the owner of the boat. Words in braces are filled in: ``{craft}``
-    (boat or vehicle), ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving), ``{command}``
-    (throttle, rudder) and ``{signal}`` (heading, depth). ``shown_by``: the residual that indicates the effect.
-    ``mistaken_for``: slugs of similar effects. ``separated_by``: the manoeuvre that distinguishes it from these.
+    - ``plain``: the first sentence of a report, for the owner of the boat. Words in braces are filled in: ``{craft}``
+      (boat or vehicle), ``{simulation}`` (the simulation, or a plain one), ``{motion}`` (turning, diving),
+      ``{command}`` (throttle, rudder) and ``{signal}`` (heading, depth).
+    - ``shown_by``: the residual that indicates the effect.
+    - ``mistaken_for``: slugs of similar effects.
+    - ``separated_by``: the manoeuvre that distinguishes it from these.
     """
 
     slug: ClassVar[str]

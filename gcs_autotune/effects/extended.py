@@ -45,8 +45,10 @@ PATIENCE = 70
 class Passage:
     """One stretch of a run, in the form that a simulation needs.
 
-    ``t_in`` (j,), ``commands[name]`` (j,): inputs held from their stamps on. ``stamps`` (s,): all stamps of all
-    signals. ``at[signal]`` (n,): indices of that signal's stamps. ``measured``: the run's recorded channels.
+    ``t_in`` (j,), ``commands[name]`` (j,): inputs held from their stamps on.
+
+    - ``stamps`` (s,): all stamps of all signals. ``at[signal]`` (n,): indices of that signal's stamps.
+    - ``measured``: the run's recorded channels.
     """
 
     run: str
@@ -313,8 +315,8 @@ SCHEMA = 1
 class ExtendedModel:
     """A coupled model with the effects between it and the measurements, in the order of the table.
 
-    ``amplitude``: full output of each input in the units of the runs (:attr:`.effect.DataSummary.full`). ``units``:
-    units of the inputs ("1": fractions of full output). Both are empty if unknown.
+    - ``amplitude``: full output of each input in the units of the runs (:attr:`.effect.DataSummary.full`).
+    - ``units``: units of the inputs ("1": fractions of full output). Both are empty if unknown.
     """
 
     base: CoupledModel

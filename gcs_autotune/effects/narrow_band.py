@@ -36,8 +36,8 @@ SETTLED = 20
 class Oscillator:
     """Model of one signal: frequency ``omega`` [rad/s], damping ratio ``zeta`` < 1, ``lag`` [s] of the craft.
 
-    ``rho``: variance of the oscillation relative to that of the noise. ``rate``: whether a velocity is measured, not a
-    position.
+    - ``rho``: variance of the oscillation relative to that of the noise.
+    - ``rate``: whether a velocity is measured, not a position.
     """
 
     omega: float

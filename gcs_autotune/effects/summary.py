@@ -29,11 +29,15 @@ __all__ = [
 class DataSummary:
     """Data on the runs that are available before any effect is fitted.
 
-    ``form``: form of the base model. ``inputs``/``signals``: unit of each driven input and measured signal.
-    ``amplitude``: largest magnitude of each input. ``spread``: standard deviation of each signal. ``level``: noise of
-    each signal, without a model. ``channels``: names of all recorded channels. ``interval`` [s]: between samples.
-    ``time_constant`` [s]: the base model's slowest. ``duration`` [s]: of the longest run. ``quantum``: grid step of
-    each signal (0: none).
+    - ``form``: form of the base model. ``inputs``/``signals``: unit of each driven input and measured signal.
+    - ``amplitude``: largest magnitude of each input.
+    - ``spread``: standard deviation of each signal.
+    - ``level``: noise of each signal, without a model.
+    - ``channels``: names of all recorded channels.
+    - ``interval`` [s]: between samples.
+    - ``time_constant`` [s]: the base model's slowest.
+    - ``duration`` [s]: of the longest run.
+    - ``quantum``: grid step of each signal (0: none).
     """
 
     form: Form

@@ -55,9 +55,12 @@ Factor = tuple[str, bool]
 class ProductTerm:
     """A force or moment per product of velocities.
 
-    ``derivative``: its SNAME name. ``row``: the force. ``factors``: its velocities, moduli first. ``words``: a
-    description. ``source``: its reference. ``damps``: whether it takes energy out of its own motion, so that its sign
-    is known.
+    - ``derivative``: its SNAME name.
+    - ``row``: the force.
+    - ``factors``: its velocities, moduli first.
+    - ``words``: a description.
+    - ``source``: its reference.
+    - ``damps``: whether it takes energy out of its own motion, so that its sign is known.
     """
 
     derivative: str

@@ -38,9 +38,10 @@ SMALLEST = 0.05
 class DofComparison:
     """Step responses of two models to the largest and to the smallest applied input, SI and radians.
 
-    ``steady``: steady velocity of each under ``largest``. ``quantum``: resolution of the velocity, 0 if it is fine.
-    ``rise``: time [s] of each to the fraction ``share`` of its steady state under ``smallest``. ``interval`` [s]:
-    between samples.
+    - ``steady``: steady velocity of each under ``largest``.
+    - ``quantum``: resolution of the velocity, 0 if it is fine.
+    - ``rise``: time [s] of each to the fraction ``share`` of its steady state under ``smallest``.
+    - ``interval`` [s]: between samples.
     """
 
     dof: str

@@ -79,9 +79,12 @@ CLEAR = 2.0
 class ScoredForm:
     """One form with its scores.
 
-    ``parameters``: number of fitted ones. ``fit_percent``: that of the free run on the fitted runs. ``left_out``:
-    held-out error relative to the signals' ranges, mean over folds. ``per_fold``: the same for each fold.
-    ``left_out_rms``: per signal [SI]. ``complaints``: its unphysical values. ``fit`` is None if it could not be fitted.
+    - ``parameters``: number of fitted ones.
+    - ``fit_percent``: that of the free run on the fitted runs.
+    - ``left_out``: held-out error relative to the signals' ranges, mean over folds.
+    - ``per_fold``: the same for each fold.
+    - ``left_out_rms``: per signal [SI].
+    - ``complaints``: its unphysical values. ``fit`` is None if it could not be fitted.
     """
 
     form: Form

@@ -43,9 +43,10 @@ __all__ = [
 class Direction:
     """A joint change of parameters with little or no effect on the measured signals.
 
-    ``derivatives``: the members' SNAME names. ``changes``: relative to each value (0.4: 40 % larger in magnitude). For
-    a practical direction they are within 95 % of the noise; for an ``exact`` one only their ratios matter. ``scaling``:
-    whether all change by the same factor.
+    - ``derivatives``: the members' SNAME names.
+    - ``changes``: relative to each value (0.4: 40 % larger in magnitude). For a practical direction they are within 95
+      % of the noise; for an ``exact`` one only their ratios matter.
+    - ``scaling``: whether all change by the same factor.
     """
 
     members: tuple[str, ...]
@@ -59,7 +60,8 @@ class Direction:
 class Unseen:
     """A parameter whose standard error exceeds its value.
 
-    ``derivative``: its SNAME name. ``slight``: whether its force is negligible in these runs.
+    - ``derivative``: its SNAME name.
+    - ``slight``: whether its force is negligible in these runs.
     """
 
     name: str
@@ -225,7 +227,8 @@ MEMBER = 0.05
 class Identifiability:
     """Identifiability of a fit's parameters from runs.
 
-    ``relative`` (p,): standard errors over sizes (see :mod:`.scales`). ``directions``: the worst first.
+    - ``relative`` (p,): standard errors over sizes (see :mod:`.scales`).
+    - ``directions``: the worst first.
     """
 
     information: Information

@@ -61,10 +61,11 @@ FAR = 1.5
 class Ranking:
     """One candidate manoeuvre with its expected result.
 
-    ``std`` (p,): standard errors expected from the runs and this manoeuvre together. ``worst``: the largest of them,
-    relative to the sizes. ``gain``: factor by which standard errors decrease on (geometric) average, correlations
-    included; infinite if a parameter becomes identifiable. ``flags``: quantities of the motion that exceed those in the
-    runs.
+    - ``std`` (p,): standard errors expected from the runs and this manoeuvre together.
+    - ``worst``: the largest of them, relative to the sizes.
+    - ``gain``: factor by which standard errors decrease on (geometric) average, correlations included; infinite if a
+      parameter becomes identifiable.
+    - ``flags``: quantities of the motion that exceed those in the runs.
     """
 
     candidate: Preset
@@ -198,8 +199,9 @@ UNTOLD = 1e3
 class PrecisionGain:
     """Expected effect of a manoeuvre on the required precision.
 
-    ``relative``: expected standard error over value of each parameter. ``rate``: improvement per minute, in natural
-    logarithms of the standard errors that are still too large. ``seconds``: total duration.
+    - ``relative``: expected standard error over value of each parameter.
+    - ``rate``: improvement per minute, in natural logarithms of the standard errors that are still too large.
+    - ``seconds``: total duration.
     """
 
     candidate: Preset

@@ -48,9 +48,13 @@ STEADY = 3.0
 class ManoeuvringRoom:
     """Extremes of a motion, SI units.
 
-    ``largest``: magnitude of each velocity (``u`` .. ``r``). ``turned``: total range of the heading [rad]. ``tilt``:
-    largest roll or pitch [rad]. ``room``: longer side of the box around the track [m]. ``deep``: range of the depth
-    [m], 0 if the form has none. ``seconds``: duration of the motion. ``kind``: the kind of manoeuvre it looks like.
+    - ``largest``: magnitude of each velocity (``u`` .. ``r``).
+    - ``turned``: total range of the heading [rad].
+    - ``tilt``: largest roll or pitch [rad].
+    - ``room``: longer side of the box around the track [m].
+    - ``deep``: range of the depth [m], 0 if the form has none.
+    - ``seconds``: duration of the motion.
+    - ``kind``: the kind of manoeuvre it looks like.
     """
 
     largest: Mapping[str, float]

@@ -44,9 +44,11 @@ POLISH, CLOSE = 12, 0.01
 class Profile:
     """Profile of one parameter.
 
-    ``values`` (k,): increasing. ``deviance`` (k,): over the minimum. ``low``, ``high``: the interval at ``level``; an
-    infinite end means that the runs do not bound the parameter there. ``estimate``: the value with the largest
-    likelihood.
+    - ``values`` (k,): increasing.
+    - ``deviance`` (k,): over the minimum.
+    - ``low``, ``high``: the interval at ``level``; an infinite end means that the runs do not bound the parameter
+      there.
+    - ``estimate``: the value with the largest likelihood.
     """
 
     name: str

@@ -28,8 +28,8 @@ FELT = 0.05
 class Scales:
     """Scales of the fitted parameters, in the parameter's unit.
 
-    ``size`` (p,): with which its error is compared. ``felt`` (p,): change with a noticeable effect in the motion of the
-    runs; infinite if nothing excites it.
+    - ``size`` (p,): with which its error is compared.
+    - ``felt`` (p,): change with a noticeable effect in the motion of the runs; infinite if nothing excites it.
     """
 
     size: Array

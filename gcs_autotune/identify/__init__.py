@@ -1,14 +1,15 @@
 """From recorded runs to a model with its uncertainty.
 
-:func:`fit` and :func:`fit_axis` fit; :data:`METHODS` is the table of methods. The result is a :class:`Fit`: parameters,
-covariance, traces and doubts. :func:`validate` predicts other runs with it, and a model file keeps it.
+:func:`fit` and :func:`fit_axis` fit; :data:`METHODS` is the table of methods. Each returns a :class:`Fit` with
+parameters, covariance, traces and doubts. :func:`validate` predicts other runs with the fitted model, and
+:func:`save_model` writes the model to a file.
 
-Rooms that build on the parts enter by their doors:
+Other packages import from these subpackages:
 
 ===============  ==================================================================================================
 ``signals``      a run as segments with checked signals, before any model
-``problems``     data and a form as an optimisation problem, its solution and information: what searches build on
-``kalman``       the same with process noise, for one degree of freedom; the filter methods
+``problems``     data and a form as an optimisation problem, with its solution and its information
+``kalman``       filters: fits with process noise for one degree of freedom, and the filter methods
 ``open_loop``    readings of steps, zig-zags and helm orders; the methods ``step`` and ``zig-zag``
 ``relay``        limit cycles
 ``frequency``    frequency responses
@@ -17,8 +18,9 @@ Rooms that build on the parts enter by their doors:
 ``plan``         sequenced experiments
 ===============  ==================================================================================================
 
-The methods: ``axis`` (one degree of freedom: structure and delay decided), ``coupled`` (forms), ``extended`` (effects),
-and those above. Each takes a ``Case`` and returns what ``fit_builder`` makes of its ``Table``.
+The methods: ``axis`` is for one degree of freedom and decides structure and delay. ``coupled`` is for forms,
+``extended`` for forms with effects. The other methods are in the packages above. Each method takes a ``Case``. It
+returns the ``Fit`` that ``fit_builder`` builds from the table of its parameters.
 """
 
 from __future__ import annotations

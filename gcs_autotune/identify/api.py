@@ -53,19 +53,19 @@ def fit(
 
     Parameters
     ----------
-    structure : for one degree of freedom its damping: ``linear``, ``nonlinear`` (quadratic) or ``affine`` (both);
-        None chooses by evidence. For several degrees of freedom it is a name in ``FORMS`` (``horizontal``, ``6dof`` and
-        so on), a form file (TOML) or a ``Form``.
+    structure : for one degree of freedom its damping: ``linear``, ``nonlinear`` (quadratic) or ``affine`` (both). None
+        chooses by the Bayesian information criterion. For several degrees of freedom it is a name in ``FORMS``
+        (``horizontal``, ``6dof`` and so on), a form file (TOML) or a ``Form``.
     method : name in ``METHODS``.
     dof : name in ``DOFS`` or ``FORMS``; None derives it from *structure* and from the motion.
-    delay : between input and motion [s]; ``auto`` fits one and keeps it only if the evidence is strong.
+    delay : delay between input and motion [s]. ``auto`` fits one and keeps it only if the evidence is strong.
     use : names of the signals to fit; None chooses them.
     loss : ``soft_l1`` reduces the weight of outliers.
-    effects : effects to fit with the model, ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without *structure*
-        the base model is then uncoupled, with linear damping and the degrees of freedom that the runs show.
-    start : the model to start from, including its structure and effects (see :mod:`gcs_autotune.identify.model_file`);
-        or start values by name, if the method has that option.
-    options : options of this *method*, see ``METHODS[method].options``.
+    effects : effects to fit with the model, each as ``slug`` or ``slug@place`` (``quadratic-drag@yaw``). Without
+        *structure* the base model is then uncoupled, with linear damping and the degrees of freedom that the runs show.
+    start : model to start from, including its structure and effects (see :mod:`gcs_autotune.identify.model_file`). Some
+        methods also accept a mapping of start values by name.
+    options : keyword arguments for this *method* only, as listed in ``METHODS[method].options``.
 
     Returns
     -------
@@ -199,11 +199,12 @@ def _fit_coupled(
 
 
 def scaled_form(form: Form, runs: Sequence[Trial]) -> tuple[Form, list[Doubt]]:
-    """Return *form* with free gains such as ``k_X`` if inputs are normalised and an inertia is known.
+    """Return *form*, with free gains such as ``k_X`` if inputs are normalised and an inertia is known, and doubts about
+    it.
 
-    If no inertia is known, each equation is scaled to full output of its own force, and a doubt reports this. Only the
-    sum of mass and added mass appears in the equations. A mass alone therefore does not determine a force; a doubt
-    reports this too.
+    If inputs are normalised and no inertia is known, each equation is scaled to full output of its own force. A doubt
+    reports this. Only the sum of mass and added mass appears in the equations. A known mass alone therefore does not
+    determine a force, and a doubt reports this too.
     """
     units = {run[c].unit for run in runs for c in form.inputs if c in run}
     if form.normalised or form.per_inertia or units != {"1"}:

@@ -25,12 +25,19 @@ __all__ = ["Case"]
 class Case:
     """One identification task: segments of runs, a form, and assumptions.
 
-    ``names``, ``trials``: the runs as supplied. ``records``: their segments. ``form``: None for one degree of freedom.
-    ``structure``: its damping, None to choose one. ``delay`` [s]: None to fit one and keep it only on strong evidence.
-    ``use``: signals to fit, None to choose them. ``robust``: whether to use soft-L1 weights. ``cycles``: limit cycles
-    of the runs. ``dropped_rows``: number of rows dropped from the run files. ``notes``: doubts about the runs.
-    ``effects``: effects to fit with the form. ``start``: model to start from, if any. ``options``: those of one method
-    only.
+    - ``names``, ``trials``: the runs as supplied.
+    - ``records``: the segments of the runs.
+    - ``form``: the form to fit; None for one degree of freedom.
+    - ``structure``: damping of one degree of freedom; None to choose one.
+    - ``delay`` [s]: known delay; None to fit one and keep it only on strong evidence.
+    - ``use``: signals to fit, None to choose them.
+    - ``robust``: whether to use soft-L1 weights.
+    - ``cycles``: limit cycles of the runs.
+    - ``dropped_rows``: number of rows dropped from the run files.
+    - ``notes``: doubts about the runs.
+    - ``effects``: effects to fit with the form.
+    - ``start``: model to start from, if any.
+    - ``options``: keyword arguments for the method only.
     """
 
     records: tuple[Segment, ...]
@@ -62,9 +69,9 @@ class Case:
         return self.form
 
     def as_form(self, structure: Structure) -> Case:
-        """Return this task of one degree of freedom as a task with a form.
+        """Return this task of one degree of freedom as a task with a form of the drag *structure*.
 
-        An unknown delay is set to zero.
+        An unknown delay is set to 0.
         """
         first, delay = self.records[0], self.delay or 0.0
         form = axis_form(
@@ -84,12 +91,12 @@ class Case:
 
     @property
     def all_notes(self) -> tuple[Doubt, ...]:
-        """Doubts about the runs, followed by those about their segments."""
+        """Doubts about the runs, followed by doubts about their segments."""
         return (*self.notes, *(doubt for record in self.records for doubt in record.notes))
 
     @property
     def largest(self) -> dict[str, float]:
-        """Largest magnitude of the input in all runs, by name of the input."""
+        """Name of the input -> its largest magnitude in all runs. Only the first input is included."""
         return {self.records[0].input_names[0]: max(float(np.max(np.abs(r.tau))) for r in self.records)}
 
     @property
@@ -102,15 +109,15 @@ class Case:
 
     @property
     def cut_short(self) -> bool:
-        """Whether a relay was ended early because the estimate was accurate enough.
+        """Whether a relay experiment was ended early because its estimate was already accurate enough.
 
-        It then has few periods and may not have settled.
+        Such an experiment has few periods and may not have settled.
         """
         return any(t.by_relay and bool(t.meta.get("enough")) for t in self.trials)
 
     @property
     def more_levels(self) -> str:
-        """Advice on which run distinguishes kinds of damping, or damping from delay."""
+        """Advice to the user: which further run distinguishes kinds of damping, or damping from delay."""
         if self.relay_flown:
             return "fly a second relay with a clearly different output C"
         return "record a run with clearly larger or smaller inputs as well"

@@ -1,7 +1,7 @@
-"""Cramer-Rao bounds: the smallest standard errors that any method can reach on some runs.
+"""Cramer-Rao bounds: the smallest standard errors that any unbiased method can reach with the same runs.
 
-:func:`with_bounds` adds them to a fit of any method. One axis has a likelihood of its own (:func:`cramer_rao`), with
-rounding sensors and inexact stamps; forms use the Fisher information of white noise.
+:func:`with_bounds` adds the bounds to a fit of any method. For one axis they come from :func:`cramer_rao`, whose
+likelihood includes rounding sensors and inexact stamps. For forms they come from the Fisher information of white noise.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ ModelT = TypeVar("ModelT", bound=Model)
 def with_bounds(fit: Fit[ModelT], trials: Trial | Sequence[Trial]) -> Fit[ModelT]:
     """Return *fit* with the Cramer-Rao bound of every fitted parameter.
 
-    A fit of one degree of freedom uses its own likelihood, including rounding sensors and inexact stamps. Fits of
-    several degrees of freedom use :func:`information_on`. A parameter without information has an infinite bound. The
+    A fit of one degree of freedom uses its own likelihood, including rounding sensors and inexact stamps. A fit of
+    several degrees of freedom uses :func:`information_on`. A parameter without information has an infinite bound. The
     fit is returned unchanged if its bounds are known, or if its model cannot be simulated on the runs.
     """
     if all(math.isfinite(p.bound) for p in fit.parameters.values() if p.status == "fitted"):
@@ -77,18 +77,18 @@ def cramer_rao(
     free: Sequence[str] = ("alpha", "beta", "beta_quadratic", "delta"),
     quantum: float | Mapping[str, float] = 0.0,
 ) -> dict[str, float]:
-    """Return the smallest standard deviation of an unbiased estimate of *model* from *trials*, per parameter.
+    """Return parameter -> smallest standard deviation that an unbiased estimate of *model* from *trials* can have.
 
     The noise is white and Gaussian with unknown level. The initial states of every run are unknown. If the records show
-    that input stamps are not exact, their common shift is unknown too. The bound is then that of van Trees, with a
-    prior for the shift.
+    that input stamps are not exact, their common shift is unknown too. The result is then the bound of van Trees, with
+    a prior for the shift.
 
     Parameters
     ----------
     noise_std : standard deviation of the position [rad or m] before rounding, or per signal name, e.g. ``{"psi": 0.01,
         "r": 0.02}``.
-    free : which of ``alpha beta beta_quadratic delta delay`` are unknown.
-    quantum : resolution [rad or m] of a coarse sensor, 0 for none, or per signal name. The measured
+    free : unknown parameters, some of ``alpha``, ``beta``, ``beta_quadratic``, ``delta`` and ``delay``.
+    quantum : resolution [rad or m] of a coarse sensor, or per signal name. 0 if rounding is negligible. The measured
         values define the cells, so they must come from the coarse sensor.
 
     Raises

@@ -10,7 +10,12 @@ __all__ = ["Doubt", "once"]
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A reason not to trust a result, with its probable cause and a remedy."""
+    """A reason not to trust a result.
+
+    - ``slug``: its short name.
+    - ``cause``: its probable cause.
+    - ``cure``: the remedy.
+    """
 
     slug: str
     cause: str

@@ -1,8 +1,8 @@
-"""Reasons not to trust an identification: one table, each with its condition, sentence and cure.
+"""Reasons not to trust an identification: one table, with a condition, a sentence and a remedy for each doubt.
 
-A method calls :func:`doubts_about` with its evidence: :class:`Findings` of one axis, a ``Solution``, and what it has
-chosen or compared. To add a doubt, add a row to :data:`DOUBTS`. Doubts of a single method (innovations of a filter) are
-in that method's module, and those about raw runs in ``signals``.
+A method calls :func:`doubts_about` with what it knows: :class:`Findings` for one axis, a ``Solution``, and the objects
+that record its choices and comparisons. To add a doubt, add a row to :data:`DOUBTS`. Doubts of a single method
+(innovations of a filter) are in that method's module, and those about raw runs in ``signals``.
 """
 
 from __future__ import annotations
@@ -54,40 +54,50 @@ __all__ = [
 ]
 
 Facts = Mapping[str, object]
-"""Numbers and names that fill the sentence of a doubt."""
+"""Numbers and names that fill the sentence of a doubt, by placeholder."""
 
 WEAK = 0.30
-"""Relative standard error above which a parameter counts as weakly excited."""
+"""Relative standard error above which a parameter counts as weakly excited. Project choice."""
 
 POOR = 70.0
-"""Fit [%] of a signal below which the model counts as explaining it only in part."""
+"""Fit [%] of a signal below which the model counts as explaining it only in part. Project choice."""
 
 COLOUR = 0.2
-"""Autocorrelation of residuals or innovations above which a doubt is raised. A smaller one hardly changes a confidence
-interval."""
+"""Autocorrelation of residuals or innovations above which a doubt is raised. Project choice.
+
+A smaller one hardly changes a confidence interval.
+"""
 
 TOGETHER = 0.99
-"""Correlation of two estimates above which only a combination of both is known."""
+"""Correlation of two estimates above which only a combination of the two parameters is known. Project choice."""
 
 FAR, OFTEN = 6.0, 0.005
-"""Limits for outliers. FAR: standard deviations above which a sample is an outlier. OFTEN: fraction of outliers above
-which a doubt is raised."""
+"""Limits for outliers. Project choice.
+
+- ``FAR``: number of standard deviations above which a sample is an outlier.
+- ``OFTEN``: fraction of outliers above which a doubt is raised.
+"""
 
 SIGNIFICANCE = 0.01
-"""Probability that the test keeps an effect that does not exist."""
+"""Probability that the test keeps an effect that does not exist. Project choice."""
 
 REVERSED = 2.0
-"""Standard errors below zero from which an input counts as reversed."""
+"""Number of standard errors below zero from which the gain of an input counts as reversed. Project choice."""
 
 DELAY_CHANGE = 0.03
-"""Relative change of inertia by an unproved delay, above which a doubt is raised. The change must also exceed three
-standard errors."""
+"""Relative change of the inertia by a delay without strong evidence, above which a doubt is raised. Project choice.
+
+The change must also exceed three standard errors.
+"""
 
 PUSHES_BOTH_WAYS: Mapping[str, str] = {
     "yaw": "fly a manoeuvre that pushes both ways, such as a relay or a zig-zag",
     "surge": "fly well-separated steps ahead (throttle-steps), or pulses ahead and astern (doublets)",
 }
-"""Degree of freedom -> manoeuvre to fly if the input had only one sign. Those not listed need a relay or doublets."""
+"""Degree of freedom -> advice on the manoeuvre to fly if the input had only one sign.
+
+Degrees of freedom that are not listed need a relay or doublets.
+"""
 
 
 # -- evidence
@@ -95,10 +105,11 @@ PUSHES_BOTH_WAYS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """What any method knows of one axis.
+    """Results for one axis that every method has.
 
-    ``noise``: standard deviation of the noise in the main signal. ``white``: whether the residuals are white, so that
-    nothing is left to explain.
+    - ``noise``: standard deviation of the noise in the main signal.
+    - ``fit_percent``: fit of the free run [%].
+    - ``white``: whether the residuals are white, so that nothing remains to be explained.
     """
 
     case: Case
@@ -126,7 +137,10 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedDelay:
-    """A solution, and the decrease of the criterion with a delay."""
+    """A solution that was fitted with a delay.
+
+    ``evidence``: decrease of the Bayesian information criterion with the delay.
+    """
 
     solution: Solution
     evidence: float
@@ -143,7 +157,10 @@ class Gains:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectTest:
-    """A fit with effects; ``correlation``: number of samples that count as one independent sample."""
+    """A fit with effects, for the doubts about the effects.
+
+    ``correlation``: number of samples that count as one independent sample.
+    """
 
     problem: Problem
     fitted: Fitted
@@ -412,7 +429,7 @@ def _inertia_unresolved(c: Choice) -> Iterator[Facts]:
 
 
 def inertia_unresolved(solution: Solution) -> bool:
-    """Return whether a rate is at the limit of what the sampling resolves."""
+    """Return whether a drag rate of *solution* is at the limit of what the sampling resolves."""
     return "a" in solution.at_bound or "c" in solution.at_bound
 
 
@@ -472,10 +489,14 @@ def _effect_not_needed(test: EffectTest) -> Iterator[Facts]:
 
 @dataclass(frozen=True, slots=True)
 class DoubtRow:
-    """A doubt: about which kind of evidence it is, when it is raised, its sentence and its cure.
+    """One row of the table of doubts.
 
-    ``when`` yields the facts that fill ``cause`` and ``cure``, once per doubt. ``of_the_runs``: it is about the runs
-    themselves and applies to any model.
+    - ``slug``: short name of the doubt.
+    - ``about``: type of the object that the doubt is about.
+    - ``when``: function that yields the facts that fill ``cause`` and ``cure``, once per doubt.
+    - ``cause``: sentence with placeholders.
+    - ``cure``: remedy with placeholders.
+    - ``of_the_runs``: whether the doubt is about the runs themselves, so that it applies to any model.
     """
 
     slug: str
@@ -732,16 +753,16 @@ DOUBTS: tuple[DoubtRow, ...] = (
         "omit it. To test for it, fly: {separated_by}",
     ),
 )
-"""All doubts, in the order in which they are listed."""
+"""All doubts, in the order in which a result lists them."""
 
 OF_THE_RUNS = frozenset(row.slug for row in DOUBTS if row.of_the_runs)
 """Slugs of the doubts about the runs themselves, which apply to any model."""
 
 
 def doubts_about(*evidence: object, rows: Sequence[DoubtRow] = DOUBTS) -> list[Doubt]:
-    """Return the doubts that the *evidence* raises, in the order of the table.
+    """Return the doubts that the *evidence* raises, in the order of the table *rows*.
 
-    evidence : any of the kinds that rows are about; None for what there is not.
+    evidence : objects of any of the types that the rows are about. None stands for an object that does not exist.
     """
     return [
         Doubt(row.slug, row.cause.format(**facts), row.cure.format(**facts))
@@ -753,8 +774,9 @@ def doubts_about(*evidence: object, rows: Sequence[DoubtRow] = DOUBTS) -> list[D
 
 
 def reversed_input(form: Form, values: Mapping[str, float], std: Mapping[str, float]) -> Doubt | None:
-    """Return a doubt about negative gains ``k_*``, which indicate reversed labels, wiring or signs of inputs.
+    """Return a doubt if a gain ``k_*`` is negative, else None.
 
-    The same holds for a negative inertia of a motion that an input drives with a known gain.
+    A negative gain indicates that labels, wiring or the sign of an input are reversed. A doubt is also raised about a
+    negative inertia of a motion that an input drives with a known gain.
     """
     return next(iter(doubts_about(Gains(form, values, std))), None)

@@ -61,9 +61,9 @@ def table_of(
     """Return the table of all *values*.
 
     fitted : (f,) names of the parameters to which *covariance* (f, f) belongs.
-    bounds : Cramer-Rao bounds by name, NaN if missing.
-    status : by name, if it differs from "fitted" for fitted parameters and "fixed" for the others.
-    unknown : names of parameters that were fitted without a standard error; theirs is NaN.
+    bounds : name -> Cramer-Rao bound. NaN for missing names.
+    status : name -> status, if it is not "fitted" for a fitted parameter or "fixed" for another one.
+    unknown : names of parameters that were fitted without a standard error, which is then NaN.
     """
     names = list(values)
     whole = np.zeros((len(names),) * 2)
@@ -100,7 +100,7 @@ def axis_table(model: SingleDof, covariance: Array, status: Sequence[Status], bo
     """Return the table of one degree of freedom.
 
     covariance : (5, 5), in the order (alpha, beta, beta_quadratic, delta, delay).
-    status, bounds : one entry per parameter.
+    status, bounds : one entry per parameter, in the same order.
     """
     names = (*model.axis.parameter_names(), "delay")
     units = (*model.axis.parameter_units(model.input_unit), "s")
@@ -119,8 +119,11 @@ def axis_table(model: SingleDof, covariance: Array, status: Sequence[Status], bo
 class Motion:
     """Motion of a model on the runs it was fitted to, compared with the measured motion.
 
-    ``traces``: measured and fitted motion. ``fit_percent``: 100 (1 - rms/std). ``rms``: of the residual of the main
-    signal, or of all signals. ``noise``: standard deviation per signal. ``doubts``: a doubt if the motion diverges.
+    - ``traces``: measured and fitted motion, one trace per run and signal.
+    - ``fit_percent``: 100 (1 - rms/std), averaged over signals.
+    - ``rms``: root mean square of the residual of the main signal, or of all signals.
+    - ``noise``: name of the signal -> standard deviation of its noise.
+    - ``doubts``: a doubt if the motion diverges.
     """
 
     traces: tuple[Trace, ...]
@@ -133,13 +136,16 @@ class Motion:
     def freely(
         cls, model: SingleDof | CoupledModel, segments: Sequence[Segment], noise: Mapping[str, float] | None = None
     ) -> Motion:
-        """Return the free run of *model* on all *segments*, without traces if it diverges."""
+        """Return the free run of *model* on all *segments*.
+
+        If the model diverges, the result has a doubt instead of traces.
+        """
         traces, runaway = runs_or_doubt(model, segments)
         return cls(traces, fit_percent_of(traces), rms_of(traces), noise or {}, runaway)
 
     @classmethod
     def of_solution(cls, segments: Sequence[Segment], solution: Solution, main: str | None = None) -> Motion:
-        """Return the motion of *solution*, of the signal *main* only if one is named."""
+        """Return the motion of *solution* on *segments*, restricted to the signal *main* if one is supplied."""
         percents, traces = fit_percents(solution), traces_of(segments, solution)
         if main is None:
             shares = list(percents.values())
@@ -151,7 +157,7 @@ class Motion:
 def solution_extra(solution: Solution, **more: float) -> dict[str, Any]:
     """Return the entries of ``Fit.extra`` for the solution of a form.
 
-    more : further entries.
+    more : further entries, by name.
     """
     return {
         "rounding": {n: rounding_error(solution.rests, n) for n in solution.noise},
@@ -168,8 +174,9 @@ def solution_extra(solution: Solution, **more: float) -> dict[str, Any]:
 class AxisDetails:
     """Further results for one degree of freedom.
 
-    ``main``: name of the main signal. ``iso``: readings of limit cycles. ``decision``, ``candidates``: how the drag
-    structure was chosen.
+    - ``main``: name of the main signal.
+    - ``iso``: readings of limit cycles.
+    - ``decision``, ``candidates``: the comparison by which the drag structure was chosen.
     """
 
     main: str
@@ -195,7 +202,7 @@ def fit_of(
 ) -> Fit[ModelT]:
     """Return the fit of *case* by *method*.
 
-    doubts : those of the method. Doubts about the runs are listed before them.
+    doubts : doubts of the method. Doubts about the runs are listed before them.
     """
     noise_std = math.nan if axis is None else motion.noise.get(axis.main, motion.rms)
     return Fit(
@@ -220,7 +227,7 @@ def fit_of(
 
 
 def dof_of(model: SingleDof | CoupledModel | ExtendedModel) -> str:
-    """Return the degrees of freedom of a model, joined as in ``surge+yaw``."""
+    """Return the names of the degrees of freedom of a model, joined as in ``surge+yaw``."""
     if isinstance(model, SingleDof):
         return model.dof
     base = model.base if isinstance(model, ExtendedModel) else model

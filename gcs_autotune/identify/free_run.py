@@ -51,10 +51,10 @@ __all__ = [
 Array = NDArray[np.float64]
 
 RUNS_AWAY = "runs-away"
-"""Slug of the doubt raised if the model cannot be simulated on its own runs."""
+"""Slug of the doubt that a model diverges in a simulation of its own runs."""
 
 HORIZONS = (0.1, 0.35, 1.0)
-"""Fractions of a record to which the initial state is fitted, one after the other.
+"""Fractions of a record to which the initial state is fitted, one after the other. Project choice.
 
 In an unstable craft an error of the initial state grows. A rough initial state therefore cannot be fitted to the whole
 record at once.
@@ -63,11 +63,15 @@ record at once.
 
 @dataclass(frozen=True, slots=True)
 class ResidualStatistics:
-    """Statistics of residuals (measured minus simulated).
+    """Statistics of the residuals (measured minus simulated) of one signal in one run.
 
-    Number ``n``, ``mean``, ``rms``, mean absolute value (Miskovic2010, eq. (7.3)), and largest magnitude ``worst``.
-    ``fit_percent`` as in :class:`Fit`. ``lag_one``: autocorrelation at lag 1. ``whiteness_p``: probability that white
-    noise is at least this coloured.
+    - ``n``: number of samples.
+    - ``mean``, ``rms``: mean and root mean square.
+    - ``mean_absolute``: mean absolute value (Miskovic2010, eq. (7.3)).
+    - ``worst``: largest magnitude.
+    - ``fit_percent``: 100 (1 - rms/std), as in :class:`Fit`.
+    - ``lag_one``: autocorrelation at lag 1.
+    - ``whiteness_p``: probability that white noise is at least this coloured.
     """
 
     n: int
@@ -94,14 +98,14 @@ class Validation:
 
     @property
     def fit_percent(self) -> float:
-        """Average of 100 (1 - rms/std) over runs and signals.
+        """Average of 100 (1 - rms/std) over runs and signals, or NaN without any.
 
-        0 means no better than the mean value; negative is worse.
+        0 is as good as the mean value, and negative is worse than the mean value.
         """
         return float(np.mean([s.fit_percent for s in self.statistics])) if self.statistics else math.nan
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the statistics as data for JSON."""
+        """Return the fit percentages, and the rms residual per run and signal, as data for JSON."""
         rows = [
             {"run": t.run, "signal": t.signal, "unit": t.unit, "rms": s.rms, "fit_percent": s.fit_percent, "n": s.n}
             for t, s in zip(self.traces, self.statistics, strict=True)
@@ -110,7 +114,7 @@ class Validation:
 
 
 def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
-    """Simulate *runs* with *model*, with only the initial states fitted, and return the prediction quality.
+    """Simulate *runs* with *model*, and return its traces and statistics. Only the initial states are fitted.
 
     Raises
     ------
@@ -127,15 +131,15 @@ def validate(model: Any, runs: Trial | Sequence[Trial]) -> Validation:
 
 
 def free_run(fit: AxisFit | SingleDof, trial: Trial) -> Trace:
-    """Simulate *trial* with a model of one axis and return the trace of its position (or else velocity).
+    """Simulate *trial* with a model of one axis, and return the trace of its position or, if not measured, its
+    velocity.
 
     Only the initial state is fitted. Use a run that the model was not identified from. The stretches between gaps are
     joined into one trace.
 
     Raises
-    ------
-    NotInformative
-        The model diverges on this input, or as for :func:`gcs_autotune.identify.signals.preparation.prepare`.
+    ------ NotInformative The model diverges on this input, or :func:`gcs_autotune.identify.signals.preparation.prepare`
+    raised the error.
     """
     model = fit if isinstance(fit, SingleDof) else fit.model
     return _joined(trial.name, [run_freely(model, record)[0] for record in prepare(trial, model.dof)])
@@ -169,7 +173,7 @@ def _trace(run: str, signal: str, t: Array, measured: Array, fitted: Array) -> T
 def runs_or_doubt(
     model: SingleDof | CoupledModel, segments: Sequence[Segment]
 ) -> tuple[tuple[Trace, ...], tuple[Doubt, ...]]:
-    """Return the traces of all *segments*, or a doubt if the model diverges on its own runs."""
+    """Return the free-run traces of all *segments* and no doubt, or no traces and a doubt if the model diverges."""
     try:
         return tuple(t for s in segments for t in run_freely(model, s)), ()
     except NotInformative as error:
@@ -181,9 +185,9 @@ def runs_or_doubt(
 
 
 def fit_percent_of(traces: Sequence[Trace]) -> float:
-    """Return 100 (1 - rms/std), averaged over signals.
+    """Return 100 (1 - rms/std) of *traces*, averaged over the signals that move, or NaN if no signal moves.
 
-    Each signal is averaged over all runs. The result is NaN if no signal moves.
+    The rms and the standard deviation of each signal are taken over all runs.
     """
     shares = explained((t.signal, t.measured, t.measured - t.fitted) for t in traces)
     return float(np.mean(list(shares.values()))) if shares else math.nan
@@ -199,9 +203,10 @@ def rms_of(traces: Sequence[Trace]) -> float:
 
 
 def run_freely(model: SingleDof | CoupledModel, segment: Segment, names: Sequence[str] = ()) -> list[Trace]:
-    """Simulate one stretch and return one trace per signal.
+    """Simulate one segment freely, and return one trace per signal.
 
-    names : signals to compare a model of one axis with. The default is its position, or else its velocity.
+    names : signals with which a model of one axis is compared. The default is its position or, if not measured, its
+        velocity.
 
     Raises
     ------
@@ -255,7 +260,10 @@ def _with_effects(model: ExtendedModel, trial: Trial) -> list[Trace]:
 
 
 def first_state(record: Segment, states: tuple[str, ...]) -> Array:
-    """Return an estimate of the state at ``record.start`` from the first samples; 0 if not measured."""
+    """Return an estimate (n,) of *states* at ``record.start`` from the first samples.
+
+    A state that was not measured is 0.
+    """
     guess = np.zeros(len(states))
     for i, name in enumerate(states):
         if name in record.signals:

@@ -14,9 +14,12 @@ __all__ = ["Bears", "Method"]
 Bears = Literal["stamps", "rounding", "robust", "delay", "effects", "lever arm"]
 """Features that a method may support.
 
-``stamps``: a common shift of input stamps (decision 3). ``rounding``: the exact rounding of a coarse sensor.
-``robust``: outliers (``loss="soft_l1"``). ``delay``: an unknown delay, kept only on strong evidence. ``effects``:
-effects in addition to the form's terms. ``lever arm``: a sensor away from the centre.
+- ``stamps``: a common shift of input stamps (decision 3).
+- ``rounding``: the exact rounding of a coarse sensor.
+- ``robust``: outliers (``loss="soft_l1"``).
+- ``delay``: an unknown delay, kept only on strong evidence.
+- ``effects``: effects in addition to the form's terms.
+- ``lever arm``: a sensor away from the centre.
 """
 
 
@@ -24,10 +27,12 @@ effects in addition to the form's terms. ``lever arm``: a sensor away from the c
 class Method:
     """One row of ``METHODS``.
 
-    ``summary``: line for ``--help``. ``axis``: fits one degree of freedom (:class:`SingleDof`). ``coupled``: fits
-    several (:class:`gcs_autotune.models.coupled.CoupledModel`). None: the method does not support that kind.
-    ``options``: keyword arguments of ``fit`` for this method only, each with one line of help. ``bears``: supported
-    features. A missing feature raises a doubt if a run needs it.
+    - ``summary``: line for ``--help``.
+    - ``axis``: function that fits one degree of freedom (:class:`SingleDof`), None if the method does not support this.
+    - ``coupled``: function that fits several degrees of freedom (:class:`gcs_autotune.models.coupled.CoupledModel`),
+      None if the method does not support this.
+    - ``options``: keyword arguments of ``fit`` for this method only, each with one line of help.
+    - ``bears``: supported features. If a run needs an unsupported feature, the fit has a doubt.
     """
 
     name: str

@@ -1,6 +1,6 @@
 """Model files: what ``diagnose`` and ``identify`` write, and ``identify --start``, ``tune --model`` and ``sitl`` read.
 
-A model file contains the model's own data (``model``: ``extended``, ``coupled`` or ``single-dof``). Under
+A model file contains the data of the model (key ``model``: ``extended``, ``coupled`` or ``single-dof``). Under
 ``known_from`` it contains the units of the inputs, the noise, and the parameters with their covariance. The JSON output
 of ``identify`` and ``diagnose`` contains the same data and can be read too.
 """
@@ -37,16 +37,18 @@ _SLIGHT = 1e-3
 KINDS = ("extended", "coupled", "single-dof")
 
 INSIDE = ("model", "extended_model", "base_model")
-"""Keys under which the JSON output of a command may contain a model."""
+"""Keys under which the JSON output of a command may contain a model. They are tried in this order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFile:
     """A model read from a file, with its uncertainty.
 
-    ``model``: always in the form with effects. ``axis``: the model of one degree of freedom in the file, if it is one.
-    ``inputs``: unit per input. ``noise``: standard deviation per signal. ``names`` and ``covariance`` (p, p): of the
-    fitted parameters, empty if the file does not contain them.
+    - ``model``: the model as a coupled model with effects, whatever the file contains.
+    - ``axis``: the model of one degree of freedom if the file contains one, else None.
+    - ``inputs``: name of the input -> unit.
+    - ``noise``: name of the signal -> standard deviation of its noise.
+    - ``names``, ``covariance`` (p, p): fitted parameters and their covariance, empty if the file does not contain them.
     """
 
     name: str
@@ -59,9 +61,9 @@ class ModelFile:
 
     @property
     def written_as(self) -> Mapping[str, tuple[str, float]]:
-        """Derivative -> its name in a file of one degree of freedom, and the sign between both.
+        """Derivative -> its name in a file of one degree of freedom, and the sign between the two values.
 
-        It is empty for other files.
+        The mapping is empty for other files.
         """
         if self.axis is None:
             return {}
@@ -69,7 +71,7 @@ class ModelFile:
 
 
 def save_model(fit: Fit[Model], path: Path) -> None:
-    """Write the model of *fit* to *path*, with its noise and uncertainty.
+    """Write the model of *fit* to the model file *path*, with its noise and uncertainty.
 
     Examples
     --------
@@ -84,7 +86,7 @@ def save_model(fit: Fit[Model], path: Path) -> None:
 
 
 def model_document(fit: Fit[Model]) -> dict[str, Any]:
-    """Return the contents of a model file of *fit*: the whole model, its noise and uncertainty."""
+    """Return the contents of a model file of *fit*: the model with its effects, its noise and its uncertainty."""
     data = fit.to_dict()
     known = {k: data[k] for k in ("structure", "parameters", "correlation", "noise", "used")}
     return {**data["model"], "known_from": {**known, "inputs": data.get("inputs", {})}}
@@ -113,7 +115,7 @@ def load_model(path: Path) -> ModelFile:
 
 
 def model_file_of(fit: Fit[Model]) -> ModelFile:
-    """Return the model file of *fit* without writing it. Its name is that of the method."""
+    """Return *fit* as a :class:`ModelFile` without writing it. The name of the file is that of the method."""
     return _file(model_document(fit), Path(fit.method))
 
 

@@ -26,23 +26,27 @@ MOVED_TOO = "moved-too"
 """Slug of the doubt about motion in degrees of freedom that the model does not include."""
 
 CLEAR = 3.0
-"""Ratio of a velocity's standard deviation to that of its noise, above which it counts as motion."""
+"""Ratio of a velocity's standard deviation to that of its noise, above which the velocity counts as motion.
+
+Project choice.
+"""
 
 DRIVEN = 0.1
-"""Range of a normalised output (10th to 90th percentile) above which it counts as an active input."""
+"""Range of a normalised output (10th to 90th percentile) above which it counts as an active input. Project choice."""
 
 WINDOW, TURN = 2.0, 0.4
-"""Longest interval for differences of a track, in time [s] and in change of heading [rad].
+"""Longest interval for differences of a track, in time [s] and in change of heading [rad]. Project choice.
 
-It is used if no velocities were recorded. At this change of heading the chord is 0.7 % shorter than the track.
+The differences are used if no velocities were recorded. At this change of heading the chord is 0.7 % shorter than the
+track.
 """
 
 
 def moved_besides(runs: Iterable[Trial], dofs: Collection[str]) -> Mapping[str, list[str]]:
-    """Return the degrees of freedom that moved and are not in *dofs*, each with the names of its runs.
+    """Return degree of freedom -> names of the runs in which it moved, for those not in *dofs*.
 
-    Sway counts if it moved, and surge counts together with sway, because both are coupled with yaw. Any other counts
-    only if its own input varied too. Without an input it cannot be identified.
+    Sway counts if it moved, and surge counts together with sway, because both are coupled with yaw. Any other degree of
+    freedom counts only if its own input varied too. Without an input it cannot be identified.
     """
     found: dict[str, list[str]] = {}
     for run in runs:
@@ -56,9 +60,9 @@ def moved_besides(runs: Iterable[Trial], dofs: Collection[str]) -> Mapping[str, 
 
 
 def dof_option(runs: Sequence[Trial], dofs: Collection[str], besides: Collection[str]) -> str:
-    """Return the value of ``--dof`` that covers *dofs* and *besides*.
+    """Return the value of ``--dof`` that includes the degrees of freedom *dofs* and *besides*.
 
-    It is empty if the recorded channels do not support such a model.
+    The value is empty if the recorded channels do not support such a model.
     """
     wanted = {*dofs, *besides}
     horizontal = wanted <= set(FORMS["horizontal"].dofs) and "sway" in wanted
@@ -70,7 +74,10 @@ def dof_option(runs: Sequence[Trial], dofs: Collection[str], besides: Collection
 
 
 def moved_too(runs: Sequence[Trial], dofs: Collection[str]) -> list[Doubt]:
-    """Return a doubt about motion in *runs* outside *dofs*, with the option that includes it."""
+    """Return a list with a doubt about motion in *runs* outside *dofs*, or an empty list without such motion.
+
+    The doubt states the value of ``--dof`` that includes the motion.
+    """
     besides = moved_besides(runs, dofs)
     if not besides:
         return []

@@ -8,8 +8,8 @@ compared.
 For forms with many parameters a cheap test comes first. At the common fit each run has its own gradient ``g_i`` of the
 cost, with initial states eliminated. For runs of one craft ``g_i`` has the covariance ``I_i - I_i I^-1 I_i``. ``I_i``
 is the information of the run, and ``I`` that of all runs. ``g_i^T (...)^+ g_i`` is then chi-squared distributed. Only
-if a run fails this test, each run is left out in turn and the rest is fitted again. The outlier is the run without
-which the others agree.
+if a run fails this test, each run is left out in turn and the other runs are fitted again. The outlier is the run
+without which the others agree.
 """
 
 from __future__ import annotations
@@ -33,28 +33,39 @@ __all__ = ["CraftEstimate", "DifferentPair", "MisfittingRun", "OutlierRun", "out
 Array = NDArray[np.float64]
 
 SIGMAS = 6.0
-"""Significance limit of a run's distance from the others. It has the probability of six standard errors of one
-parameter."""
+"""Limit for the distance of a run from the others, in standard errors of one parameter.
+
+Project choice. For several parameters, the limit with the same probability is used.
+"""
 CHANGE = 0.20
-"""Smallest relative difference of a parameter that is also required. Two long runs of one craft may differ
-significantly by less."""
+"""Smallest relative difference of a parameter for which a run counts as an outlier. Project choice.
+
+Two long runs of one craft may differ significantly by less.
+"""
 
 CHANCE = 1e-6
-"""Probability of examining runs more closely although they agree."""
+"""Probability of examining runs more closely although they agree. Project choice."""
 
 RELIEF = 1.3
-"""Factor by which the noise of at least one signal must decrease without the outlier."""
+"""Factor by which the noise of at least one signal must decrease if the outlier is left out. Project choice."""
 
 QUICK = Effort(12, exact=False)
 """Effort for fits of some of the runs. They only have to show whether the runs agree."""
 
 MISFIT = 1.5
-"""Factor by which the misfit of the outlier, with the model of the others, must exceed their noise."""
+"""Factor by which the misfit of the outlier, with the model of the other runs, must exceed the noise of those runs.
+
+Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CraftEstimate:
-    """Estimate of the craft's parameters from some of the runs: ``values`` (p,) and ``covariance`` (p, p)."""
+    """Parameters of the craft estimated from some of the runs.
+
+    - ``values`` (p,): estimates.
+    - ``covariance`` (p, p): covariance of ``values``.
+    """
 
     values: Array
     covariance: Array
@@ -64,8 +75,10 @@ class CraftEstimate:
 class OutlierRun:
     """A run that differs from the others, as if it were of another craft.
 
-    ``sigmas``: difference in standard errors. ``change``: relative change of the parameter that differs most. ``pair``:
-    both names if there are only two runs, because either may be the outlier.
+    - ``run``: name of the run.
+    - ``sigmas``: difference from the other runs in standard errors.
+    - ``change``: relative change of the parameter that differs most.
+    - ``pair``: names of both runs if there are only two, because either may be the outlier. Otherwise None.
     """
 
     run: str
@@ -76,9 +89,11 @@ class OutlierRun:
 
 @dataclass(frozen=True, slots=True)
 class MisfittingRun:
-    """A run that the model of the others misses by ``misfit`` times their noise.
+    """A run that the model of the other runs does not explain.
 
-    ``relief``: factor by which the noise falls without it.
+    - ``run``: name of the run.
+    - ``misfit``: residual of the run with the model of the others, relative to the noise of the others.
+    - ``relief``: factor by which the noise decreases if the run is left out.
     """
 
     run: str
@@ -88,7 +103,11 @@ class MisfittingRun:
 
 @dataclass(frozen=True, slots=True)
 class DifferentPair:
-    """Two runs that need different models; a separate fit of each is ``relief`` times better."""
+    """Two runs that need different models.
+
+    - ``runs``: names of both runs.
+    - ``relief``: factor by which the noise decreases if each run is fitted separately.
+    """
 
     runs: tuple[str, str]
     relief: float
@@ -102,8 +121,8 @@ def outlier_runs(
     Parameters
     ----------
     names : names of the runs.
-    estimate : function of the indices of some runs. It returns their joint estimate, or None if they contain too little
-        information.
+    estimate : function that maps the indices of some runs to one estimate from these runs. It returns None if the runs
+        contain too little information.
     """
     alone = [estimate((i,)) for i in range(len(names))]
     left = [i for i, found in enumerate(alone) if found is not None]
@@ -146,7 +165,7 @@ def _distance(one: CraftEstimate | None, rest: CraftEstimate | None, sigmas: flo
 
 
 def outlier_run(solution: Solution, records: Sequence[Segment], limits: Limits) -> MisfittingRun | DifferentPair | None:
-    """Return the run that differs from the others, or None if all agree."""
+    """Return the run that differs from the others, both runs of a pair that differ, or None if all agree."""
     runs = list(dict.fromkeys(r.run for r in records))
     if len(runs) < 2 or not solution.free or max(_strangeness(solution, records, runs)) < -np.log(CHANCE):
         return None

@@ -42,8 +42,9 @@ Status = Literal["fitted", "absent", "fixed", "at_bound"]
 class Parameter:
     """One identified parameter.
 
-    ``std``: standard error, 0 if the structure or the user fixed the value. ``bound``: Cramer-Rao bound, NaN if
-    unknown. No unbiased method can have a smaller standard error on these runs with their noise.
+    - ``std``: standard error, 0 if the structure or the user fixed the value.
+    - ``bound``: Cramer-Rao bound, NaN if unknown. No unbiased method can have a smaller standard error on these runs
+      with their noise.
     """
 
     name: str
@@ -58,14 +59,20 @@ class Parameter:
 class LimitCycle:
     """Limit cycle of one relay experiment (Miskovic2010, 6.6-6.7).
 
-    ``C``: relay output [input unit]. ``x_a``: set switching value, ``x_a_star``: actual one. ``X_m``: amplitude.
-    ``x_0``: bias. These four are in rad or m. ``omega``: frequency [rad/s]. ``T_H``, ``T_L``: times in high and low
-    position [s]. ``periods``: number used. ``scatter``: largest relative spread of maxima and minima (the 10 % rule).
-    ``valid``: whether condition (7.12) is satisfied.
+    - ``C``: relay output [input unit].
+    - ``x_a``: set switching value, ``x_a_star``: actual one.
+    - ``X_m``: amplitude.
+    - ``x_0``: bias. These four are in rad or m.
+    - ``omega``: frequency [rad/s].
+    - ``T_H``, ``T_L``: times in high and low position [s].
+    - ``periods``: number used.
+    - ``scatter``: largest relative spread of maxima and minima (the 10 % rule).
+    - ``valid``: whether condition (7.12) is satisfied.
 
     The high position is the one that drives the position up. ``C`` is negative if its input is the lower one.
-    ``offset``: input midway between the two positions. ``nu_0``: mean velocity, if the relay acts on an integrated
-    velocity (surge, Miskovic2010, eq. (6.48)), else 0.
+
+    - ``offset``: input midway between the two positions.
+    - ``nu_0``: mean velocity, if the relay acts on an integrated velocity (surge, Miskovic2010, eq. (6.48)), else 0.
     """
 
     C: float
@@ -168,15 +175,20 @@ ModelT = TypeVar("ModelT", bound=Model, covariant=True)
 class Fit(Generic[ModelT]):
     """An identified model with its uncertainty, for any method and structure.
 
-    ``covariance`` (p, p): in the order of ``parameters``, with zero rows for fixed ones. ``fit_percent``: 100 (1 -
-    rms/std) of the free-run simulation, averaged over signals. ``noise``: standard deviation per signal (SI) that the
-    fit treats as noise; :attr:`remainder` shows how much of it is noise. ``used``: names of the runs.
+    - ``covariance`` (p, p): in the order of ``parameters``, with zero rows for fixed ones.
+    - ``fit_percent``: 100 (1 - rms/std) of the free-run simulation, averaged over signals.
+    - ``noise``: standard deviation per signal (SI) that the fit treats as noise; :attr:`remainder` shows how much of it
+      is noise.
+    - ``used``: names of the runs.
 
     For one degree of freedom, ``parameters`` are ``(alpha, beta, beta_quadratic, delta, delay)``. Those of the
-    actuator's ``effects`` (thrust curve, dead zone) follow, if fitted. ``noise_std``: standard deviation [rad or m] of
-    the noise in the main signal. ``residual_rms``: of the residual of the free-run simulation. ``iso``: readings of
-    limit cycles. ``decision``, ``candidates``: how the drag structure was chosen. For several degrees of freedom these
-    are empty or NaN.
+    actuator's ``effects`` (thrust curve, dead zone) follow, if fitted.
+
+    - ``noise_std``: standard deviation [rad or m] of the noise in the main signal.
+    - ``residual_rms``: of the residual of the free-run simulation.
+    - ``iso``: readings of limit cycles.
+    - ``decision``, ``candidates``: how the drag structure was chosen. For several degrees of freedom these are empty or
+      NaN.
     """
 
     dof: str

@@ -37,7 +37,7 @@ def is_autopilot(heartbeat: Message) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class VehicleCandidate:
-    """An autopilot heard on the link."""
+    """An autopilot whose HEARTBEAT was received on the link: its ids, types and address."""
 
     system: int
     component: int
@@ -49,7 +49,7 @@ class VehicleCandidate:
 
     @classmethod
     def of(cls, frame: Frame) -> Self:
-        """Return the sender of a HEARTBEAT."""
+        """Return the sender of *frame*, a HEARTBEAT, as a candidate."""
         m = frame.message
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         return cls(
@@ -57,7 +57,7 @@ class VehicleCandidate:
         )
 
     def identity(self, *, version: str = "", uid: str = "") -> VehicleIdentity:
-        """Return the identity of this autopilot."""
+        """Return the identity of this autopilot, with *version* and board *uid*."""
         return VehicleIdentity(self.system, self.component, self.autopilot, self.vehicle_type, version=version, uid=uid)
 
     def __str__(self) -> str:
@@ -65,14 +65,14 @@ class VehicleCandidate:
 
 
 class Sightings:
-    """Autopilots heard before one is chosen; ``candidates`` by (system, component)."""
+    """Autopilots received on the link before one is chosen. ``candidates``: (system, component) -> autopilot."""
 
     def __init__(self) -> None:
         self.candidates: dict[tuple[int, int], VehicleCandidate] = {}
         self._signing: set[tuple[int, int]] = set()
 
     def take(self, frame: Frame) -> bool:
-        """Record the sender if *frame* is an autopilot's heartbeat; return whether it is."""
+        """Record the sender if *frame* is an autopilot's HEARTBEAT. Return whether it is one."""
         if not (frame.name == "HEARTBEAT" and is_autopilot(frame.message)):
             return False
         if is_signed(frame):
@@ -83,16 +83,16 @@ class Sightings:
         return True
 
     def found(self, system_id: int | None) -> VehicleCandidate | None:
-        """Return the first autopilot with *system_id* (None: any), or None."""
+        """Return the first autopilot received with *system_id* (None: any id), or None."""
         return next((c for c in self.candidates.values() if system_id in (None, c.system)), None)
 
     def signs(self, candidate: VehicleCandidate) -> bool:
-        """Return whether the sender has signed a message."""
+        """Return whether *candidate* has sent a signed HEARTBEAT."""
         return (candidate.system, candidate.component) in self._signing
 
 
 def choose(candidates: Sequence[VehicleCandidate]) -> VehicleCandidate:
-    """Return the only autopilot.
+    """Return the only autopilot of *candidates*.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def no_vehicle_error(
     heard: Iterable[tuple[int, int]],
     bad_data: int,
 ) -> NoVehicle:
-    """Return the error for an unsuccessful search, with the senders heard instead."""
+    """Return the error for a search without a vehicle. It lists the senders received instead."""
     others = sorted({system for system, _ in heard})
     if candidates:
         return NoVehicle(
@@ -139,7 +139,7 @@ _CURES = {
 
 
 def not_believed(signer: Signer, description: str) -> SigningMismatch:
-    """Return the error for a search in which no message matched the user's signing key."""
+    """Return the error for a search in which no message was signed with the user's key."""
     worst, _ = signer.refused.most_common(1)[0]
     return SigningMismatch(
         f"messages are received on {description}, but none is valid ({refusals(signer)}): {_CURES[worst]}"

@@ -1,7 +1,6 @@
-"""Read a file from the vehicle by MAVLink FTP; nothing is written there.
-
-A few pieces are requested at a time, by offset, so that a lost one can be requested again. The file ends with a short
-piece or with the reply "end of file".
+"""Read a file from the vehicle by MAVLink FTP; nothing is written on the vehicle. A few blocks are requested at a time,
+by offset, so that a lost block can be requested again. The file ends with a short block or with the reply "end of
+file".
 """
 
 from __future__ import annotations
@@ -78,16 +77,16 @@ class _Exchange:
             self.replies.append(_Reply(sequence, opcode == _ACK, asked, offset, data))
 
     def has(self, count: int) -> bool | None:
-        """Return True once this many replies have arrived, else None."""
+        """Return True if at least *count* replies have arrived, else None."""
         return True if len(self.replies) >= count else None
 
     def answer(self, opcode: int, data: bytes = b"") -> _Reply:
-        """Repeat the request until it is answered.
+        """Send a request with *opcode* and *data*, repeated until it is answered, and return the answer.
 
         Raises
         ------
         NoReply
-            It was not answered.
+            The request was not answered.
         """
         for _ in range(_TRIES):
             self.replies.clear()
@@ -99,12 +98,12 @@ class _Exchange:
 
 
 def read_remote_file(session: Session, path: str, timeout: float = 60.0) -> bytes:
-    """Return the file at *path* on the vehicle, e.g. ``@PARAM/param.pck``.
+    """Return the bytes of the file at *path* on the vehicle, e.g. ``@PARAM/param.pck``.
 
     Raises
     ------
     NoReply
-        It does not answer, or the link is too slow. BadFile: there is no such file, or it cannot be read.
+        The vehicle does not answer, or the link is too slow. BadFile: there is no such file, or it cannot be read.
     """
     exchange = _Exchange(session)
     try:

@@ -28,7 +28,7 @@ __all__ = ["SIMULATED_EPOCH", "FramePort", "time_base"]
 SIMULATED_EPOCH = 1_577_836_800.0
 """Start of time in simulated records: 2020-01-01 00:00 UTC [s].
 
-It is fixed so that equal seeds give equal bytes. Project choice.
+It is fixed so that equal seeds produce identical records. Project choice.
 """
 _STALE_PARTIAL = 0.5
 """Age [s] above which an unfinished frame is discarded as noise. Project choice."""
@@ -39,7 +39,7 @@ _SECRET = ("SETUP_SIGNING",)
 
 
 class FramePort:
-    """The port of a session. ``signer`` is None without a key; ``sent`` counts bytes.
+    """The MAVLink frames of a session over its transport. ``signer`` is None without a key. ``sent`` counts bytes.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class FramePort:
 
     @property
     def system(self) -> int:
-        """System id used for sending."""
+        """Our system id, used for sending."""
         return self.packer.system
 
     @system.setter
@@ -78,17 +78,19 @@ class FramePort:
 
     @property
     def bad_data(self) -> int:
-        """Number of received stretches that are not MAVLink frames."""
+        """Number of received sequences of bytes that are not MAVLink frames."""
         return sum(framer.bad_data for framer in self._framers.values())
 
     @property
     def bad_bytes(self) -> int:
-        """Number of bytes in these stretches."""
+        """Number of received bytes that do not belong to a MAVLink frame."""
         return sum(framer.bad_bytes for framer in self._framers.values())
 
     @property
     def refused(self) -> int:
-        """Number of frames rejected because unsigned, wrongly signed or too old; 0 without a key."""
+        """Number of received frames rejected by the signing check: unsigned, wrongly signed or too old. 0
+        without a key.
+        """
         return self.signer.refused.total() if self.signer else 0
 
     @property
@@ -103,7 +105,7 @@ class FramePort:
         return f" ({said})" if said else ""
 
     def send(self, message: Message, component: int | None = None) -> None:
-        """Send and log one message; *component* replaces our component id."""
+        """Send and log one message. *component*, if supplied, replaces our component id."""
         frame = self.packer.pack(message, component)
         if message.get_type() not in _SECRET:
             self._log(frame)
@@ -165,7 +167,9 @@ class FramePort:
 
 
 def time_base(transport: Transport) -> Callable[[], float]:
-    """Return the time [s since 1970] that is zero for the time stamps of a log of *transport*."""
+    """Return the time [s since 1970] that corresponds to zero on the clock of *transport*, for the time stamps
+    of its log.
+    """
     if transport.is_simulated:
         return _simulated(transport.clock)
     return time.time

@@ -3,7 +3,7 @@
 Silence counts only while we listen. The first sender found is used; another sender with the vehicle's ids is reported
 and ignored, because any sender can use these ids. Senders differ in their origin (address and port on UDP) and in their
 sequence numbers. After a restart or a radio reconnect the vehicle may use another port. If the sender in use has fallen
-silent, another sender with the same ids is asked for its board id, and used if that matches.
+silent, another sender with the same ids is asked for its board id, and is used if the board ids match.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Liveness:
         self._silences: deque[tuple[float, float]] = deque(maxlen=_KEPT)
 
     def now(self) -> float:
-        """Return the time listened so far [s], for deadlines that must not expire while an answer is unread."""
+        """Return the time spent listening so far [s], for deadlines that must not expire while an answer is unread."""
         return self.listened
 
     @property
@@ -50,7 +50,7 @@ class Liveness:
         return self.listened - self.last_received
 
     def count(self, now: float) -> float:
-        """Count the time since the last call as listening. *now* is the link time [s]; it is returned."""
+        """Count the time since the last call as listening, and return that time [s]. *now* is the link time [s]."""
         since, self._last_pump = now - self._last_pump, now
         self.listened += min(since, _LONGEST_PUMP)
         return since
@@ -61,7 +61,7 @@ class Liveness:
         return self.listened - self._word
 
     def longest(self, span: float) -> float:
-        """Return the longest silence [s] that ended within the last *span* [s] listened."""
+        """Return the longest silence [s] that ended within the last *span* [s] of listening; 0 if there was none."""
         return max((silence for end, silence in self._silences if end >= self.listened - span), default=0.0)
 
     def heard(self) -> None:
@@ -71,7 +71,7 @@ class Liveness:
         self.last_received = self._word = self.listened
 
     def bear(self, silence: float) -> None:
-        """Tolerate a silence. :attr:`silence` counts from zero again only after *silence* [s]."""
+        """Tolerate a silence of the vehicle. :attr:`silence` counts from zero again only after *silence* [s]."""
         self.last_received = self.listened + silence
 
 
@@ -96,7 +96,7 @@ class Loss:
         self.received = self.lost = 0
 
     def hear(self, sequence: int) -> None:
-        """Count the *sequence* number (0 to 255) of the next message."""
+        """Update the counts with the *sequence* number (0 to 255) of the next message."""
         gap = (sequence - self._last - 1) % 256 if self._last >= 0 else 0
         self._last = sequence
         self.received += 1
@@ -105,7 +105,7 @@ class Loss:
 
     @property
     def share(self) -> float:
-        """Lost messages as a fraction of those sent; 0 if too few were sent."""
+        """Lost messages as a fraction of the messages sent; 0 if too few were sent to compute it."""
         return self.lost / (self.received + self.lost) if self.is_known else 0.0
 
     @property
@@ -141,7 +141,7 @@ class _Voice:
 
 
 class HeldSender:
-    """The sender that is accepted as the vehicle.
+    """The one sender, among those with the vehicle's ids, that is accepted as the vehicle.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class HeldSender:
         return frame.origin == self.origin
 
     def hear(self, frame: Frame) -> None:
-        """Follow the sequence numbers of the accepted sender.
+        """Process the sequence number of *frame* from the accepted sender.
 
         Report interleaved sequences and other senders once each.
         """
@@ -190,7 +190,7 @@ class HeldSender:
     def note_other_sender(self, frame: Frame) -> None:
         """Record another sender with the vehicle's ids.
 
-        It is reported once, if the accepted sender is heard after it.
+        It is reported once, if a message of the accepted sender arrives after it.
         """
         if frame.origin not in self._other_senders and len(self._other_senders) < _MOST_STRANGERS:
             self._suspects[frame.origin] = f"system {frame.system}, component {frame.component}"
@@ -206,7 +206,7 @@ class HeldSender:
 
     @property
     def others(self) -> tuple[str, ...]:
-        """Addresses of other senders that used the vehicle's ids."""
+        """Addresses of the other senders that used the vehicle's ids."""
         return tuple(dict.fromkeys((*self._suspects, *self._other_senders)))
 
     def may_be(self, frame: Frame, known: VehicleIdentity) -> bool:
@@ -219,7 +219,9 @@ class HeldSender:
         return not unique_id(frame.message) and firmware_version(frame.message) == known.version
 
     def hold(self, origin: str, known: VehicleIdentity | None = None) -> None:
-        """Accept the sender at *origin* from now on, because the *known* vehicle has moved there."""
+        """Accept the sender at *origin* as the vehicle from now on, because the *known* vehicle has changed its
+        address.
+        """
         if known is not None:
             how = "its board's id is the same" if known.uid else "its board reports no id, but its firmware is the same"
             self._notes.append(f"the vehicle now sends from {origin}, not {self.origin} (restarted?): {how}")

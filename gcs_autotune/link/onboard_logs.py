@@ -1,4 +1,4 @@
-"""Download the vehicle's logs with LOG_REQUEST_LIST and LOG_REQUEST_DATA; ArduPilot sends them only disarmed."""
+"""Download the vehicle's logs with LOG_REQUEST_LIST and LOG_REQUEST_DATA; ArduPilot sends logs only while disarmed."""
 
 from __future__ import annotations
 
@@ -56,10 +56,8 @@ def list_logs(session: Session) -> tuple[OnboardLog, ...]:
                     return tuple(entries[n] for n in sorted(entries))
     finally:
         stop()
-    raise NoReply(
-        f"{session.vehicle} listed only {len(entries)} of {told[-1] if told else 'unknown'} logs. "
-        "Disarm the vehicle: it sends logs only when disarmed"
-    )
+    listed = f"listed only {len(entries)} of its {told[-1]} logs" if told else "did not list its logs"
+    raise NoReply(f"{session.vehicle} {listed}. Disarm the vehicle: it sends logs only when disarmed")
 
 
 def _more(entries: dict[int, OnboardLog], told: list[int]) -> Callable[[], bool | None]:
@@ -85,7 +83,7 @@ def fetch_log(
     Raises
     ------
     NoReply
-        The data stopped arriving. BadFile: it is too large. OperatorStopped: the operator stopped the download.
+        The data stopped arriving. BadFile: the log is too large. OperatorStopped: the operator stopped the download.
     """
     if log.size > _LARGEST:
         raise BadFile(f"log {log.number} has {log.size} bytes, too many for the link. Copy the log from the SD card")

@@ -16,7 +16,7 @@ from gcs_autotune.mavlink import Framer
 __all__ = ["BAUDS", "Overheard", "PortSeen", "overhear", "serial_ports"]
 
 BAUDS = (57600, 115200)
-"""Baud rates tried: ArduPilot's defaults of SERIALn_BAUD for radios, USB and companion computers."""
+"""Baud rates tried on a serial port: ArduPilot's defaults of SERIALn_BAUD for radios, USB and companion computers."""
 _LONGEST_READ = 0.1
 
 
@@ -43,8 +43,8 @@ class Overheard:
     ----------
     uri : the link, as ``--connect`` takes it.
     autopilots : senders that identify themselves as an autopilot. others : system ids of all other senders.
-    messages, bad_bytes : number of MAVLink messages, and of bytes that belong to none.
-    trouble : why the link could not be opened; empty if it was.
+    messages, bad_bytes : number of MAVLink messages, and of bytes that belong to no message.
+    trouble : reason why the link could not be opened; empty if it was opened.
     """
 
     uri: str
@@ -56,7 +56,7 @@ class Overheard:
 
     @property
     def told(self) -> str:
-        """A sentence for the user on what was received."""
+        """Sentence for the user that states what was received on the link."""
         if self.trouble:
             return self.trouble
         if self.autopilots:
@@ -88,7 +88,7 @@ def serial_ports() -> tuple[PortSeen, ...]:
 def overhear(uri: str, seconds: float) -> Overheard:
     """Listen on *uri* for at most *seconds* [s] and return the senders heard. Nothing is sent.
 
-    It ends early, half a second after the first autopilot's heartbeat.
+    Listening ends early, half a second after the first autopilot's heartbeat.
     """
     try:
         with open_link(uri) as transport:

@@ -39,12 +39,14 @@ class Routing:
         self._overhearing.append(listener)
 
     def tell(self, frame: Frame) -> None:
-        """Pass a message of the vehicle to its listeners."""
+        """Pass a message of the vehicle to the listeners for that message."""
         for listener in tuple(self._listeners.get(frame.name, ())):
             listener(frame.message)
 
     def note_other_station(self, frame: Frame, our_system: int) -> None:
-        """Count a frame of another sender. Report once if a station uses our own system id."""
+        """Count a frame of another sender, and pass it to the monitors. Report once if a station uses our own
+        system id.
+        """
         self.foreign[frame.system, frame.component] += 1
         for hear in self._overhearing:
             hear(frame)

@@ -95,24 +95,24 @@ class PeriodicTask:
 
 
 class PeriodicTasks:
-    """All periodic tasks, in order of registration."""
+    """The periodic tasks of a session, in order of registration."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._tasks: list[PeriodicTask] = []
 
     def add(self, period: float, action: Callable[[], None]) -> PeriodicTask:
-        """Register *action* for every *period* [s]; it is due at once."""
+        """Register *action* to be executed every *period* [s], first at once. Return its task."""
         task = PeriodicTask(self._clock, period, action, self._clock.now())
         self._tasks.append(task)
         return task
 
     def next_due(self) -> float:
-        """Return the link time [s] of the next task; there must be one."""
+        """Return the link time [s] at which the next task is due. At least one task must exist."""
         return min(task.due for task in self._tasks)
 
     def do(self, now: float) -> None:
-        """Execute all tasks due at link time *now* [s]."""
+        """Execute all tasks that are due at link time *now* [s]."""
         for task in self._tasks:
             if task.due <= now + _ROUNDING:
                 task.postpone()
@@ -120,7 +120,7 @@ class PeriodicTasks:
 
 
 class OperatorStop:
-    """The operator's stop request; ``asked``: whether it was made. *interrupt* is polled."""
+    """The operator's stop request. ``asked``: whether it was made. *interrupt* is called to detect it."""
 
     def __init__(self, interrupt: Callable[[], bool]) -> None:
         self._interrupt = interrupt
@@ -136,7 +136,7 @@ class OperatorStop:
 
     @contextmanager
     def shielded(self, *, raise_after: bool = False) -> Iterator[None]:
-        """Postpone the stop inside this context. With *raise_after* it is raised on exit."""
+        """Postpone the operator's stop inside this context. With *raise_after* it is raised on exit."""
         self._shields += 1
         try:
             yield
@@ -165,7 +165,7 @@ class Session:
     beacon : component id of that HEARTBEAT, chosen at random for every session. Routers, including ArduPilot, do not
         forward a HEARTBEAT to a link on which its sender's ids were heard. All computers with this program have the
         same ids otherwise.
-    port : sends and receives frames, counts them, and holds our system id.
+    port : sends and receives frames, counts them, and contains our system id.
     routing : the listeners, and the other senders heard.
     liveness : how long the vehicle has been silent.
     patience : longest silence [s] tolerated while waiting; 0 for none. It is used before arming only, because an armed
@@ -212,7 +212,7 @@ class Session:
         self.listen("STATUSTEXT", self._on_text)
 
     def send(self, message: Message) -> None:
-        """Send and log one message."""
+        """Send one message to the vehicle and log it."""
         self.port.send(message)
 
     def request_message(self, number: int) -> None:
@@ -232,9 +232,8 @@ class Session:
         return self._periodic_tasks.add(period, action)
 
     def pump(self, timeout: float = _SLICE) -> None:
-        """Do everything due, then wait for bytes and route them.
-
-        It waits at most *timeout*, and at most 0.1 s, or 20 ms in real time.
+        """Execute the tasks that are due, then wait for bytes and route the messages in them. It waits at most
+        *timeout* [s], and at most 0.1 s, or 20 ms in real time.
 
         Raises
         ------
@@ -306,7 +305,7 @@ class Session:
 
     @property
     def loss(self) -> Loss:
-        """Fraction of the vehicle's messages lost on the link."""
+        """Counts of the vehicle's messages that arrived and that the link lost."""
         return self._held_sender.loss
 
     def lossy(self) -> str:
@@ -332,7 +331,7 @@ class Session:
             )
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
-        """Pump until *condition* returns something other than None, and return it; None after *timeout* [s].
+        """Pump until *condition* returns something other than None, and return that; None after *timeout* [s].
 
         Only time spent listening counts: an answer that arrived while this computer was busy is read before the
         deadline is checked. A tolerated silence (:attr:`patience`) does not count.
@@ -354,14 +353,14 @@ class Session:
         self.wait_for(lambda: None, seconds)
 
     def await_return(self, timeout: float) -> bool:
-        """Wait after ``LinkLost`` until the vehicle sends again; return whether it did."""
+        """Wait after ``LinkLost`` until the vehicle sends again, at most *timeout* [s]. Return whether it did."""
         self.liveness.bear(timeout)
         before = self.heartbeats
         return self.wait_for(lambda: True if self.heartbeats > before else None, timeout) is not None
 
     def ask_state(self, timeout: float) -> bool:
-        """Request a HEARTBEAT so that :attr:`armed` and :attr:`custom_mode` are current; return whether one came in
-        *timeout*.
+        """Request a HEARTBEAT so that :attr:`armed` and :attr:`custom_mode` are current; return whether one arrived
+        within *timeout* [s].
 
         The request is repeated every half second, because it or its answer may be lost.
         """
@@ -431,7 +430,7 @@ class Session:
         return False
 
     def discover(self, timeout: float = 10.0, system_id: int | None = None) -> VehicleIdentity:
-        """Wait for an autopilot's HEARTBEAT; from then on only that system and component count.
+        """Wait for an autopilot's HEARTBEAT; then accept only that system and component. Return the vehicle's identity.
 
         It listens for two more seconds to detect a second autopilot on the link.
 
@@ -439,10 +438,8 @@ class Session:
         ------
         NoVehicle
             No autopilot was heard within *timeout* [s]; the message lists the senders heard instead.
-        SigningMismatch
-            One was heard, but its signing does not match our key: only one of both signs, or the keys differ.
-        UsageError
-            There are several and *system_id* does not select one.
+        SigningMismatch An autopilot was heard, but its signing does not match ours: only one side signs, or the keys
+        differ. UsageError There are several autopilots, and *system_id* does not select one.
         """
         wanted = self._find(timeout, system_id)
         self.vehicle = wanted.identity()

@@ -19,8 +19,10 @@ __all__ = ["TransferFunction"]
 class TransferFunction:
     """A transfer function with integrators and delay.
 
-    ``numerator``: b_0..b_m. ``denominator``: a_0..a_n, both in rising powers of s (Miskovic2010 (6.7)).
-    ``integrators``: their number. ``delay``: [s].
+    - ``numerator``: b_0..b_m.
+    - ``denominator``: a_0..a_n, both in rising powers of s (Miskovic2010 (6.7)).
+    - ``integrators``: their number.
+    - ``delay``: [s].
     """
 
     numerator: tuple[float, ...]

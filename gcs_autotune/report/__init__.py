@@ -1,4 +1,4 @@
-"""The only package that formats results for users: pages, terminal tables, live lines, wording.
+"""Formats results for users: pages, terminal tables, live lines, wording. No other package does this.
 
 Each report is a :class:`Document`, built by the function named after it and shown by :func:`to_html`,
 :func:`print_document` or :func:`to_json`. To add a section, add a function to the module of its report.

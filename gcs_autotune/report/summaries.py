@@ -1,4 +1,4 @@
-"""The reports of the commands without a page: logs, plans, ship figures, thrusters."""
+"""The reports of the commands without a page: logs, plans, manoeuvring figures, thrusters."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ __all__ = [
 
 
 MESSAGES = 12
-"""Most kinds of messages shown, the most frequent first. Project choice."""
+"""Largest number of message types shown for a log, the most frequent first. Project choice."""
 
 CHANGES = 8
-"""Most changes of mode or arming shown per boot. Project choice."""
+"""Largest number of changes of mode or armed state shown per boot. Project choice."""
 
 AT_ONCE = 2.0
 """Time [s] from the start of a log within which first reported states count as initial, because heartbeats arrive once
@@ -46,7 +46,7 @@ a second."""
 
 
 def log_document(told: Mapping[str, Any]) -> Document:
-    """Return the report of one log: its contents, its boots, and the runs in it."""
+    """Return the report of one log: its contents, the autopilot's boots, and the runs in it."""
     contradictions = tuple(cause for slug, cause, _ in told["notes"] if slug == CONTRADICTION)
     doubts = tuple(f"{cause}: {cure}" for _, cause, cure in told["notes"])
     heading = f"{told['source']}: {told['format']}"
@@ -134,7 +134,9 @@ def _look(look: Mapping[str, Any]) -> str:
 
 
 def plan_document(result: PlanResult) -> Document:
-    """Return the result of a plan: steps with validation, agreement, parameters, final validation and doubts."""
+    """Return the report of an identification plan: steps with validation, agreement, parameters, final validation and
+    doubts.
+    """
     step_doubts = (f"{s.step.name}: {doubt_sentence(d)}" for s in result.steps for d in s.fit.doubts)
     return Document(
         title=f"Plan {result.plan.name}: {result.plan.title}",
@@ -199,7 +201,7 @@ _VERDICTS = {"meets": "met", "fails": "FAILED", "open": "undecided"}
 
 
 def sheets_document(sheets: Sequence[Sheet]) -> Document:
-    """Return the report of ship figures: for each manoeuvre its figures, verdict and doubts."""
+    """Return the report of manoeuvring figures: for each manoeuvre its figures, verdict and doubts."""
     return Document(
         title="Ship figures",
         contradictions=tuple(dict.fromkeys(c for sheet in sheets for c in contradictions_in(sheet.doubts))),
@@ -212,7 +214,9 @@ def sheets_document(sheets: Sequence[Sheet]) -> Document:
 
 
 def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mapping[str, Any] | None = None) -> Section:
-    """Return the figures of a manoeuvre with its verdict, and its *doubts* if they are not shown elsewhere."""
+    """Return the section with a manoeuvre's figures and verdict. *doubts*: include the doubts, if they are not shown
+    elsewhere.
+    """
     verdict = f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
     about = tuple(bullets(doubt_sentences(sheet.doubts))) if doubts else ()
     parts = (sheet_table(sheet), Note(verdict), Section(f"{slug}-doubts", "Doubts about the figures", about))
@@ -220,7 +224,7 @@ def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mappi
 
 
 def sheet_table(sheet: Sheet) -> Table:
-    """Return a table of the figures with standard errors, the IMO criterion and whether it is met."""
+    """Return a table of a manoeuvre's figures with standard errors, the IMO criteria, and whether these are met."""
     return Table(("figure", "value ± std", "unit", "IMO limit", ""), "lrlrl", tuple(_row(f) for f in sheet.figures))
 
 
@@ -247,14 +251,14 @@ _MEANING = {
 }
 
 SHOWN = 5
-"""Most rival structures shown. Project choice."""
+"""Largest number of rejected thruster structures shown. Project choice."""
 
 _POINTS = 9
 """Number of rows of the compensation table. Project choice."""
 
 
 def thruster_document(fit: ThrusterFit) -> Document:
-    """Return the report of a thruster map: its structure, and commands for required forces."""
+    """Return the report of a thruster map: its structure, and the commands for required forces."""
     m = fit.map
     low, high = m.dead_zone
     way = (
@@ -283,7 +287,7 @@ def thruster_document(fit: ThrusterFit) -> Document:
 
 
 def propeller_document(fit: PropellerFit) -> Document:
-    """Return the report of an open-water test."""
+    """Return the report of a propeller's open-water test."""
     rows = tuple((p.name, format_value(p.value, p.std), pretty_unit(p.unit) or "1") for p in fit.parameters.values())
     noise = ", ".join(f"{n} {format_number(s)}" for n, s in fit.noise.items())
     heading = f"Propeller: {fit.kind}"

@@ -119,8 +119,9 @@ NAN = math.nan
 class Particulars:
     """Data of the ship.
 
-    ``length``: between perpendiculars [m]. ``speed``: trial speed [m/s], used if no run contains it. ``scale``: ship
-    length divided by model length; times scale with its square root (Froude).
+    - ``length``: between perpendiculars [m].
+    - ``speed``: trial speed [m/s], used if no run contains it.
+    - ``scale``: ship length divided by model length; times scale with its square root (Froude).
     """
 
     length: float = NAN

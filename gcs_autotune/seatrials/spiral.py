@@ -60,10 +60,11 @@ class SpiralPoint:
 class Spiral:
     """A spiral's curve and its verdict.
 
-    ``residual_rate`` [rad/s]: for a direct spiral, half the difference of the rates in both directions at zero helm.
-    For a reverse spiral, it is the rate at which the curve crosses zero helm away from the middle. It is 0 for a stable
-    craft. ``width``: helm between the jumps (direct) or between the turning points of the curve (reverse). ``slope``
-    [rad/s per unit of helm]: that of the curve at zero, in the direction of the helm; NaN inside a loop.
+    - ``residual_rate`` [rad/s]: for a direct spiral, half the difference of the rates in both directions at zero helm.
+      For a reverse spiral, it is the rate at which the curve crosses zero helm away from the middle. It is 0 for a
+      stable craft.
+    - ``width``: helm between the jumps (direct) or between the turning points of the curve (reverse).
+    - ``slope`` [rad/s per unit of helm]: that of the curve at zero, in the direction of the helm; NaN inside a loop.
     """
 
     run: str
@@ -256,9 +257,10 @@ SMALL = 0.02
 class PullOut:
     """Residual turning after the helm went amidships.
 
-    ``after_starboard``, ``after_port`` [rad/s]: residual yaw rates after a turn to that side, NaN if not flown.
-    ``turning`` [rad/s]: mean rate of the turns before. ``residual``: half the difference of both sides, zero for a
-    stable craft. ``offset``: their mean, due to trim and wind.
+    - ``after_starboard``, ``after_port`` [rad/s]: residual yaw rates after a turn to that side, NaN if not flown.
+    - ``turning`` [rad/s]: mean rate of the turns before.
+    - ``residual``: half the difference of both sides, zero for a stable craft.
+    - ``offset``: their mean, due to trim and wind.
     """
 
     run: str

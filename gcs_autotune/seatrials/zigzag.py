@@ -69,13 +69,18 @@ UNEVEN = 0.15
 class ZigZagFigures:
     """Figures of one zig-zag; all angles are positive, whatever the sign of the rudder.
 
-    ``rudder``: mean helm to the positive and to the negative side [unit of the input]. ``heading``: mean change of
-    heading at the executes [rad]. ``sense``: +1 if a positive input turns to starboard, else -1. ``overshoots`` [rad]:
-    additional heading after the second, third, ... execute. ``times_to_check`` [s]: from those executes to the extreme
-    heading. ``initial_turning_time`` [s]: from first to second execute. ``reach`` [s]: from the first execute until the
-    heading is back at the initial one. ``period`` [s]: between executes of the same sign. ``distance`` [m]: along the
-    track from first to second execute. ``approach`` [m/s]: speed before the first. ``L`` [m]: length. NaN if unknown.
-    ``approach_psi`` [rad]: initial heading.
+    - ``rudder``: mean helm to the positive and to the negative side [unit of the input].
+    - ``heading``: mean change of heading at the executes [rad].
+    - ``sense``: +1 if a positive input turns to starboard, else -1.
+    - ``overshoots`` [rad]: additional heading after the second, third, ... execute.
+    - ``times_to_check`` [s]: from those executes to the extreme heading.
+    - ``initial_turning_time`` [s]: from first to second execute.
+    - ``reach`` [s]: from the first execute until the heading is back at the initial one.
+    - ``period`` [s]: between executes of the same sign.
+    - ``distance`` [m]: along the track from first to second execute.
+    - ``approach`` [m/s]: speed before the first.
+    - ``L`` [m]: length. NaN if unknown.
+    - ``approach_psi`` [rad]: initial heading.
     """
 
     run: str

@@ -135,8 +135,9 @@ class MapCandidate:
 class ThrusterFit:
     """A thruster map with its uncertainty.
 
-    ``covariance`` (7, 7): in the order of ``parameters``, ``a_f b_f a_b b_b x_f x_b offset``. ``offset``: the
-    dynamometer's zero [N], which is not part of the map. ``noise``: the standard deviation of one pull [N].
+    - ``covariance`` (7, 7): in the order of ``parameters``, ``a_f b_f a_b b_b x_f x_b offset``.
+    - ``offset``: the dynamometer's zero [N], which is not part of the map.
+    - ``noise``: the standard deviation of one pull [N].
     """
 
     map: ThrusterMap

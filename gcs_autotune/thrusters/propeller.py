@@ -43,8 +43,10 @@ class OpenWaterTest:
 class OpenWater:
     """``K_T = sum alpha_i J^i``, ``K_Q = sum beta_i J^i``.
 
-    The constant is first; ``beta`` is empty without torque. ``D`` [m]: diameter. ``rho`` [kg/m^3]: density.
-    Coefficients are for revolutions per second, as in (10)-(12).
+    The constant is first; ``beta`` is empty without torque.
+
+    - ``D`` [m]: diameter.
+    - ``rho`` [kg/m^3]: density. Coefficients are for revolutions per second, as in (10)-(12).
     """
 
     D: float

@@ -105,11 +105,12 @@ SCHEMA = 1
 class ThrusterMap:
     """Force map of Miskovic2010, eq. (2.8) with a dead zone, for each direction.
 
-    Let ``x = direction * n``, and let ``s`` be the distance from the edge of the dead zone. Then
-    ``T = a_f s^2 + b_f s`` for ``s = x - x_f > 0``, ``T = -(a_b s^2 + b_b s)`` for ``s = x_b - x > 0``, and 0 between.
-    ``direction`` -1: a higher command pulls astern. ``low``, ``high``: limits of the commands tested, which are the
-    ends of the map. ``unit``: that of the command (``a`` in N/unit^2, ``b`` in N/unit). The map rises strictly outside
-    the dead zone.
+    Let ``x = direction * n``, and let ``s`` be the distance from the edge of the dead zone. Then ``T = a_f s^2 + b_f
+    s`` for ``s = x - x_f > 0``, ``T = -(a_b s^2 + b_b s)`` for ``s = x_b - x > 0``, and 0 between. ``direction`` -1: a
+    higher command pulls astern.
+
+    - ``low``, ``high``: limits of the commands tested, which are the ends of the map.
+    - ``unit``: that of the command (``a`` in N/unit^2, ``b`` in N/unit). The map rises strictly outside the dead zone.
     """
 
     a_f: float

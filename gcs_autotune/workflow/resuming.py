@@ -130,7 +130,9 @@ class Earlier:
         then = self._told.settings
         other = [name for name, value in wanted.items() if then.get(name) != value]
         if other:
-            shown = ", ".join(f"{name.replace('_', '-')} {then.get(name)} then, {wanted[name]} now" for name in other)
+            shown = ", ".join(
+                f"{n.replace('_', '-')} {_or_unset(then.get(n))} then, {_or_unset(wanted[n])} now" for n in other
+            )
             raise UsageError(
                 f"{self._run} was flown with other settings ({shown}). Use the same settings, or omit --resume"
             )
@@ -169,11 +171,15 @@ class Earlier:
         held = self._told.parameters
         other = [n for n in held.keys() | own.keys() if not _same(held.get(n), own.get(n))]
         if other:
-            shown = ", ".join(f"{n} {held.get(n)} then, {own.get(n)} now" for n in sorted(other))
+            shown = ", ".join(f"{n} {held.get(n, 'absent')} then, {own.get(n, 'absent')} now" for n in sorted(other))
             raise PreconditionFailed(
                 f"the vehicle's parameters have changed since {self._run} was flown ({shown}), so its "
                 "experiments are not valid now. Restore the parameters, or start again without --resume"
             )
+
+
+def _or_unset(value: object) -> object:
+    return "unset" if value is None else value
 
 
 def _same(a: float | None, b: float | None) -> bool:

@@ -20,7 +20,7 @@ __all__ = ["add_options", "run_json", "write_parameters"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the two options."""
+    """Add ``--ardupilot-json`` and ``--ardupilot-params`` to *parser*."""
     parser.add_argument(
         "--ardupilot-json",
         nargs="?",

@@ -77,7 +77,9 @@ thrusters would empty it within minutes. Therefore such a frame has no simulated
 
 
 def needed_parameters(data: VehicleData) -> dict[str, float]:
-    """Return the parameters that ArduPilot needs for the vehicle of *data*, including those set by its owner."""
+    """Return name -> value of the parameters that ArduPilot needs for the vehicle of *data*, including those set by its
+    owner.
+    """
     return {**_SENSORS, **_BY_ACTUATORS[str(data.tables["actuators"])], **data.parameters}
 
 
@@ -88,7 +90,7 @@ def parameter_text(data: VehicleData) -> str:
 
 
 def start_commands(data: VehicleData, port: int, parameter_file: str, *, host: str = "127.0.0.1") -> str:
-    """Return the command line that starts ArduPilot on the hull behind *port*."""
+    """Return the command lines that start ArduPilot with the hull served on UDP port *port*."""
     instance, rest = divmod(port - DEFAULT_PORT, _INSTANCE_STEP)
     numbered = rest == 0 and instance >= 0
     where = f"-I {instance}" if numbered else f"--sim-port-out {port}"

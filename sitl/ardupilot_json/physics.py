@@ -34,9 +34,9 @@ class Physics:
 
     Parameters
     ----------
-    data : its data file. seed : seed of the random effects.
+    data : the vehicle's data file. seed : seed of the random effects.
     effects : hidden effects, in order.
-    model : hull dynamics to fly instead of its own.
+    model : hull dynamics to fly instead of the vehicle's own.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class Physics:
         self._tell((0.0, 0.0, -GRAVITY))
 
     def step(self, dt: float, pwm: Sequence[int]) -> State:
-        """Advance by *dt* [s] under servo pulses *pwm* [us] and return the new state."""
+        """Advance by *dt* [s] under servo pulses *pwm* [us] and return the state to report, with sensor effects."""
         self._pwm = pwm
         count = max(1, math.ceil(dt / _LONGEST_STEP - 1e-9))
         force = [0.0, 0.0, 0.0]
@@ -94,7 +94,7 @@ class Physics:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Normalised outputs commanded by the last pulses, before any effect."""
+        """Axis -> normalised output (-1 to 1) commanded by the last pulses, before any effect."""
         return self.craft.actuators.read(self._pwm)
 
     def _velocity(self) -> tuple[float, float, float]:

@@ -14,7 +14,7 @@ from sitl.listen import CannotListen
 __all__ = ["DEFAULT_PORT", "JsonServer"]
 
 DEFAULT_PORT = 9002
-"""Port used by ArduPilot's instance 0; instance I uses 9002 + 10 I."""
+"""UDP port of the physics for ArduPilot's instance 0. Instance I uses 9002 + 10 I."""
 _LARGEST = 2048
 _SLOWEST_RATE = 11
 """Lowest rate [Hz], because ArduPilot ignores frames of 0.1 s and more.
@@ -27,7 +27,7 @@ class JsonServer:
     """Answers one ArduPilot at a time, from a bound UDP port.
 
     A request with the same frame count as the last one is a repetition and gets the same answer. A count of 0 means
-    that ArduPilot has restarted, and the hull is put back at home. Other senders are not answered.
+    that ArduPilot has restarted, and the hull restarts at home. Other senders are not answered.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class JsonServer:
         self.simulated = 0.0
         """Simulated time of all frames [s]."""
         self.began: float | None = None
-        """Time of the first request (time.monotonic)."""
+        """Clock time of the first request [s] (time.monotonic), None before it."""
         self._say = say
         self._peer: tuple[str, int] | None = None
         self._last: Servos | None = None
@@ -81,12 +81,14 @@ class JsonServer:
         self._socket.close()
 
     def serve(self) -> None:
-        """Answer requests until an exception (Ctrl-C) ends it."""
+        """Answer requests until an exception, such as that of Ctrl-C, ends the loop."""
         while True:
             self.serve_one()
 
     def serve_one(self) -> None:
-        """Wait for one datagram and answer it if it is a request. Raises ``TimeoutError`` if none arrives in time."""
+        """Wait for one datagram and answer it if it is a request. Raises ``TimeoutError`` if no datagram arrives in
+        time.
+        """
         try:
             datagram, sender = self._socket.recvfrom(_LARGEST)
         except ConnectionError:  # an earlier answer found nobody

@@ -26,7 +26,9 @@ class BadPacket(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Servos:
-    """One request: the ``rate`` [Hz] of frames, the frame's ``count`` since ArduPilot started, and pulses [us]."""
+    """One request: frame ``rate`` [Hz], number ``count`` of this frame since ArduPilot started, and servo pulses
+    ``pwm`` [us].
+    """
 
     rate: int
     count: int
@@ -35,7 +37,8 @@ class Servos:
 
 @dataclass(slots=True)
 class State:
-    """One answer. SI and radians; north, east, down from home; body axes ahead, starboard, down.
+    """One answer: the state of the hull as reported to ArduPilot. SI and radians; north, east, down from home; body
+    axes ahead, starboard, down.
 
     ``t`` [s] never decreases; ``force`` (3,) [m/s^2] is the specific force measured by an accelerometer; ``gyro`` (3,)
     [rad/s]; ``attitude`` (3,) roll, pitch, yaw; ``position`` (3,) [m]; ``velocity`` (3,) [m/s]; the battery's
@@ -83,6 +86,6 @@ _FORM = (
 
 
 def write_state(state: State) -> bytes:
-    """Return the datagram for *state*."""
+    """Return the datagram for *state*: a line of JSON."""
     motion = (*state.gyro, *state.force, *state.position, *state.attitude, *state.velocity)
     return (_FORM % (state.t, *motion, state.voltage, state.current)).encode("ascii")

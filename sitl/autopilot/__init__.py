@@ -1,4 +1,4 @@
-"""The simulated autopilot: the parts of ArduRover and ArduSub that a tuner uses.
+"""The simulated autopilot: the functions of ArduRover and ArduSub that a tuner uses.
 
 ``autopilot`` is what both share; ``rover*`` and ``sub*`` are the two firmwares; ``pid``, ``shaping``, ``plane`` and
 ``scurve`` the blocks their loops are built of; ``mission`` the stored mission; ``parameters`` the store,
@@ -47,7 +47,7 @@ FIRMWARE: Mapping[str, tuple[type[Autopilot], Sequence[Definition]]] = {
     "rover": (Rover, ROVER_PARAMETERS),
     "sub": (Sub, SUB_PARAMETERS),
 }
-"""Name in a vehicle's data file -> the autopilot and its parameters."""
+"""Firmware name in a vehicle's data file -> (autopilot class, its parameter definitions)."""
 
 _MOST_RATE = 1000
 """Highest loop rate [Hz], because time is reported in whole milliseconds."""

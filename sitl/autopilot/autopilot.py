@@ -1,4 +1,6 @@
-"""Common part of both firmwares: boot, modes, arming, texts, estimate, battery, and the sequence of one loop."""
+"""Functions shared by both firmwares: boot, modes, arming, texts, state estimate, battery, and the steps of one
+loop.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,7 @@ class StateEstimate:
         self.distance = self.distance_starboard = math.nan
 
     def update(self, reading: SensorReading, dt: float) -> None:
-        """Process one sample of the sensors."""
+        """Update the estimate with one sample of the sensors, *dt* [s] after the last."""
         values = self._values
         self.roll, self.pitch, self.yaw = reading.phi, reading.theta, reading.psi
         self.roll_rate, self.pitch_rate = reading.p, reading.q
@@ -93,7 +95,7 @@ class _Owner(Protocol):
 
 
 class BatteryMonitor:
-    """Acts once when the voltage has been below BATT_LOW_VOLT for BATT_LOW_TIMER seconds."""
+    """Triggers the battery failsafe once, when the voltage has been below BATT_LOW_VOLT for BATT_LOW_TIMER seconds."""
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
@@ -102,13 +104,13 @@ class BatteryMonitor:
         self.is_low = False
 
     def arming_fault(self) -> str | None:
-        """Return why this battery prevents arming, or None."""
+        """Return the reason why the battery prevents arming, or None."""
         if self.voltage < self._values["BATT_ARM_VOLT"]:
             return "Battery 1 below minimum arming voltage"
         return "Battery 1 low voltage failsafe" if self.is_low else None
 
     def update(self, owner: _Owner, voltage: float, consumed_mah: float) -> None:
-        """Process the present voltage [V] and charge used [mAh]."""
+        """Check the present voltage [V], and trigger the failsafe if due. The message shows the charge used [mAh]."""
         values = self._values
         self.voltage = voltage
         if self.is_low or not 0.0 < voltage < values["BATT_LOW_VOLT"]:
@@ -123,7 +125,7 @@ class BatteryMonitor:
 
 
 SLOW_RATE = 50
-"""Rate [Hz] at which sticks and failsafes are processed, whatever the loop rate (ArduPilot's scheduler tables)."""
+"""Rate [Hz] at which sticks and failsafes are processed at any loop rate (ArduPilot's scheduler tables)."""
 
 CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
 """MAV_SEVERITY."""
@@ -191,7 +193,9 @@ class Autopilot(ABC):
 
     @abstractmethod
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the craft must not arm, or None. *arming*: include checks that are made only at arming."""
+        """Return the reason why the craft must not arm, or None. *arming*: include checks that are made only at
+        arming.
+        """
 
     @abstractmethod
     def write_outputs(self) -> None:
@@ -199,7 +203,7 @@ class Autopilot(ABC):
 
     @property
     def pwm(self) -> list[int]:
-        """Pulses of the servo outputs [us]."""
+        """Pulses of all servo outputs [us]; 0 without a signal."""
         return self.rail.pwm
 
     @property
@@ -212,11 +216,11 @@ class Autopilot(ABC):
         self.texts.append((severity, text))
 
     def note_gcs(self) -> None:
-        """Record a message from the ground station with the right id."""
+        """Record that the ground station with the configured id has just sent a message."""
         self.last_gcs_ms = self.ms
 
     def tick(self, ms: int, reading: SensorReading, voltage: float, consumed_mah: float) -> None:
-        """Run one loop at *ms* since boot."""
+        """Run one loop at *ms* [ms] since boot: estimate, failsafes, flight mode, outputs."""
         self.ms = ms
         self.estimate.update(reading, self.dt)
         if ms % _SLOW_PERIOD_MS == 0:
@@ -230,7 +234,7 @@ class Autopilot(ABC):
         self.write_outputs()
 
     def set_mode(self, number: int) -> bool:
-        """Change the flight mode; return whether it was accepted (a text states why not)."""
+        """Change the flight mode. Return whether it was accepted. If not, a STATUSTEXT states the reason."""
         mode = self.modes.get(number)
         if mode is None:
             self.say(WARNING, f"No such mode {number}")
@@ -260,7 +264,7 @@ class Autopilot(ABC):
         return None
 
     def arm(self, *, force: bool) -> bool:
-        """Arm; return whether it was accepted (a text states why not)."""
+        """Arm. Return whether it was accepted. If not, a STATUSTEXT states the reason. *force* skips the checks."""
         if self.armed:
             return True
         fault = None if force else self.arming_fault(arming=True)
@@ -273,7 +277,7 @@ class Autopilot(ABC):
         return True
 
     def disarm(self) -> bool:
-        """Disarm at once."""
+        """Disarm at once. Always returns True."""
         if self.armed:
             self.armed = False
             self.say(INFO, "Throttle disarmed")

@@ -48,11 +48,13 @@ class RoverFailsafe:
 
     @property
     def radio_lost(self) -> bool:
-        """Whether no valid stick input arrives."""
+        """Whether the radio failsafe has detected missing stick input or a throttle pulse below FS_THR_VALUE."""
         return bool(self.events & _RADIO)
 
     def update(self, throttle_pwm: int, fresh: bool) -> None:
-        """Check once per loop. *fresh*: valid sticks have arrived since the last check."""
+        """Check for both faults. Call it once per stick update. *fresh*: valid sticks have arrived since the last
+        check.
+        """
         owner, values = self._owner, self._values
         if fresh:
             self._last_valid_ms = owner.ms
@@ -99,7 +101,8 @@ _ALT_HOLD = 2
 
 
 class SubFailsafe:
-    """Acts once per loss. FS_PILOT_INPUT 2 disarms; FS_GCS_ENABLE 2 disarms, 3 and 4 hold the depth.
+    """The failsafes of a Sub. Each acts once per loss. FS_PILOT_INPUT 2 disarms; FS_GCS_ENABLE 2 disarms, 3 and 4 hold
+    the depth.
 
     (Action 4, surfacing, is not simulated; the depth is held instead.)
     """
@@ -112,7 +115,7 @@ class SubFailsafe:
         self.gcs_lost = False
 
     def update(self) -> None:
-        """Check for a loss, three times a second."""
+        """Check for a lost pilot or ground station, every 300 ms."""
         if self._owner.ms % _SUB_PERIOD_MS == 0:
             self._check_pilot()
             self._check_gcs()

@@ -38,7 +38,7 @@ class Mode(ABC):
         return None
 
     def enter(self) -> None:  # noqa: B027 - most modes need no preparation
-        """Prepare the mode. It is called once on the change to the mode."""
+        """Prepare the mode. The autopilot calls this on the change to the mode, and on arming."""
 
     def leave(self) -> None:  # noqa: B027 - most modes leave nothing behind
         """Called once when another mode is taken up."""

@@ -89,7 +89,7 @@ GENERATIONS: Mapping[str, Mapping[str, _Word]] = {
     "4.7-dev": _POSITION,
     "4.7": {**_POSITION, **_ATTITUDE},
 }
-"""Name -> parameters that it names differently from this autopilot's internal names.
+"""Firmware generation -> {internal name: name, type and unit in that generation}, for each parameter that differs.
 
 ``PILOT_SPD_*`` are those of Copter 4.7.0.
 """
@@ -157,11 +157,11 @@ class ParameterDialect:
         return written if meant == inside else stored(word.kind, word.there(inside))
 
     def name_at(self, index: int) -> str | None:
-        """Return the name at *index*, or None."""
+        """Return the parameter name at *index* of the list, or None beyond its end."""
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def index_of(self, name: str) -> int:
-        """Return the index of *name* in the list."""
+        """Return the index of *name* in the parameter list."""
         return self._index[name]
 
     def kind_of(self, name: str) -> int:
@@ -175,7 +175,7 @@ class ParameterDialect:
         return inside if word is None else stored(word.kind, word.there(inside))
 
     def write(self, name: str, value: float) -> bool:
-        """Write a value from a ground station. Return whether it was accepted, as for ``ParameterStore.write``."""
+        """Write a value from a ground station. Return whether it was accepted; NaN and infinity are not."""
         if self._store.is_read_only(self._inside[name]):
             raise ReadOnlyParameter(name)
         if not math.isfinite(value):
@@ -186,7 +186,7 @@ class ParameterDialect:
         return True
 
     def preset(self, name: str, value: float) -> None:
-        """Set a value internally, under its name over MAVLink. Raises ``KeyError`` if unknown."""
+        """Set a value internally, under its name over MAVLink. Raises ``KeyError`` if the name is unknown."""
         inside, word = self._inside[name], self._words.get(name)
         if word is None:
             self._store.preset(inside, value)
@@ -196,7 +196,7 @@ class ParameterDialect:
         self._written[name] = kept, self._store[inside]
 
     def hash(self) -> int:
-        """Return a 24-bit check sum of all names and values (24 bits survive the float of a PARAM_VALUE)."""
+        """Return a 24-bit checksum of all names and values. The float of a PARAM_VALUE represents 24 bits exactly."""
         state = 0
         for name in self._names:
             state = zlib.crc32(name.encode() + struct.pack("<f", self[name]), state)

@@ -32,7 +32,7 @@ class Definition:
 
 
 def parse_table(text: str) -> tuple[Definition, ...]:
-    """Parse lines of ``NAME TYPE DEFAULT [ro]``; ``#`` starts a comment."""
+    """Return the definitions in *text*, one ``NAME TYPE DEFAULT [ro]`` per line; ``#`` starts a comment."""
     rows = (line.partition("#")[0].split() for line in text.splitlines())
     return tuple(Definition(row[0], _TYPES[row[1]], float(row[2]), row[3:] == ["ro"]) for row in rows if row)
 
@@ -42,7 +42,7 @@ def _as_float32(value: float) -> float:
 
 
 def stored(kind: int, value: float) -> float:
-    """Return *value* as stored in a parameter of that MAV_PARAM_TYPE."""
+    """Return *value* as stored in a parameter of the MAV_PARAM_TYPE *kind*: rounded and limited to it."""
     if kind == _FLOAT:
         limit = 3.4028234e38
         return _as_float32(max(-limit, min(limit, value)))
@@ -53,8 +53,8 @@ def stored(kind: int, value: float) -> float:
 class ParameterStore:
     """The parameters: name -> value, in a fixed order (by name, as in ArduPilot).
 
-    ``version`` counts changes, which shows when derived values must be updated. ``values`` is the plain dictionary, for
-    loops that read dozens of parameters every tick.
+    ``version`` counts changes, so that users of derived values know when to update them. ``values`` is the plain
+    dictionary, for loops that read dozens of parameters every tick.
     """
 
     def __init__(self, definitions: Iterable[Definition]) -> None:
@@ -75,11 +75,11 @@ class ParameterStore:
         return self.values[name]
 
     def name_at(self, index: int) -> str | None:
-        """Return the name at *index*, or None."""
+        """Return the parameter name at *index* of the list, or None beyond its end."""
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def index_of(self, name: str) -> int:
-        """Return the index of *name* in the list."""
+        """Return the index of *name* in the parameter list."""
         return self._index[name]
 
     def kind_of(self, name: str) -> int:
@@ -105,12 +105,14 @@ class ParameterStore:
         return True
 
     def preset(self, name: str, value: float) -> None:
-        """Set a value internally: vehicle defaults, or values read at boot. Raises ``KeyError`` if unknown."""
+        """Set a value internally: vehicle defaults, or values read at boot. Raises ``KeyError`` if the name is
+        unknown.
+        """
         self.values[name] = stored(self._definitions[name].kind, value)
         self.version += 1
 
     def preset_exact(self, name: str, value: float) -> None:
-        """Set a value that is stored elsewhere in another unit. It is not rounded to the type here."""
+        """Set a value without rounding it to the parameter's type. It is for values rounded in another unit before."""
         if name not in self.values:
             raise KeyError(name)
         self.values[name] = value

@@ -9,12 +9,12 @@ __all__ = ["Pid"]
 
 
 class Pid:
-    """P, I, D and feed-forward on a filtered target and a filtered error. The gains are read from the parameters on
-    every call.
+    """PID controller with feed-forward, on a filtered target and a filtered error. It reads the gains from the
+    parameters on every call.
 
     ``out = P*e + I*int(e) + D*LPF(de/dt)`` with ``e = LPF_FLTE(LPF_FLTT(target) - measured)``; ``|I| <= IMAX``, ``|P+D|
     <= PDMX`` when that is positive. Feed-forward is stored separately in ``feed_forward``. The SMAX slew-rate limiter
-    is off by default and is not simulated. The last values of all parts remain available for PID_TUNING. A velocity
+    is off by default and is not simulated. The last values of all terms remain available for PID_TUNING. A velocity
     loop (AC_PID_Basic) has no D_FF, FLTT and PDMX, which then have no effect.
     """
 
@@ -38,8 +38,9 @@ class Pid:
         self._fresh = True
 
     def update(self, target: float, measured: float, dt: float, limited: bool) -> float:
-        """Return P + I + D. While *limited* (the actuator is saturated) the magnitude of the integral may only
-        decrease."""
+        """Return P + I + D, without feed-forward. While *limited* (the actuator is saturated) the magnitude of the
+        integral may only decrease.
+        """
         if self._version != self._parameters.version or dt != self._dt:
             self._read_gains(dt)
         last_error, last_target = self._error, self.target

@@ -18,7 +18,7 @@ _KEYS = {n: (f"RC{n}_MIN", f"RC{n}_TRIM", f"RC{n}_MAX", f"RC{n}_REVERSED") for n
 
 
 class RcInput:
-    """The sticks as read by the firmware. Channels are 1-based; times are milliseconds since boot."""
+    """The RC channels as read by the firmware. Channels are numbered from 1; times are milliseconds since boot."""
 
     def __init__(self, parameters: ParameterStore) -> None:
         self._values = parameters.values
@@ -32,25 +32,25 @@ class RcInput:
 
     @property
     def has_receiver(self) -> bool:
-        """Whether an RC receiver delivers frames."""
+        """Whether an RC receiver delivers frames (SIM_RC_FAIL 0)."""
         return self._values["SIM_RC_FAIL"] == 0.0
 
     def override(self, channel: int, pwm: int, ms: int) -> None:
-        """Store an override; 0 releases the channel."""
+        """Store the override *pwm* [us] of *channel*, received at *ms*; 0 releases the channel."""
         self._override[channel] = max(0, min(65535, pwm))
         self._stamp[channel] = ms
         self._new = True
 
     def is_overridden(self, ms: int) -> bool:
-        """Return whether any channel is overridden at *ms*."""
+        """Return whether any channel is overridden at *ms* [ms] since boot."""
         return any(self._in_force(channel, ms) for channel in range(1, CHANNELS + 1))
 
     def clear_overrides(self) -> None:
-        """Remove every override, as a failsafe does."""
+        """Release the overrides of all channels, as a failsafe does."""
         self._override = [0] * (CHANNELS + 1)
 
     def update(self, ms: int) -> bool:
-        """Read the sticks. Return whether a valid input has arrived since the last call."""
+        """Update the channels. Return whether a valid input has arrived since the last call."""
         if self.has_receiver:
             self._had_receiver = True
         elif not self._new:
@@ -73,7 +73,9 @@ class RcInput:
         return timeout < 0.0 or ms - self._stamp[channel] < timeout * 1000.0
 
     def angle(self, channel: int, full: int, dead_zone: float) -> int:
-        """Return the stick as a whole number within -full..full, with zero inside the dead zone."""
+        """Return a channel's stick position as a whole number within -full..full. It is 0 within *dead_zone* [us] of
+        the trim.
+        """
         low, trim, high, sign = self._ends(channel)
         pwm = self.pwm[channel]
         above, below = trim + dead_zone, trim - dead_zone
@@ -86,7 +88,7 @@ class RcInput:
         return sign * max(-full, min(full, out))
 
     def fraction(self, channel: int) -> float:
-        """Return the stick as -1..1 relative to its trim, without a dead zone."""
+        """Return a channel's stick position (-1 to 1) relative to its trim, without a dead zone."""
         low, trim, high, sign = self._ends(channel)
         pwm = self.pwm[channel]
         span = high - trim if pwm >= trim else trim - low

@@ -71,7 +71,7 @@ class Rover(Autopilot):
         return round(abs(self.motors.throttle))
 
     def check_failsafes(self) -> None:
-        """Read the sticks and check for a loss."""
+        """Read the sticks and check for a lost radio or ground station."""
         fresh = self.rc.update(self.ms)
         self._failsafe.update(self.rc.pwm[THROTTLE_CHANNEL], fresh)
         if self.ms % _TURNING_MS == 0:
@@ -88,7 +88,7 @@ class Rover(Autopilot):
         return super().disarm()
 
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the boat must not arm, or None."""
+        """Return the reason why the boat must not arm, or None."""
         if self.parameters["ARMING_CHECK"] == 0.0:
             return None
         if not self.mode.arms:
@@ -154,7 +154,7 @@ class RoverManualMode(_RoverMode):
     number, name, flags = 0, "MANUAL", _MANUAL_INPUT
 
     def run(self) -> None:
-        """Pass the sticks on."""
+        """Write the stick positions to the steering and throttle demands."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
         expo = rover.parameters["MANUAL_STR_EXPO"]
@@ -171,7 +171,7 @@ class AcroMode(_RoverMode):
     number, name, flags = 1, "ACRO", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the rate and speed loops."""
+        """Run the turn-rate and speed loops with the targets of the two sticks."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
         rover.helm.steer_rate(steering * math.radians(rover.parameters["ACRO_TURN_RATE"]))
@@ -184,7 +184,7 @@ class SteeringMode(_RoverMode):
     number, name, flags = 3, "STEERING", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the rate and speed loops."""
+        """Run the turn-rate and speed loops with the targets of the two sticks."""
         rover = self.rover
         steering, throttle = rover.pilot_sticks()
         speed = rover.estimate.speed
@@ -200,6 +200,6 @@ class HoldMode(_RoverMode):
     number, name, flags = 4, "HOLD", _STABILIZE
 
     def run(self) -> None:
-        """Demand zero from all outputs."""
+        """Set the steering and throttle demands to zero."""
         self.rover.motors.set_steering(0.0, scaled=False)
         self.rover.motors.set_throttle(0.0)

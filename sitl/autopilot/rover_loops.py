@@ -48,7 +48,9 @@ class RoverSteering:
         return rate
 
     def run(self, ms: int, wanted: float, measured: float, speed: float, limited: bool) -> float:
-        """Return the steering output for a turn rate *wanted* [rad/s], *measured* at *speed* [m/s]."""
+        """Return the steering output (fraction of full) for the turn rates *wanted* and *measured* [rad/s], at *speed*
+        [m/s].
+        """
         values = self._values
         if ms - self._last_ms > _STALE_MS:
             self.pid.reset()
@@ -67,7 +69,7 @@ class RoverSteering:
         return out + self.pid.feed_forward
 
     def lateral_acceleration_limit(self) -> float:
-        """Return ATC_TURN_MAX_G in m/s^2, at least 0.1 g."""
+        """Return the limit of lateral acceleration [m/s^2]: ATC_TURN_MAX_G, at least 0.1 g."""
         return max(self._values["ATC_TURN_MAX_G"], 0.1) * _GRAVITY
 
 

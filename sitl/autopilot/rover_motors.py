@@ -11,13 +11,14 @@ from sitl.autopilot.shaping import clamp, step_towards
 __all__ = ["RoverMotors"]
 
 _STEERING, _THROTTLE, _LEFT, _RIGHT = 26, 70, 73, 74
-"""Values of SERVOn_FUNCTION."""
+"""Values of SERVOn_FUNCTION for steering, throttle, and the left and right throttle of a skid-steered boat."""
 _ROUNDING = 1e-6
 """Tolerance for pulses, which are truncated to whole microseconds towards trim. It keeps 0.57 of 500 at 285."""
 
 
 class RoverMotors:
-    """Demands: ``steering`` as a fraction of full (may exceed 1, the servo does not), ``throttle`` in percent.
+    """Demands: ``steering`` as a fraction of full (it may exceed 1; the servo output is limited), ``throttle`` in
+    percent.
 
     ``limit_left``, ``limit_right`` and, for either, ``limit_steer`` stop the integrals of the loops above: the servo is
     at its end, or the boat is slower than MOT_SPD_SCA_BASE. A boat with outputs for left and right throttle steers by
@@ -44,17 +45,17 @@ class RoverMotors:
 
     @property
     def skid(self) -> bool:
-        """Whether it steers by two thrusters."""
+        """Whether the boat steers by two thrusters: a left and a right throttle output are assigned."""
         assigned = {int(self._values[f"SERVO{n}_FUNCTION"]) for n in range(1, 9)}
         return {_LEFT, _RIGHT} <= assigned
 
     def set_steering(self, fraction: float, *, scaled: bool) -> None:
-        """Set the steering demand. *scaled*: reduced with speed, as in the automatic modes."""
+        """Set the steering demand, a fraction of full. *scaled*: reduce it with speed, as in the automatic modes."""
         self.steering = fraction
         self._scaled = scaled
 
     def set_throttle(self, percent: float) -> None:
-        """Set the throttle demand, -100..100 percent."""
+        """Set the throttle demand [%], -100 to 100."""
         top = self._values["MOT_THR_MAX"]
         self.throttle = clamp(percent, -top, top)
 
@@ -64,7 +65,7 @@ class RoverMotors:
         self.limit_left = self.limit_right = self.limit_throttle = False
 
     def output(self, rail: ServoRail, speed: float, *, armed: bool) -> None:
-        """Write the pulses at *speed* [m/s]."""
+        """Write the demands to the servo pulses, with the steering scaled for *speed* [m/s]."""
         if not armed:
             self.stop()
             silent = self._values["MOT_SAFE_DISARM"] != 0.0

@@ -118,4 +118,4 @@ def _definitions() -> tuple[Definition, ...]:
 
 
 ROVER_PARAMETERS = _definitions()
-"""Every parameter of the Rover firmware simulated here."""
+"""Definitions of all parameters of the simulated Rover firmware."""

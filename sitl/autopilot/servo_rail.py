@@ -14,7 +14,8 @@ _MOST_PWM = 65535
 
 
 class ServoRail:
-    """Pulses [us] of all outputs. Functions and end points are read again whenever a parameter has changed.
+    """Pulses [us] of all outputs. The functions and end points of the channels are read again whenever a parameter has
+    changed.
 
     A channel without a function has no pulse (0).
     """
@@ -26,7 +27,9 @@ class ServoRail:
         self.pwm = [0] * OUTPUTS
 
     def write(self, pulse_for: Callable[[int, int, int, int, int], int]) -> None:
-        """Set every assigned channel to the result of ``pulse_for(function, low, trim, high, sign)``."""
+        """Set the pulse [us] of each channel with a function to the result of ``pulse_for(function, low, trim, high,
+        sign)``.
+        """
         if self._version != self._parameters.version:
             self._read_assignments()
         pwm = self.pwm

@@ -31,8 +31,8 @@ def step_towards(value: float, target: float, change: float) -> float:
 
 
 def sqrt_controller(error: float, p: float, limit: float, dt: float) -> float:
-    """Return the rate that brings *error* to zero: ``p*error``, or for large errors the square-root law that respects
-    ``limit``.
+    """Return the rate [error units per s] that brings *error* to zero: ``p*error``, or for large errors the square-root
+    law that respects ``limit``.
 
     ``limit`` is the deceleration in error units per s^2 (0 or less: none). With ``dt`` [s] the rate does not pass the
     goal within one step (0: no such limit). ArduPilot's law of the same name.
@@ -58,7 +58,7 @@ def invert_sqrt_controller(rate: float, p: float, limit: float) -> float:
 
 
 def low_pass_share(cutoff: float, dt: float) -> float:
-    """Return the weight of a new sample in a one-pole filter of *cutoff* [Hz]; 1 without a filter."""
+    """Return the weight (0 to 1) of a new sample in a one-pole low-pass of *cutoff* [Hz]; 1 without a filter."""
     return 1.0 if cutoff <= 0.0 else dt / (dt + 1.0 / (math.tau * cutoff))
 
 
@@ -77,7 +77,7 @@ class TwoPoleLowPass:
         self._input = self.output = self.slope = math.nan
 
     def apply(self, value: float, cutoff: float, dt: float) -> float:
-        """Return the filtered *value*. With a *cutoff* [Hz] of 0 it is not filtered."""
+        """Return the filtered *value*, *dt* [s] after the last. A *cutoff* [Hz] of 0 passes it unfiltered."""
         if cutoff <= 0.0 or math.isnan(self._input):
             self._input, self.output, self.slope = value, value, 0.0
             return value

@@ -1,8 +1,8 @@
 """Parameters of both firmwares. Values are ArduPilot's defaults as read from a running one; names are those of
 4.7-dev.
 
-Parameters without a counterpart in this simulator are only stored and reported. ``SIM_RC_FAIL 1`` is our own default: a
-craft without an RC receiver, controlled only from the ground station.
+Parameters without a counterpart in this simulator are only stored and reported. ``SIM_RC_FAIL 1`` is a project choice:
+a craft without an RC receiver, controlled only from the ground station.
 """
 
 from __future__ import annotations
@@ -92,9 +92,10 @@ SERVO{n}_TRIM     i16 1500
 def shared_parameters(
     dead_zones: Sequence[int], functions: Sequence[int], wide: Container[int]
 ) -> tuple[Definition, ...]:
-    """Return the shared definitions for the dead zones and servo functions of channels 1 to 8.
+    """Return the definitions of the parameters of both firmwares, with these dead zones and servo functions of channels
+    1 to 8.
 
-    Channels in *wide* run from 1000 to 2000 us, the others from 1100 to 1900.
+    Channels in *wide* range from 1000 to 2000 us, the others from 1100 to 1900 us.
     """
     rows = [_TABLE]
     for n, (dz, function) in enumerate(zip(dead_zones, functions, strict=True), start=1):

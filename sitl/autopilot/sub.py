@@ -62,17 +62,17 @@ class Sub(Autopilot):
         return round(100.0 * self.motors.throttle)
 
     def check_failsafes(self) -> None:
-        """Read the sticks and check for a loss."""
+        """Read the sticks and check for a lost pilot or ground station."""
         self.rc.update(self.ms)
         self._failsafe.update()
 
     def act_on_battery(self, action: int) -> None:
-        """Execute BATT_FS_LOW_ACT: 0 nothing, others disarm (surfacing is not simulated)."""
+        """Execute BATT_FS_LOW_ACT: 0 does nothing, others disarm (surfacing is not simulated)."""
         if action:
             self.disarm()
 
     def arming_fault(self, *, arming: bool) -> str | None:
-        """Return why the craft must not arm, or None."""
+        """Return the reason why the craft must not arm, or None."""
         if self.parameters["ARMING_CHECK"] == 0.0:
             return None
         return "Gyros not calibrated" if self.ms < self.ready_ms else self.battery.arming_fault()
@@ -84,7 +84,7 @@ class Sub(Autopilot):
         self.motors.output(self.rail, armed=self.armed)
 
     def note_pilot(self) -> None:
-        """Record stick commands from the ground station."""
+        """Record that the ground station has just sent stick commands."""
         self._failsafe.last_pilot_ms = self.ms
 
     def reset_loops(self) -> None:
@@ -128,16 +128,16 @@ class Sub(Autopilot):
         self.depth.follow(waypoint.altitude, waypoint.climb)
 
     def pass_horizontal_sticks(self) -> None:
-        """Pass the forward and lateral sticks to the motors, without a dead zone."""
+        """Set the forward and lateral demands to the stick positions, without a dead zone."""
         self.motors.forward = self.rc.fraction(_FORWARD)
         self.motors.lateral = self.rc.fraction(_LATERAL)
 
     def pass_yaw_stick(self) -> None:
-        """Pass the yaw stick to the motors, without a dead zone."""
+        """Set the yaw demand to the stick position, without a dead zone."""
         self.motors.yaw = self.rc.fraction(_YAW)
 
     def pass_throttle_stick(self) -> None:
-        """Pass the throttle stick to the motors, bypassing the depth loop."""
+        """Set the throttle demand to the stick position, bypassing the depth loop."""
         self.motors.set_throttle(0.5 * (1.0 + self._throttle_stick()), 0.0)
 
     def _throttle_stick(self) -> float:
@@ -149,7 +149,9 @@ class Sub(Autopilot):
         return stick if self.parameters["RCMAP_THROTTLE"] else 2.0 * stick - 1.0
 
     def steer(self) -> None:
-        """Turn as commanded by the yaw stick. If it is centred, hold the heading after 250 ms to come to rest."""
+        """Turn as commanded by the yaw stick. With the stick centred, stop the turn for 250 ms, then hold the
+        heading.
+        """
         estimate, ms = self.estimate, self.ms
         stick = self.rc.angle(_YAW, _YAW_STICK_FULL, self.parameters["RC4_DZ"] * self.gain)
         if ms - self._target_ms < _TARGET_LIFE_MS:
@@ -214,19 +216,19 @@ class SubManualMode(_SubMode):
     number, name, flags = 19, "MANUAL", _MANUAL_INPUT
 
     def run(self) -> None:
-        """Pass the sticks on."""
+        """Set all demands to the stick positions."""
         self.sub.pass_yaw_stick()
         self.sub.pass_throttle_stick()
         self.sub.pass_horizontal_sticks()
 
 
 class StabilizeMode(_SubMode):
-    """Holds the heading. The throttle follows the stick."""
+    """Holds the heading. The throttle stick acts directly on the vertical thrusters."""
 
     number, name, flags = 0, "STABILIZE", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the yaw loop."""
+        """Run the yaw loop, and set the other demands to the stick positions."""
         self.sub.steer()
         self.sub.pass_throttle_stick()
         self.sub.pass_horizontal_sticks()
@@ -238,7 +240,7 @@ class AltHoldMode(_SubMode):
     number, name, flags = 2, "ALT_HOLD", _MANUAL_INPUT | _STABILIZE
 
     def run(self) -> None:
-        """Run the yaw and depth loops."""
+        """Run the yaw and depth loops, and pass the horizontal sticks to the motors."""
         self.sub.steer()
         self.sub.hold_depth()
         self.sub.pass_horizontal_sticks()

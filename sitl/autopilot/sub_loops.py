@@ -15,13 +15,13 @@ from sitl.autopilot.shaping import clamp, invert_sqrt_controller, sqrt_controlle
 __all__ = ["SubDepthController", "SubYawController"]
 
 _LEAST_ACCELERATION, _MOST_ACCELERATION = math.radians(10.0), math.radians(120.0)
-"""Bounds of the square-root controller's deceleration, fixed in the firmware."""
+"""Bounds of the square-root controller's deceleration [rad/s^2], fixed in the firmware."""
 
 
 class SubYawController:
     """Holds or turns the heading.
 
-    Angles are in radians; the output is a fraction of full yaw. ATC_RAT_YAW_FF has no effect.
+    Angles are in radians; the output is a fraction of full yaw output. ATC_RAT_YAW_FF has no effect.
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
@@ -38,7 +38,7 @@ class SubYawController:
         self._target_rate = 0.0
 
     def hold(self, heading: float) -> None:
-        """Move the target towards *heading*, shaped by ATC_INPUT_TC, ATC_ACCEL_Y_MAX and ATC_SLEW_YAW."""
+        """Move the target towards *heading* [rad], shaped by ATC_INPUT_TC, ATC_ACCEL_Y_MAX and ATC_SLEW_YAW."""
         values = self._values
         error = wrap_pi(heading - self._target)
         if not values["ATC_RATE_FF_ENAB"]:
@@ -55,7 +55,7 @@ class SubYawController:
         self._approach_rate(rate)
 
     def run(self, yaw: float, rate: float, limited: bool) -> float:
-        """Return the yaw output for the measured *yaw* and *rate*."""
+        """Return the yaw output (-1 to 1) for the measured *yaw* [rad] and *rate* [rad/s]."""
         values, dt = self._values, self._dt
         p = values["ATC_ANG_YAW_P"]
         self._target = wrap_pi(self._target + self._target_rate * dt)
@@ -83,11 +83,11 @@ _THROTTLE_PER_OUTPUT = 0.001
 
 
 class SubDepthController:
-    """Holds an altitude (cm, up from the surface, so negative under water) and follows a climb rate.
+    """Holds an altitude (cm above the surface, so negative under water) and tracks a climb rate.
 
-    The position error is limited to the amount that the speed limit can use, and the *target is moved accordingly*. So
-    a distant target must be sent repeatedly, as ground stations do. ``target`` is in cm, ``run`` returns a throttle of
-    0..1.
+    The position error is limited to the amount that the speed limit can use, and the target is moved to that distance.
+    So a distant target must be sent repeatedly, as ground stations do. ``target`` is in cm, ``run`` returns a throttle
+    of 0..1.
     """
 
     def __init__(self, parameters: ParameterStore, dt: float) -> None:
@@ -118,7 +118,9 @@ class SubDepthController:
         self.target, self._wanted_climb = altitude, rate
 
     def run(self, altitude: float, climb: float, acceleration: float, limited: bool) -> float:
-        """Return the throttle for measured *altitude* [cm], *climb* [cm/s], *acceleration* [cm/s^2], all up."""
+        """Return the throttle (0 to 1) for the measured *altitude* [cm], *climb* [cm/s], *acceleration* [cm/s^2], all
+        up.
+        """
         values, dt = self._values, self._dt
         wanted_climb = self._position_loop(altitude) + self._wanted_climb
         wanted = self.velocity.update(wanted_climb, climb, dt, limited) + self.velocity.feed_forward

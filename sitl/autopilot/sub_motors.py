@@ -35,8 +35,8 @@ _ROUNDING = 1e-6
 
 
 class SubMotors:
-    """Demands as fractions: ``yaw``, ``forward``, ``lateral`` -1..1; ``throttle`` 0..1 with 0.5 neutral and more for
-    up.
+    """Demands as fractions: ``yaw``, ``forward``, ``lateral`` -1..1; ``throttle`` 0..1, where 0.5 is neutral and 1 is
+    full up.
 
     ``throttle_in`` is the demand before the low-pass, ``throttle`` after it.
     """
@@ -61,7 +61,7 @@ class SubMotors:
 
     @property
     def limit_throttle(self) -> bool:
-        """Whether the throttle demand is at either end."""
+        """Whether the throttle demand is at 0 or 1."""
         return not 0.0 < self.throttle_in < 1.0
 
     def set_throttle(self, value: float, cutoff: float) -> None:
@@ -75,7 +75,7 @@ class SubMotors:
         self.throttle_in = self.throttle = 0.5
 
     def output(self, rail: ServoRail, *, armed: bool) -> None:
-        """Write the pulses."""
+        """Write the mixed demands to the thrusters' servo pulses."""
         if not armed:
             self.stop()
         self.throttle += low_pass_share(self._cutoff, self._dt) * (self.throttle_in - self.throttle)

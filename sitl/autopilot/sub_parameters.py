@@ -149,4 +149,4 @@ def _definitions() -> tuple[Definition, ...]:
 
 
 SUB_PARAMETERS = _definitions()
-"""Every parameter of the Sub firmware simulated here."""
+"""Definitions of all parameters of the simulated Sub firmware."""

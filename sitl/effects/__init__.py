@@ -1,6 +1,6 @@
 """Hidden effects: deviations between the autopilot and an ideal vehicle. None is active by default.
 
-``effect`` is the interface and ``table`` lists the effects. The other files contain them by family.
+``effect`` is the interface and ``table`` lists the effects. The other modules contain the effects, one family each.
 """
 
 from sitl.effects.effect import BadEffect, EffectParameter, HiddenEffect, Setting

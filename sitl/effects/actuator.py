@@ -28,16 +28,16 @@ _SPEED_OF = {"surge": "u", "sway": "v", "heave": "w", "yaw": "r"}
 
 
 class OnInput(HiddenEffect):
-    """An effect on one input."""
+    """An actuator effect on one input."""
 
     on_vehicles = "an axis: steering (default), throttle or vertical. Inputs are normalised output (-1 to 1)"
 
     def begin(self, setting: Setting) -> None:
-        """Find the input."""
+        """Find the input that the effect's place selects."""
         self.channel = find_input(self, setting)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Apply the effect to that input."""
+        """Replace the command of the effect's input by the result of :meth:`act`."""
         inputs[self.channel] = self.act(t, dt, inputs[self.channel])
 
     def act(self, t: float, dt: float, u: float) -> float:
@@ -46,20 +46,20 @@ class OnInput(HiddenEffect):
 
 
 class Saturation(OnInput):
-    """Output clipped at a limit."""
+    """Saturation: the actuator's output is limited to ``limit`` in both directions."""
 
     slug = "saturation"
     meaning = "the actuator saturates at a limit"
     parameters = (EffectParameter("limit", "input unit", least=0.0),)
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the clipped command."""
+        """Return the command *u*, limited to ``limit`` in both directions."""
         limit = self["limit"]
         return max(-limit, min(limit, u))
 
 
 class DeadZone(OnInput):
-    """No output for small commands. The size of the dead zone is subtracted from larger ones."""
+    """Dead zone: no output for small commands. Its half-width is subtracted from larger commands."""
 
     slug = "dead-zone"
     meaning = "small commands have no effect, as with a shaft that does not turn yet or a slack linkage"
@@ -73,7 +73,7 @@ class DeadZone(OnInput):
     )
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the command minus the dead zone."""
+        """Return the command *u* reduced by the half-width of the dead zone, or 0 within it."""
         return math.copysign(max(abs(u) - self["width"], 0.0), u)
 
 
@@ -88,12 +88,12 @@ class QuadraticActuator(OnInput):
     )
 
     def begin(self, setting: Setting) -> None:
-        """Read the largest command."""
+        """Find the input, and the reference command at which the thrust is unchanged."""
         super().begin(setting)
         self._full = self["u_ref"] or setting.swing.get(self.channel, 0.0) or 1.0
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the curved output."""
+        """Return the output for the command *u*: the weighted sum of a proportional and a quadratic term."""
         share = self["share"]
         return u * (1.0 - share + share * abs(u) / self._full)
 
@@ -109,18 +109,20 @@ class RudderStall(OnInput):
     )
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the lift, falling beyond the angle but never below zero."""
+        """Return the lift as an equivalent command. Beyond the stall angle it decreases, but its sign does not
+        change.
+        """
         beyond = abs(u) - self["angle"]
         return u if beyond <= 0.0 else math.copysign(max(self["angle"] - self["drop"] * beyond, 0.0), u)
 
 
 class TwoInputs(HiddenEffect):
-    """An effect of one input on another; place: ``N+X``."""
+    """An effect of one input on another. Place: the affected input and the other, such as ``N+X``."""
 
     on_vehicles = "two axes, the affected one and the other: steering+throttle (default)"
 
     def begin(self, setting: Setting) -> None:
-        """Find both inputs."""
+        """Find the affected input and the other one."""
         there = setting.inputs
         usual = [setting.steering, *(name for name in there if name != setting.steering)][:2]
         names = [setting.axis_names.get(name, name) for name in (self.place.split("+") if self.place else usual)]
@@ -131,7 +133,9 @@ class TwoInputs(HiddenEffect):
 
 
 class AsymmetricThrust(TwoInputs):
-    """Weaker (or stronger) thrust in one direction. ``"N+X"``: for each of two thrusters that share both commands."""
+    """Weaker (or stronger) thrust in one direction. With place ``N+X`` it applies to each of two thrusters that steer
+    and drive together.
+    """
 
     slug = "asymmetric-thrust"
     meaning = "a negative command has less effect than a positive one"
@@ -141,7 +145,7 @@ class AsymmetricThrust(TwoInputs):
     parameters = (EffectParameter("ratio", "1", "ratio of the strength astern (or to port) to the strength ahead"),)
 
     def begin(self, setting: Setting) -> None:
-        """Find the input, or both."""
+        """Find the input or, with a place of two, both inputs."""
         self._here, self._other = "", ""
         if "+" in self.place:
             super().begin(setting)
@@ -149,7 +153,7 @@ class AsymmetricThrust(TwoInputs):
             self._here = find_input(self, setting)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Scale negative commands."""
+        """Multiply negative commands of the input, or of each thruster, by ``ratio``."""
         u = inputs[self._here]
         if not self._other:
             inputs[self._here] = self._act(u)
@@ -162,14 +166,14 @@ class AsymmetricThrust(TwoInputs):
 
 
 class CommandCoupling(TwoInputs):
-    """A fraction of one axis' command acts on another. ``"N+X"``: ``N`` gets a fraction of ``X``."""
+    """A fraction of one axis' command acts on another. With place ``N+X`` a fraction of ``X`` is added to ``N``."""
 
     slug = "command-coupling"
     meaning = "the command of another axis also acts on this one (off-centre thrust, unequal thrusters)"
     parameters = (EffectParameter("gain", "input unit per unit of the other", "gain of the other command"),)
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Add that fraction."""
+        """Add the fraction of the other axis' command."""
         inputs[self._here] += self["gain"] * inputs[self._other]
 
 
@@ -181,12 +185,12 @@ class GainDrift(OnInput):
     parameters = (EffectParameter("rate", "1/s", "fraction of the initial strength lost per second"),)
 
     def begin(self, setting: Setting) -> None:
-        """Record the start time."""
+        """Find the input, and record the start time."""
         super().begin(setting)
         self._start = setting.start
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the weakened command."""
+        """Return the command *u* times the gain remaining at the middle of the step."""
         passed = max(t + 0.5 * dt - self._start, 0.0)
         return u * max(1.0 - self["rate"] * passed, _WEAKEST)
 
@@ -203,13 +207,13 @@ class SpeedDependentSteering(OnInput):
     on_vehicles = "steering. The speed at full throttle is the reference"
 
     def begin(self, setting: Setting) -> None:
-        """Find the speed used."""
+        """Find the input, the craft's state and the reference speed."""
         super().begin(setting)
         self._state = setting.state
         self._speed = self["U_ref"] or setting.cruise or 1.0
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Scale with the square of the speed."""
+        """Return the rudder command *u*, scaled partly with the square of the surge speed."""
         share = self["share"]
         return u * (1.0 - share + share * (self._state.u / self._speed) ** 2)
 
@@ -225,7 +229,7 @@ class PropellerWash(TwoInputs):
     )
 
     def alter_input(self, t: float, dt: float, inputs: MutableMapping[str, float]) -> None:
-        """Scale with the square of the other command. Astern the effect is reversed."""
+        """Scale the rudder command partly with the square of the propeller's command. Astern the effect is reversed."""
         share, ahead = self["share"], inputs[self._other] / (self["X_ref"] or 1.0)
         inputs[self._here] *= 1.0 - share + share * ahead * abs(ahead)
 
@@ -238,7 +242,7 @@ class AdvanceSpeedLoss(OnInput):
     parameters = (EffectParameter("loss", "s/m or s/rad"),)
 
     def begin(self, setting: Setting) -> None:
-        """Find the speed along the thruster."""
+        """Find the input, and the speed and force along the thruster."""
         super().begin(setting)
         dof = setting.inputs[self.channel]
         self._state, self._speed, self._name = setting.state, _SPEED_OF[dof], FORCE_OF[dof]
@@ -246,11 +250,11 @@ class AdvanceSpeedLoss(OnInput):
         self._working = 0.0
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Record the thruster's output."""
+        """Record the magnitude of the command *u*, and return *u* unchanged."""
         self._working = abs(u)
         return u
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Subtract the loss."""
+        """Subtract the loss of thrust, which is proportional to the command's magnitude and the speed."""
         nu: float = getattr(self._state, self._speed)
         setattr(wrench, self._name, getattr(wrench, self._name) - self._loss * self._working * nu)

@@ -23,7 +23,7 @@ _CARRIED_TOGETHER = ({"N", "X", "Z"}, {"phi", "theta", "psi", "p", "q", "r"}, {"
 
 
 class TimeScale(HiddenEffect):
-    """Wrong rate of the file's clock: file time = factor times true time."""
+    """Wrong rate of the record's clock: file time = factor times true time."""
 
     slug = "time-scale"
     meaning = "the clock of the record runs too fast or too slow"
@@ -31,17 +31,17 @@ class TimeScale(HiddenEffect):
     on_vehicles = "the timestamps of all messages"
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Scale the stamps."""
+        """Multiply the file's time stamps by ``factor``."""
         columns["t"] = self["factor"] * columns["t"]
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Scale the stamp."""
+        """Multiply the message's time stamp by ``factor``."""
         if "t" in fields:
             fields["t"] *= self["factor"]
 
 
 class TimeOffset(HiddenEffect):
-    """Signals with a stamp that is late relative to the inputs (negative: early)."""
+    """Time offset: the signals' time stamps are late relative to those of the inputs (negative: early)."""
 
     slug = "time-offset"
     meaning = "commands and signals are stamped by different clocks"
@@ -49,22 +49,22 @@ class TimeOffset(HiddenEffect):
     on_vehicles = "the time stamps of servo reports relative to all others"
 
     def lateness(self) -> Mapping[str, float]:
-        """Return the offset for all signals."""
+        """Return the offset [s], under ``*`` for all signals."""
         return {"*": self["offset"]}
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Shift the stamp of the servo report to be early by the offset, so that the motion appears late."""
+        """Subtract the offset from the time stamp of a servo report, so that the motion appears late."""
         if "t" in fields and "servo" in fields:
             fields["t"] -= self["offset"]
 
 
 class OnColumns(HiddenEffect):
-    """An error in some columns of the file."""
+    """An error in the columns of the file that the place selects."""
 
     count = 1
 
     def begin(self, setting: Setting) -> None:
-        """Find the columns."""
+        """Find the columns that the effect's place selects."""
         names = tuple(setting.axis_names.get(name, name) for name in self.place.split("+"))
         known = (*setting.inputs, *setting.signals)
         if len(names) != self.count or not set(names) <= set(known):
@@ -86,11 +86,11 @@ class UnitError(OnColumns):
     on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Scale the column."""
+        """Multiply the file's column by ``factor``."""
         columns[self._names[0]] = self["factor"] * columns[self._names[0]]
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Scale the field."""
+        """Multiply the message's field by ``factor``, if the message contains it."""
         if self._names[0] in fields:
             fields[self._names[0]] *= self["factor"]
 
@@ -103,11 +103,11 @@ class SignError(OnColumns):
     on_vehicles = "a reported signal or axis (psi, r, u, z, ..., steering)"
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Negate the column."""
+        """Negate the file's column."""
         columns[self._names[0]] = -columns[self._names[0]]
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Negate the field."""
+        """Negate the message's field, if the message contains it."""
         if self._names[0] in fields:
             fields[self._names[0]] = -fields[self._names[0]]
 
@@ -121,12 +121,12 @@ class ChannelSwap(OnColumns):
     count = 2
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Swap the columns."""
+        """Swap the file's two columns."""
         a, b = self._names
         columns[a], columns[b] = columns[b], columns[a]
 
     def alter_report(self, fields: dict[str, float]) -> None:
-        """Swap the fields."""
+        """Swap the message's two fields, if the message contains them."""
         a, b = self._names
         if a in fields and b in fields:
             fields[a], fields[b] = fields[b], fields[a]

@@ -32,14 +32,14 @@ class CoriolisCoupling(HiddenEffect):
     )
 
     def begin(self, setting: Setting) -> None:
-        """Verify that there are at least two horizontal degrees of freedom, with sway or a drive among them."""
+        """Verify that the hull has sway, and surge or yaw."""
         there = [dof for dof in _HORIZONTAL if dof in setting.dofs]
         if "sway" not in there or len(there) < 2:
             raise BadEffect("coriolis-coupling needs a hull with sway, and surge or yaw. This hull lacks one of them")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the coupling forces."""
+        """Add the centripetal forces at the present velocities to *wrench*."""
         at = self._state
         wrench.X += self["X_vr"] * at.v * at.r
         wrench.Y += self["Y_ur"] * at.u * at.r
@@ -70,12 +70,12 @@ class SwayYawCoupling(HiddenEffect):
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the coupling forces."""
+        """Add the forces proportional to the yaw rate and the sway velocity to *wrench*."""
         wrench.Y += self["Y_r"] * self._state.r
         wrench.N += self["N_v"] * self._state.v
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Couple the inertias."""
+        """Add the off-diagonal inertia of sway and yaw to the parameters."""
         parameters["Y_rdot"] = self["Y_rdot"]
 
 
@@ -85,23 +85,23 @@ class MomentOfFlow(HiddenEffect):
     needs: frozenset[str]
 
     def begin(self, setting: Setting) -> None:
-        """Verify that the hull has these degrees of freedom."""
+        """Verify that the hull has the degrees of freedom on which the moment depends."""
         if not self.needs <= set(setting.dofs):
             wanted = " and ".join(dof for dof in ("sway", "surge", "yaw") if dof in self.needs)
             raise BadEffect(f"{self.slug} needs a hull with {wanted}. This hull lacks one of them")
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the moment."""
+        """Add the moment to *wrench*."""
         wrench.N += self.moment(self._state)
 
     def moment(self, at: State) -> float:
-        """Return the moment [N m]."""
+        """Return the yaw moment [N m] at the present velocities."""
         raise NotImplementedError
 
 
 class SwayMoment(MomentOfFlow):
-    """``N += N_v v``."""
+    """A yaw moment proportional to the sway velocity: ``N += N_v v``."""
 
     on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "sway-moment"
@@ -110,12 +110,17 @@ class SwayMoment(MomentOfFlow):
     needs = frozenset({"sway", "yaw"})
 
     def moment(self, at: State) -> float:
-        """Return ``N_v v`` [N m]."""
+        """Return the yaw moment ``N_v v`` [N m]."""
         return self["N_v"] * at.v
 
 
 class SpeedDamping(MomentOfFlow):
-    """``N += N_|u|r |u| r``."""
+    """A yaw moment proportional to surge speed and yaw rate: ``N += N_
+    u
+    r
+    u
+     r``.
+    """
 
     on_vehicles = "yaw"
     slug = "speed-damping"
@@ -124,12 +129,17 @@ class SpeedDamping(MomentOfFlow):
     needs = frozenset({"surge", "yaw"})
 
     def moment(self, at: State) -> float:
-        """Return ``N_|u|r |u| r`` [N m]."""
+        """Return the yaw moment ``N_
+        u
+        r
+        u
+         r`` [N m].
+        """
         return self["N_|u|r"] * abs(at.u) * at.r
 
 
 class MunkMoment(MomentOfFlow):
-    """``N += N_uv u v``."""
+    """The Munk moment, proportional to surge and sway velocity: ``N += N_uv u v``."""
 
     on_vehicles = "not available: these vehicles have no sway (unless a --model has)"
     slug = "munk-moment"
@@ -138,7 +148,7 @@ class MunkMoment(MomentOfFlow):
     needs = frozenset({"surge", "sway", "yaw"})
 
     def moment(self, at: State) -> float:
-        """Return ``N_uv u v`` [N m]."""
+        """Return the yaw moment ``N_uv u v`` [N m]."""
         return self["N_uv"] * at.u * at.v
 
 
@@ -147,8 +157,8 @@ _AXIS_OF = {"u": "surge", "v": "sway", "w": "heave", "r": "yaw"}
 
 
 class VelocityProduct(HiddenEffect):
-    """A force or moment proportional to a product of velocities. The place is its SNAME derivative: ``N_|v|r``,
-    ``X_vr``.
+    """A force or moment proportional to a product of velocities. The effect's place is the SNAME derivative:
+    ``N_|v|r``, ``X_vr``.
 
     Bars mean the absolute value. Two equal letters mean a velocity times its absolute value (``X_uu`` is ``X_|u|u``).
     """
@@ -159,7 +169,7 @@ class VelocityProduct(HiddenEffect):
     parameters = (EffectParameter("coefficient", "SI per product"),)
 
     def begin(self, setting: Setting) -> None:
-        """Parse the derivative, and verify that the hull has its degrees of freedom."""
+        """Parse the SNAME derivative in the place, and verify that the hull has the degrees of freedom in it."""
         name = self.place or "N_ur"
         read = _PRODUCT.fullmatch(name)
         if read is None:
@@ -178,7 +188,7 @@ class VelocityProduct(HiddenEffect):
         self._state = setting.state
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the force."""
+        """Add the force or moment to *wrench*."""
         push = self["coefficient"]
         for letter, by_size in self._factors:
             velocity = float(getattr(self._state, letter))

@@ -22,7 +22,7 @@ from sitl.sensors import SensorReading
 __all__ = ["FORCE_OF", "BadEffect", "EffectParameter", "HiddenEffect", "Setting"]
 
 FORCE_OF: Mapping[str, str] = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}
-"""Degree of freedom -> name of its force (SNAME)."""
+"""Degree of freedom -> SNAME name of the force or moment along it."""
 
 
 class BadEffect(ValueError):
@@ -31,7 +31,12 @@ class BadEffect(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """A parameter of an effect. ``default``: None if required; ``least``, ``most``: allowed range."""
+    """A parameter of an effect: its name and unit.
+
+    ``meaning``: what it is, for people.
+    ``default``: its value if not supplied; None: it must be supplied.
+    ``least``, ``most``: allowed range, in ``unit``.
+    """
 
     name: str
     unit: str
@@ -41,7 +46,7 @@ class EffectParameter:
     most: float = math.inf
 
     def refusal(self, value: float) -> str:
-        """Return a sentence on why *value* is not allowed; empty if it is."""
+        """Return a sentence that states why *value* is not allowed, or an empty text if it is allowed."""
         if not math.isfinite(value):
             return f"{value:g} is not a finite number"
         in_degrees = f". Did you mean {math.radians(value):.3g} ({value:g} degrees)?" * (self.unit == "rad")
@@ -56,11 +61,17 @@ class EffectParameter:
 class Setting:
     """Data of the craft that an effect may use.
 
-    ``state``, ``water`` and ``parameters`` are the plant's own, live. ``dofs``: the degrees of freedom in which effects
-    may act; ``inputs``: channel -> degree of freedom it drives; ``swing``: largest command of each input; ``gain``:
-    force per unit of input of each degree of freedom; ``start`` [s]: when time begins; ``cruise`` [m/s]: rms surge
-    speed; ``axis_names``: other names of inputs (``steering`` ...); ``on_vehicle``: whether it is on a vehicle and not
-    in open loop.
+    ``state``, ``water``, ``parameters``: the plant's own objects, which change with time.
+    ``dofs``: degrees of freedom in which effects may act.
+    ``inputs``: channel -> degree of freedom that it drives.
+    ``swing``: input -> its largest command.
+    ``gain``: degree of freedom -> force [N, N m] per unit of its input.
+    ``signals``: names of the measured signals.
+    ``start``: time [s] at which the run begins.
+    ``seed``: seed of the random numbers.
+    ``cruise``: rms surge speed [m/s].
+    ``on_vehicle``: whether the effect acts on a vehicle; otherwise it acts in open loop.
+    ``axis_names``: other name of an input (``steering`` ...) -> its channel.
     """
 
     state: State
@@ -79,7 +90,9 @@ class Setting:
 
     @property
     def steering(self) -> str:
-        """The default input of an actuator effect: that of yaw, or the first."""
+        """The default input of an actuator effect: the channel that drives yaw, or else the first. Empty without
+        inputs.
+        """
         return next((name for name, dof in self.inputs.items() if dof == "yaw"), next(iter(self.inputs), ""))
 
 
@@ -128,11 +141,13 @@ class HiddenEffect:
         """Reset, and read the craft's initial state. Raises ``BadEffect`` if the craft has no such place."""
 
     def quickness(self, setting: Setting) -> float:
-        """Return the shortest time constant [s] of this effect. Open-loop steps are much shorter."""
+        """Return the shortest time constant [s] of this effect, which limits the step in open loop. Infinite:
+        no limit.
+        """
         return float("inf")
 
     def lateness(self) -> Mapping[str, float]:
-        """Return the delay [s] of signals relative to the inputs, in open loop. ``*``: all signals."""
+        """Return signal -> its delay [s] relative to the inputs, in open loop. The key ``*`` means all signals."""
         return {}
 
     # -- from the command to the hull
@@ -144,7 +159,7 @@ class HiddenEffect:
         """Change the actuators' inputs, by channel (``N``, ``X`` ...), for the *dt* [s] that begin at *t*."""
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Change the forces on the hull. It is called at every integrator stage."""
+        """Change the forces [N] and moments [N m] on the hull. It is called at every integrator stage."""
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
         """Change the parameters of the plant. It is called every step with the plant's own values."""
@@ -152,15 +167,15 @@ class HiddenEffect:
     # -- from the hull to the record
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Change the sensor readings."""
+        """Change the sensor readings *reading* of time *t*."""
 
     def alter_file(self, columns: dict[str, NDArray[np.float64]]) -> None:
-        """Change the file: ``t``, inputs and signals, (n,) each. It is called only in open loop."""
+        """Change the file's columns: ``t``, inputs and signals, (n,) each. It is called only in open loop."""
 
     def alter_report(self, fields: dict[str, float]) -> None:
         """Change the message sent at one moment (see :mod:`sitl.mavlink.streams`). It is called only on vehicles."""
 
     @classmethod
     def overrides(cls, hook: str) -> bool:
-        """Return whether this effect has its own *hook*."""
+        """Return whether this effect has its own version of the method called *hook*."""
         return getattr(cls, hook) is not getattr(HiddenEffect, hook)

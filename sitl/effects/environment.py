@@ -19,7 +19,7 @@ __all__ = [
 
 
 class InputBias(HiddenEffect):
-    """A constant force added to the commanded one."""
+    """A constant force or moment, added to that of the actuators."""
 
     slug = "input-bias"
     meaning = "a constant force or moment: trim, list, a slack tether"
@@ -32,7 +32,7 @@ class InputBias(HiddenEffect):
         self._name, self._force = FORCE_OF[dof], self["bias"] * setting.gain.get(dof, 1.0)
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the force."""
+        """Add the constant force or moment to *wrench*."""
         setattr(wrench, self._name, getattr(wrench, self._name) + self._force)
 
 
@@ -52,7 +52,7 @@ class SteadyCurrent(HiddenEffect):
     on_vehicles = "reference of the recorded u and v: 'over ground' (default) or 'through water'"
 
     def begin(self, setting: Setting) -> None:
-        """Start the current."""
+        """Set the water's velocity to that of the current, and what the speed sensor measures."""
         if self.place not in ("", "over ground", "through water"):
             raise BadEffect(f"steady-current: '{self.place}' is neither 'over ground' nor 'through water'")
         if not {"surge", "sway"} & set(setting.dofs):
@@ -78,18 +78,18 @@ class WindMoment(HiddenEffect):
         self._state, self._moment = setting.state, self["strength"] * setting.gain.get(dof, 1.0)
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the moment."""
+        """Add the moment of the wind to *wrench*."""
         wrench.N += self._moment * math.sin(self["direction"] - self._state.psi)
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time of one radian of the oscillation about ``direction``."""
+        """Return the time [s] of one radian of the oscillation about ``direction``."""
         return math.sqrt(setting.parameters["yaw.alpha"] / max(abs(self._moment), 1e-12))
 
 
 class WaveDisturbance(HiddenEffect):
     """A narrow-band force: second-order shaped noise, or one sinusoid if ``bandwidth`` is 0.
 
-    Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the bandwidth;
+    Fossen2011, equation (8.118): ``K s/(s^2 + 2 lambda omega s + omega^2)`` on white noise, ``lambda`` the bandwidth.
     It is computed in exact steps and starts in its stationary distribution. ``amplitude`` is its standard deviation.
     """
 
@@ -103,7 +103,7 @@ class WaveDisturbance(HiddenEffect):
     on_vehicles = "yaw (default), surge, heave"
 
     def begin(self, setting: Setting) -> None:
-        """Draw the initial phase."""
+        """Find the degree of freedom, and draw the initial state of the noise or phase of the sinusoid."""
         dof = find_dof(self, setting)
         self._name, self._rms = FORCE_OF[dof], self["amplitude"] * setting.gain.get(dof, 1.0)
         draw = Random(f"{setting.seed}/{self.slug}/{dof}")
@@ -113,7 +113,7 @@ class WaveDisturbance(HiddenEffect):
         self._t, self._dt = -math.inf, math.nan
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the force."""
+        """Add the wave force or moment at *t* to *wrench*."""
         if self["bandwidth"] == 0.0:
             now = math.sqrt(2.0) * math.sin(self["frequency"] * t + self._phase)
         else:
@@ -121,7 +121,7 @@ class WaveDisturbance(HiddenEffect):
         setattr(wrench, self._name, getattr(wrench, self._name) + self._rms * now)
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time of one radian of the oscillation [s]."""
+        """Return the time [s] of one radian of the wave's oscillation."""
         return 1.0 / self["frequency"]
 
     def _advance(self, t: float) -> float:
@@ -167,7 +167,9 @@ def _step_of(omega: float, damping: float, dt: float) -> tuple[float, float, flo
 
 
 class TetherPull(HiddenEffect):
-    """A spring to a fixed anchor: in one degree of freedom, or in the horizontal plane (``surge+sway``)."""
+    """Pull of the tether, modelled as a spring to a fixed anchor: in one degree of freedom, or in the horizontal plane
+    (``surge+sway``).
+    """
 
     slug = "tether-pull"
     meaning = "the tether pulls like a spring"
@@ -180,7 +182,7 @@ class TetherPull(HiddenEffect):
     on_vehicles = "yaw (default), heave, surge+sway (the component along the hull)"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degrees of freedom and the anchor."""
+        """Find the degrees of freedom in which the tether pulls, and verify that the hull has them."""
         self._state = setting.state
         self._on_plane = self.place == "surge+sway"
         if self._on_plane:
@@ -192,7 +194,7 @@ class TetherPull(HiddenEffect):
             raise BadEffect("tether-pull of a craft that turns needs the place 'surge+sway'")
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the spring force."""
+        """Add the spring's force or moment to *wrench*."""
         at, stiffness = self._state, self["stiffness"]
         if self._on_plane:
             north, east = stiffness * (self["x"] - at.x), stiffness * (self["y"] - at.y)
@@ -207,7 +209,7 @@ class TetherPull(HiddenEffect):
             wrench.X -= stiffness * (at.x - self["anchor"])
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time of one radian of the oscillation on the spring."""
+        """Return the time [s] of one radian of the hull's oscillation on the spring."""
         held = [dof for dof in ("surge", "sway") if dof in setting.dofs] if self._on_plane else [self._dof]
         inertia = min(setting.parameters[f"{dof}.alpha"] for dof in held)
         return math.sqrt(inertia / max(abs(self["stiffness"]), 1e-12))

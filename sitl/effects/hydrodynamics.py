@@ -1,4 +1,4 @@
-"""Hydrodynamic forces beyond those of a plain hull."""
+"""Effects on the inertia, drag and buoyancy of the hull."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ __all__ = [
 
 
 class OnAxis(HiddenEffect):
-    """An effect on the inertia or the drag of one degree of freedom."""
+    """An effect on the inertia or drag of the degree of freedom that the place selects."""
 
     on_vehicles = "yaw (default), surge, heave"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degree of freedom."""
+        """Find the degree of freedom that the effect's place selects."""
         self._dof = find_dof(self, setting)
 
 
@@ -35,11 +35,11 @@ class LinearDrag(OnAxis):
     parameters = (EffectParameter("coefficient", "N s/m or N m s/rad"),)
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Add the drag."""
+        """Add ``coefficient`` to the linear drag of the degree of freedom."""
         parameters[f"{self._dof}.beta"] += self["coefficient"]
 
     def quickness(self, setting: Setting) -> float:
-        """Return the resulting time constant."""
+        """Return the time constant [s] with the additional drag: inertia over linear drag."""
         p, dof = setting.parameters, self._dof
         return p[f"{dof}.alpha"] / max(p[f"{dof}.beta"] + self["coefficient"], 1e-9)
 
@@ -52,24 +52,24 @@ class QuadraticDrag(OnAxis):
     parameters = (EffectParameter("coefficient", "N s^2/m^2 or N m s^2/rad^2"),)
 
     def begin(self, setting: Setting) -> None:
-        """Find the degree of freedom and the force on it."""
+        """Find the degree of freedom and the largest force of its input."""
         dof = self._dof = find_dof(self, setting)
         driving = [setting.swing[name] for name, driven in setting.inputs.items() if driven == dof]
         self._force = setting.gain.get(dof, 1.0) * max(driving, default=0.0)
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Add the drag."""
+        """Add ``coefficient`` to the quadratic drag of the degree of freedom."""
         parameters[f"{self._dof}.beta2"] += self["coefficient"]
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time constant at the steady speed of the largest command: alpha/(beta + 2 beta2 nu)."""
+        """Return the time constant [s] at the steady speed of the largest command: alpha/(beta + 2 beta2 nu)."""
         return setting.parameters[f"{self._dof}.alpha"] / max(
             2.0 * math.sqrt(abs(self["coefficient"]) * self._force), 1e-9
         )
 
 
 class MassChange(HiddenEffect):
-    """A payload added or removed. The inertia changes at once, the speed does not."""
+    """A payload added or removed. The inertia changes at once; the speed stays the same."""
 
     slug = "mass-change"
     meaning = "inertia changes during the run (a payload picked up or dropped)"
@@ -80,19 +80,19 @@ class MassChange(HiddenEffect):
     on_vehicles = "all (default), yaw, surge, heave"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degrees of freedom: all, unless the place selects some."""
+        """Find the degrees of freedom: those that the place selects, or all."""
         everything = self.place in ("", "all")
         self._dofs = setting.dofs if everything else (find_dof(self, setting),)
         self._when = setting.start + self["time"]
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Scale the inertia from the time set by the effect's parameter."""
+        """Multiply the inertia by the effect's factor, from the time of the change."""
         if t >= self._when - 1e-9:
             for dof in self._dofs:
                 parameters[f"{dof}.alpha"] *= self["ratio"]
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time constant with a smaller inertia."""
+        """Return the shortest time constant [s], if the mass decreases."""
         p = setting.parameters
         inertia_and_drag = ((p[f"{dof}.alpha"], p[f"{dof}.beta"]) for dof in self._dofs)
         return min(alpha * self["ratio"] / beta if beta > 0.0 else math.inf for alpha, beta in inertia_and_drag)
@@ -111,7 +111,7 @@ class NetBuoyancy(HiddenEffect):
         find_dof(self, setting, among=("heave",))
 
     def alter_force(self, t: float, wrench: Wrench) -> None:
-        """Add the force."""
+        """Add the net weight, positive down, to *wrench*."""
         wrench.Z += self["force"]
 
 
@@ -128,7 +128,7 @@ class GroundEffect(HiddenEffect):
     on_vehicles = "heave (default), yaw, surge (ROVs)"
 
     def begin(self, setting: Setting) -> None:
-        """Find the degree of freedom and the bottom."""
+        """Find the degree of freedom, and the depth of the bottom."""
         if "heave" not in setting.dofs:
             raise BadEffect("ground-effect needs a craft with heave")
         self._state = setting.state
@@ -136,13 +136,13 @@ class GroundEffect(HiddenEffect):
         self._bottom = self["bottom"] or setting.water.bottom
 
     def alter_parameters(self, t: float, parameters: Parameters) -> None:
-        """Scale the drag by the height above the bottom."""
+        """Multiply the drag by the factor for the present height above the bottom."""
         height = max(self._bottom - self._state.z, 0.0)
         factor = 1.0 + self["strength"] * math.exp(-height / self["length"])
         parameters[f"{self._dof}.beta"] *= factor
         parameters[f"{self._dof}.beta2"] *= factor
 
     def quickness(self, setting: Setting) -> float:
-        """Return the time constant at the bottom."""
+        """Return the time constant [s] at the bottom, where drag is largest."""
         p, dof = setting.parameters, self._dof
         return p[f"{dof}.alpha"] / max(p[f"{dof}.beta"] * (1.0 + self["strength"]), 1e-9)

@@ -1,4 +1,4 @@
-"""Actuator effects with memory. Each one acts on one input."""
+"""Actuator effects whose output depends on earlier commands. Each one acts on one input."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class InputDelay(OnInput):
     parameters = (EffectParameter("delay", "s", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
-        """Clear the delay line."""
+        """Find the input, and clear the delayed commands."""
         super().begin(setting)
         self._due: deque[tuple[float, float]] = deque()
-        """List of (time at which it begins to act, command), oldest first."""
+        """Delayed commands as (time [s] at which the command begins to act, command), oldest first."""
         self._last = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the mean of the commands that arrive between *t* and *t + dt*."""
+        """Return the mean of the delayed command between *t* and *t + dt* [s]."""
         due = self._due
         if u != self._last:
             due.append((t + self["delay"] if due else -math.inf, u))
@@ -46,19 +46,19 @@ class InputDelay(OnInput):
 
 
 class ActuatorLag(OnInput):
-    """First-order lag."""
+    """First-order lag between the command and the output."""
 
     slug = "actuator-lag"
     meaning = "the actuator follows its command with a time constant"
     parameters = (EffectParameter("time_constant", "s", least=1e-6),)
 
     def begin(self, setting: Setting) -> None:
-        """Reset the state."""
+        """Find the input, and reset the output."""
         super().begin(setting)
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Compute the exact response, and return its mean over the step."""
+        """Return the mean over the step of the exact response to the command *u*."""
         if self._now != self._now:
             self._now = u
         ratio = dt / self["time_constant"]
@@ -68,19 +68,19 @@ class ActuatorLag(OnInput):
 
 
 class RateLimit(OnInput):
-    """Limited rate of change."""
+    """Limited rate of change of the output."""
 
     slug = "rate-limit"
     meaning = "the actuator moves at a limited rate"
     parameters = (EffectParameter("rate", "input unit/s", least=1e-9),)
 
     def begin(self, setting: Setting) -> None:
-        """Reset the state."""
+        """Find the input, and reset the output."""
         super().begin(setting)
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Move towards *u* within the rate limit, and return the mean over the step."""
+        """Move the output towards *u* within the rate limit. Return its mean over the step."""
         if self._now != self._now:
             self._now = u
         gap = u - self._now
@@ -103,12 +103,12 @@ class Backlash(OnInput):
     parameters = (EffectParameter("width", "input unit", "full width of the gap", least=0.0),)
 
     def begin(self, setting: Setting) -> None:
-        """Reset the state."""
+        """Find the input, and reset the output."""
         super().begin(setting)
         self._now = math.nan
 
     def act(self, t: float, dt: float, u: float) -> float:
-        """Return the output, which is moved by the command or at rest."""
+        """Return the output: moved if the command *u* has crossed the gap, otherwise unchanged."""
         half = 0.5 * self["width"]
         if self._now != self._now:
             self._now = u

@@ -1,4 +1,4 @@
-"""Find the input, degree of freedom or signals that the place of an effect selects."""
+"""Functions that find the input, degree of freedom or signals selected by an effect's place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _HORIZONTAL = ("surge", "sway", "yaw")
 
 
 def find_input(effect: HiddenEffect, setting: Setting) -> str:
-    """Return the input of *effect*: the selected place, or the steering."""
+    """Return the input (channel) that the place of *effect* selects; by default the steering."""
     place = effect.place or setting.steering
     place = setting.axis_names.get(place, place)
     if place not in setting.inputs:
@@ -20,7 +20,7 @@ def find_input(effect: HiddenEffect, setting: Setting) -> str:
 
 
 def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] = (*_HORIZONTAL, "heave")) -> str:
-    """Return the degree of freedom of *effect*: the selected place, or yaw (or the first)."""
+    """Return the degree of freedom that the place of *effect* selects; by default yaw, or else the first."""
     there = [dof for dof in ("yaw", "surge", "sway", "heave") if dof in setting.dofs and dof in among]
     if not there:
         raise BadEffect(f"{effect.slug} acts on {' or '.join(among)}, which this craft does not have")
@@ -31,7 +31,7 @@ def find_dof(effect: HiddenEffect, setting: Setting, *, among: tuple[str, ...] =
 
 
 def find_signals(effect: HiddenEffect, setting: Setting, default: str) -> tuple[str, ...]:
-    """Return the signals of *effect*; several are joined by ``+``."""
+    """Return the signals that the place of *effect* selects. In the place, several are joined by ``+``."""
     names = tuple((effect.place or default).split("+"))
     for name in names:
         if name not in setting.signals:

@@ -24,8 +24,9 @@ _MOTION = ("psi", "r", "u", "v", "w", "x", "y", "z")
 
 
 class SensorPosition(HiddenEffect):
-    """A sensor mounted ``x_P`` ahead and ``y_P`` to starboard of the origin, which measures the motion of that
-    point."""
+    """A sensor mounted ``x_P`` ahead and ``y_P`` to starboard of the origin, which measures the motion of its own
+    position.
+    """
 
     slug = "sensor-position"
     meaning = "the sensor of speed and position is off-centre, so a turn looks like sway"
@@ -36,7 +37,7 @@ class SensorPosition(HiddenEffect):
     on_vehicles = "signals joined by + (default u+v+x+y, or z+w for a craft that tilts)"
 
     def begin(self, setting: Setting) -> None:
-        """Find the measured signals."""
+        """Find the signals that the mounting position affects."""
         usual: tuple[str, ...] = ("u", "v", "x", "y")
         if not self.place and not set(usual) & set(setting.signals):
             raise BadEffect(
@@ -51,7 +52,7 @@ class SensorPosition(HiddenEffect):
         self._state = setting.state
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Add the motion of that point about the origin."""
+        """Add the motion of the sensor's position about the origin to the reading."""
         at, ahead, aside = self._state, self["x_P"], self["y_P"]
         c, s = math.cos(at.psi), math.sin(at.psi)
         apart = {
@@ -74,7 +75,9 @@ Above it one reading would belong to several headings; good compasses stay withi
 
 
 class CompassDeviation(HiddenEffect):
-    """Semicircular deviation due to iron on the craft: ``A + B sin psi + C cos psi``."""
+    """Compass error due to iron on the craft, a constant and a semicircular deviation: ``A + B sin psi + C cos
+    psi``.
+    """
 
     slug = "compass-deviation"
     meaning = "iron aboard deflects the compass (sine and cosine of the heading)"
@@ -86,16 +89,16 @@ class CompassDeviation(HiddenEffect):
     on_vehicles = "psi"
 
     def begin(self, setting: Setting) -> None:
-        """Verify that there is a compass."""
+        """Verify that the craft has a compass."""
         find_signals(self, setting, "psi")
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Add the deviation."""
+        """Add the deviation at the true heading to the measured heading."""
         reading.psi += self["A"] + self["B"] * math.sin(reading.psi) + self["C"] * math.cos(reading.psi)
 
 
 class GyroBias(HiddenEffect):
-    """Constant bias of a rate."""
+    """Constant bias of a measured angular rate."""
 
     slug = "gyro-bias"
     meaning = "the gyro reports a rate at rest"
@@ -103,18 +106,18 @@ class GyroBias(HiddenEffect):
     on_vehicles = "r (default), p, q"
 
     def begin(self, setting: Setting) -> None:
-        """Find the gyro."""
+        """Find the angular rate that the effect's place selects."""
         (self._name,) = find_signals(self, setting, "r")[:1]
         if self._name not in ("p", "q", "r"):
             raise BadEffect(f"gyro-bias: '{self._name}' is not a gyro rate. Use r, p or q")
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Add the bias."""
+        """Add the bias to the measured rate."""
         setattr(reading, self._name, getattr(reading, self._name) + self["bias"])
 
 
 class MeasurementDelay(HiddenEffect):
-    """A signal that is reported late. Several are joined by ``+`` (``psi+r``), or ``all``."""
+    """Signals that are reported late. In the place, several are joined by ``+`` (``psi+r``), or it is ``all``."""
 
     slug = "measurement-delay"
     meaning = "a signal is reported late"
@@ -122,18 +125,20 @@ class MeasurementDelay(HiddenEffect):
     on_vehicles = "one signal, or several joined by + (default: all, psi+r+u+x+y+z+w)"
 
     def begin(self, setting: Setting) -> None:
-        """Clear the history."""
+        """Find the signals, and clear the stored readings."""
         everything = "+".join(name for name in setting.signals if name in _MOTION)
         self._names = tuple(everything.split("+")) if self.place in ("", "all") else find_signals(self, setting, "")
         self._seen: deque[tuple[float, tuple[float, ...]]] = deque()
         self._on_vehicle = setting.on_vehicle
 
     def lateness(self) -> Mapping[str, float]:
-        """Return the delay of each signal."""
+        """Return signal -> its delay [s]."""
         return dict.fromkeys(self._names, self["delay"])
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Report the past value, interpolated between samples. In open loop the file's own past is used."""
+        """Replace each signal by its value ``delay`` earlier, interpolated between samples. In open loop do nothing,
+        because the delay is applied to the file.
+        """
         if not self._on_vehicle:
             return
         seen, when = self._seen, t - self["delay"] + 1e-9
@@ -157,11 +162,11 @@ class Quantisation(HiddenEffect):
     on_vehicles = "a signal (default psi)"
 
     def begin(self, setting: Setting) -> None:
-        """Find the signal."""
+        """Find the signal that the effect's place selects."""
         self._names = find_signals(self, setting, "psi" if "psi" in setting.signals else setting.signals[0])
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Round the reading."""
+        """Round the signal in the reading to a multiple of the step."""
         step = self["step"]
         for name in self._names:
             setattr(reading, name, round(getattr(reading, name) / step) * step)
@@ -179,12 +184,12 @@ class Outliers(HiddenEffect):
     on_vehicles = "a signal (default psi)"
 
     def begin(self, setting: Setting) -> None:
-        """Find the signal and seed the random numbers."""
+        """Find the signal that the effect's place selects, and seed the random numbers."""
         self._names = find_signals(self, setting, "psi" if "psi" in setting.signals else setting.signals[0])
         self._draw = Random(f"{setting.seed}/{self.slug}/{self.place}")
 
     def alter_measurement(self, t: float, reading: SensorReading) -> None:
-        """Replace some samples."""
+        """Add a large error to the signal in randomly chosen samples."""
         for name in self._names:
             struck, by = self._draw.random() < self["share"], self._draw.gauss(0.0, self["size"])
             if struck:

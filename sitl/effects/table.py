@@ -113,7 +113,7 @@ def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None =
     Raises
     ------
     BadEffect
-        There is no such effect or parameter (the message states the nearest), or a parameter is missing.
+        There is no such effect or parameter (the message states the nearest name), or a parameter is missing.
     """
     if slug not in EFFECTS:
         near = difflib.get_close_matches(slug, EFFECTS, n=3, cutoff=0.5)
@@ -123,12 +123,12 @@ def make_effect(slug: str, place: str = "", values: Mapping[str, float] | None =
 
 
 def parse_effect(text: str) -> HiddenEffect:
-    """Parse an effect in the form ``slug[@place][.parameter=value[,parameter=value ...]]``.
+    """Return the effect that *text* describes in the form ``slug[@place][.parameter=value[,parameter=value ...]]``.
 
     Raises
     ------
     BadEffect
-        It has another form, or :func:`make_effect` does not accept it.
+        The text has another form, or :func:`make_effect` does not accept it.
     """
     head, _, tail = text.partition(".")
     slug, _, place = head.partition("@")

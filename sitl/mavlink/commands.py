@@ -133,7 +133,7 @@ COMMANDS: Mapping[int, Callable[[Port, Sequence[float]], int]] = {
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return_home,
     mavlink.MAV_CMD_DO_SET_SERVO: _refuse,
 }
-"""MAV_CMD -> function of its seven parameters that returns a MAV_RESULT."""
+"""MAV_CMD -> function that executes the command with its seven parameters and returns a MAV_RESULT."""
 
 
 def handle_command(port: Port, message: Message) -> None:
@@ -150,7 +150,7 @@ def handle_command(port: Port, message: Message) -> None:
 
 
 def handle_set_mode(port: Port, message: Message) -> None:
-    """Execute the old SET_MODE message; ArduPilot acknowledges it too."""
+    """Execute the old SET_MODE message and acknowledge it, as ArduPilot does."""
     result = _set_mode(port, (float(message.base_mode), float(message.custom_mode)))
     sender = (message.get_srcSystem(), message.get_srcComponent())
     port.send(mavlink.MAVLink_command_ack_message(mavlink.MAVLINK_MSG_ID_SET_MODE, result, 0, 0, *sender))

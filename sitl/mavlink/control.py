@@ -57,7 +57,7 @@ def handle_override(port: Port, message: Message) -> None:
 
 
 def handle_manual_control(port: Port, message: Message) -> None:
-    """Process joystick axes from the ground station, which become overrides."""
+    """Convert the joystick axes in MANUAL_CONTROL from the ground station to channel overrides."""
     autopilot = port.vehicle.autopilot
     if not port.is_from_gcs(message):
         return

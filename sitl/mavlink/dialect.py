@@ -15,7 +15,7 @@ __all__ = ["Message", "fit_float", "mavlink", "pack", "parse"]
 mavlink: Any = ardupilotmega
 """Constants and message classes of the ardupilotmega dialect, MAVLink 2."""
 Message = Any
-"""A decoded message, or one to be sent."""
+"""A MAVLink message of pymavlink, decoded or to be sent."""
 _LARGEST_FLOAT = 3.4028234e38
 
 

@@ -19,7 +19,9 @@ _CODES = {2: (1, "<b"), 4: (2, "<h"), 6: (3, "<i"), 9: (4, "<f")}
 
 
 def packed(port: Port, *, defaults: bool) -> bytes:
-    """Return all parameters packed as by ArduPilot. No value crosses the limit between two pieces of 239 bytes."""
+    """Return all parameters as the bytes of ArduPilot's ``param.pck``. No value crosses a boundary between two blocks
+    of 239 bytes.
+    """
     store = port.vehicle.dialect
     names = [name for i in range(len(store)) if (name := store.name_at(i)) is not None]
     out = bytearray(struct.pack("<HHH", 0x671C if defaults else 0x671B, len(names), len(names)))
@@ -44,14 +46,14 @@ def packed(port: Port, *, defaults: bool) -> bytes:
 
 
 class FileTransfer:
-    """Answers open, read, burst and close requests, for one file at a time and read only."""
+    """Answers open, read, burst and close requests, for one file at a time, for reading only."""
 
     def __init__(self, port: Port) -> None:
         self._port = port
         self._file: bytes | None = None
 
     def handle(self, message: Message) -> None:
-        """Answer one request."""
+        """Execute one FILE_TRANSFER_PROTOCOL request and send the answer."""
         raw = bytes(message.payload)
         sequence, session, opcode, size, _, _, _, offset = _HEAD.unpack_from(raw)
         data = raw[_HEAD.size : _HEAD.size + size]

@@ -27,11 +27,13 @@ class ParameterProtocol:
         self._cursor: int | None = None
 
     def request_list(self, message: Message) -> None:
-        """Start to send the whole list."""
+        """Start sending the whole parameter list."""
         self._cursor = 0
 
     def request_read(self, message: Message) -> None:
-        """Send one parameter by name (index -1) or index. If there is none, send nothing, or PARAM_ERROR."""
+        """Send one parameter by name (index -1) or index. If it does not exist, send nothing or, on newer firmware,
+        PARAM_ERROR.
+        """
         by_name = message.param_index == _BY_NAME
         name = _name_of(message) if by_name else self._store.name_at(message.param_index)
         if name == HASH_NAME:
@@ -43,7 +45,9 @@ class ParameterProtocol:
             self._object(message, _name_of(message), message.param_index, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
 
     def set(self, message: Message) -> None:
-        """Store a value and echo the stored one. For NaN, infinity or an unknown name, send nothing, or PARAM_ERROR."""
+        """Store a value and echo the stored one. For NaN, infinity or an unknown name, send nothing or, on newer
+        firmware, PARAM_ERROR.
+        """
         name = _name_of(message)
         if name not in self._store:
             self._object(message, name, _BY_NAME, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)

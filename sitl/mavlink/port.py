@@ -16,7 +16,9 @@ COMPONENT = 1
 
 
 class Port:
-    """A vehicle that sends messages at once or when its streams are due. Bytes are collected until a tick ends."""
+    """A vehicle that sends messages at once or when its streams are due. The bytes to send are collected until a tick
+    ends.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
@@ -35,11 +37,11 @@ class Port:
 
     @property
     def now_us(self) -> int:
-        """The vehicle's time for boot time stamps [us]."""
+        """Time since boot [us] for the time stamps of messages."""
         return self.vehicle.boot_us
 
     def send(self, message: Message) -> None:
-        """Send a message. An answer to a station at another port is sent at that port."""
+        """Send a message. An answer to a station at another port of the vehicle is sent at that other port."""
         if self._is_elsewhere and message.get_type() != "PARAM_VALUE":
             return
         self.codec.srcSystem = int(self.vehicle.parameters["MAV_SYSID"]) & 0xFF
@@ -47,7 +49,7 @@ class Port:
         self.codec.seq = (self.codec.seq + 1) % 256
 
     def send_now(self, message_id: int) -> None:
-        """Send a message of :data:`~sitl.mavlink.telemetry.MESSAGES` once."""
+        """Build and send once the message of that id in :data:`~sitl.mavlink.telemetry.MESSAGES`."""
         for message in MESSAGES[message_id][0](self.vehicle):
             if self._reporter:
                 self._reporter.alter(message)

@@ -33,7 +33,7 @@ _ROUNDING = 1e-6
 
 class Server(Port):
     """Connects a vehicle to a link without input or output: :meth:`receive` accepts bytes, :meth:`advance_to` returns
-    them.
+    the bytes to send.
 
     Received bytes are processed at the next loop tick, after the link's delay. Messages sent at a tick leave at that
     tick, after the delay. Time stamps are those of the measurement.
@@ -61,9 +61,8 @@ class Server(Port):
     def receive_elsewhere(self, data: bytes) -> None:
         """Receive bytes from another station, which arrive now on another port of the vehicle.
 
-        As in the firmware, answers and streams to that station are sent at that port, not here. These are
-        acknowledgements and requested messages. Its changes appear in telemetry, and a written parameter is sent at
-        every port.
+        As in the firmware, acknowledgements and requested messages for that station are sent only at its own port. The
+        changes that it makes appear in telemetry, and a written parameter is sent at every port.
         """
         if data:
             self._uplink.append((self.vehicle.tick + 1, bytes(data), True))
@@ -185,7 +184,7 @@ HANDLERS: Mapping[str, Callable[[Server, Message], None]] = {
     "SET_POSITION_TARGET_LOCAL_NED": handle_local_target,
     "SET_POSITION_TARGET_GLOBAL_INT": handle_global_target,
 }
-"""Message type -> its handler; all others are ignored."""
+"""Type of a received message -> its handler. All other messages are ignored."""
 
 ORDERS = frozenset(
     {
@@ -194,7 +193,7 @@ ORDERS = frozenset(
         *("MISSION_CLEAR_ALL", "MISSION_SET_CURRENT"),
     }
 )
-"""Messages from a station at another port whose effect appears here."""
+"""Types of the messages that are executed if a station at another port sends them."""
 _QUESTIONS = frozenset(
     {
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,

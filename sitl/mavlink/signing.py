@@ -1,8 +1,8 @@
-"""Signing as on an ArduPilot telemetry port: once it has a key, it accepts only messages signed with it.
+"""MAVLink signing as on an ArduPilot telemetry port. A port with a key accepts only messages signed with that key.
 
-Its signing clock starts at the stored time, here zero as on an autopilot that never had GPS time. It follows the latest
-time received. RADIO_STATUS and RADIO need no signature. SETUP_SIGNING sets a key; all zeros remove it. While armed it
-is rejected.
+Its signing clock starts at the stored time, here zero as on an autopilot that never had GPS time. The clock is set
+forward to the latest time received. RADIO_STATUS and RADIO need no signature. SETUP_SIGNING sets a key; all zeros
+remove it. While armed, SETUP_SIGNING is rejected.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def read_key(path: Path) -> bytes:
 
 
 def demand_signatures(codec: Any, key: bytes, timestamp: int = 0) -> None:
-    """Sign the frames that *codec* packs and reject frames not signed with *key*. An empty key ends that."""
+    """Sign the frames that *codec* packs and reject frames not signed with *key*. An empty key ends signing."""
     signing = codec.signing
     signing.secret_key = key or None
     signing.sign_outgoing = bool(key)
@@ -52,7 +52,7 @@ def demand_signatures(codec: Any, key: bytes, timestamp: int = 0) -> None:
 
 
 def handle_setup_signing(port: Port, message: Message) -> None:
-    """Set a new key, or remove it."""
+    """Set the key in the SETUP_SIGNING message, or remove the key if it is all zeros."""
     if port.vehicle.autopilot.armed:
         port.vehicle.autopilot.say(WARNING, "ERROR: Won't setup signing when armed")
         return

@@ -1,8 +1,7 @@
-"""Rates of the sent messages, and changes of these messages by effects on the record.
-
-For such an effect, a message is converted to its stamp and its content in SI units with SNAME names, and then back. The
-effects change only the messages, not the craft. ``t`` is the stamp [s]. ``servo`` exists if the message reports the
-actuators. It contains the normalised outputs ``N``, ``X`` (``Z``).
+"""Rates of the sent messages, and changes of these messages by effects on the record. Such effects change only the
+messages, not the craft. For them a message is converted to fields in SI units with SNAME names, and then back. ``t`` is
+the time stamp [s]. ``servo`` exists if the message reports the actuators. It contains the normalised outputs ``N``,
+``X`` (``Z``).
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ class _Field:
     whole: bool = False
     offset: float = 0.0
     turn: float = 0.0
-    """Number in the field that corresponds to a full circle; 0 if it is not an angle."""
+    """Value of the message field that corresponds to a full circle; 0 if the field is not an angle."""
 
     def read(self, message: Message) -> float:
         return (float(getattr(message, self.attribute)) - self.offset) / self.scale
@@ -99,7 +98,7 @@ class Reporter:
         return bool(self._alters)
 
     def alter(self, message: Message) -> None:
-        """Apply every effect to the content of *message*."""
+        """Change *message* by every effect on the record."""
         kind = message.get_type()
         fields = _FIELDS.get(kind)
         if fields is None:
@@ -159,7 +158,7 @@ STREAM_GROUPS = {
     ),
     mavlink.MAV_DATA_STREAM_RAW_SENSORS: (mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,),
 }
-"""Groups of REQUEST_DATA_STREAM, as far as the simulator sends their messages."""
+"""MAV_DATA_STREAM of REQUEST_DATA_STREAM -> ids of its messages, as far as the simulator sends them."""
 
 
 class Streams:
@@ -185,18 +184,20 @@ class Streams:
         return self._interval.get(message, -1) if message in self.available else None
 
     def is_too_fast(self, interval: float) -> bool:
-        """Return whether *interval* [us] is denied as too short."""
+        """Return whether *interval* [us] is rejected because it is too short for the loop."""
         return 0.0 < interval * _DENY_SHARE < self._loop_us
 
     def request(self, message: int, interval: float, now_us: int) -> None:
-        """Send *message* every *interval* [us]. 0 selects its default, a negative value switches it off."""
+        """Send *message* every *interval* [us]. 0 selects the message's default interval; a negative value stops the
+        message.
+        """
         if interval == 0.0:
             self._set(message, self._default(message), now_us)
         else:
             self._set(message, int(min(interval, _LONGEST_US)) if interval > 0.0 else -1, now_us)
 
     def due(self, now_us: int) -> Iterator[int]:
-        """Yield the messages due at *now_us*, in a fixed order."""
+        """Yield the ids of the messages due at *now_us* [us], in a fixed order."""
         if now_us < self._soonest:
             return
         for message, when in self._next.items():

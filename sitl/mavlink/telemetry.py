@@ -1,6 +1,6 @@
 """The messages that the vehicle can send, each built from its present state. This module uses MAVLink's units.
 
-PID_TUNING contains the parts of the control loops, with one message per set bit of GCS_PID_MASK.
+PID_TUNING contains the terms of the control loops, with one message per set bit of GCS_PID_MASK.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _HUNDREDTH = 0.01
 
 
 def make_pid_tuning(vehicle: Vehicle) -> Iterable[Message]:
-    """Return the messages requested by GCS_PID_MASK. Values are outdated while a loop does not run."""
+    """Return the PID_TUNING messages requested by GCS_PID_MASK. Values are outdated while a loop does not run."""
     autopilot, mask = vehicle.autopilot, int(vehicle.parameters["GCS_PID_MASK"])
     if isinstance(autopilot, Rover):
         return _rover(autopilot, mask)
@@ -77,7 +77,7 @@ _RC_RECEIVER, _PREARM = 0x10000, 0x10000000
 
 
 def make_heartbeat(vehicle: Vehicle) -> Message:
-    """Return HEARTBEAT."""
+    """Return the HEARTBEAT message of the present state."""
     autopilot = vehicle.autopilot
     base = _CUSTOM_MODE | autopilot.mode.flags | (_ARMED if autopilot.armed else 0)
     status = _CRITICAL if autopilot.failsafe else _ACTIVE if autopilot.armed else _STANDBY
@@ -146,7 +146,9 @@ def _water_pressure(vehicle: Vehicle) -> Message:
 
 
 _NEAREST_CM, _FURTHEST_CM = 10, 1000
-"""Range of the rangefinder [cm]. Beyond it the reported distance is one centimetre more. Project choice."""
+"""Range of the rangefinder [cm]. Beyond the range, the reported distance is one centimetre more than the limit. Project
+choice.
+"""
 _LASER, _AHEAD = 0, 0
 
 

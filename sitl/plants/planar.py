@@ -2,9 +2,9 @@
 Runge-Kutta.
 
 Surge, heave and yaw each obey ``alpha*nudot + beta*nu + beta2*|nu|*nu = force`` (SNAME axes, z down, SI and radians).
-Roll and pitch only follow slightly, unless the hull has a pitch moment of its own. If it sways, surge, sway and yaw are
-also coupled (Fossen2011, section 6.5). A bare hull in open loop (:mod:`sitl.open_loop`) has the same equations, with
-another integrator.
+Roll and pitch only change slightly with the motion, unless the hull has a pitch moment of its own. If it sways, surge,
+sway and yaw are also coupled (Fossen2011, section 6.5). A bare hull in open loop (:mod:`sitl.open_loop`) has the same
+equations, with another integrator.
 """
 
 from __future__ import annotations
@@ -68,7 +68,14 @@ def _advance(a: float, b: float, c: float, nu: float, force: float, dt: float) -
 
 @dataclass(frozen=True, slots=True)
 class PlanarTerm:
-    """A force proportional to a product of velocities. ``row``: 0 X, 1 Y, 2 N. Factors: ``u v r |u| |v| |r|``."""
+    """A force proportional to a product of velocities. ``row``: index of the force, 0 X, 1 Y, 2 N. Factors are of ``u v
+    r u
+
+    v
+
+    r
+    ``.
+    """
 
     row: int
     coefficient: float
@@ -80,7 +87,7 @@ class Coupling:
     """Coupling of the horizontal degrees of freedom.
 
     ``Y_rdot``, ``N_vdot``: off-diagonal inertia (SNAME: minus the matrix' entry); ``coriolis``: whether C(nu) follows
-    from M; ``terms``: everything else.
+    from M; ``terms``: all other forces.
     """
 
     Y_rdot: float = 0.0
@@ -118,7 +125,8 @@ def coupling_of(derivatives: Mapping[str, float], *, coriolis: bool, shared: flo
 
 
 class PlanarHull:
-    """The planar body, a :class:`~sitl.plants.Plant`. ``u v`` are through the water.
+    """A hull that moves in the horizontal plane and dives, a :class:`~sitl.plants.Plant`. ``u v`` are through the
+    water.
 
     Without *sway* dynamics it does not sway: ``v`` stays 0 and ``Y_rdot`` has no effect. A *coupling* connects surge,
     sway and yaw. With *pitch* dynamics it responds to a moment ``M`` against ``pitch.righting`` [N m/rad].
@@ -154,12 +162,12 @@ class PlanarHull:
             self.parameters["pitch.righting"] = righting
 
     def axis(self, dof: str) -> AxisDynamics:
-        """Return the present inertia and drag of a degree of freedom."""
+        """Return the present inertia, linear and quadratic drag of the degree of freedom *dof*."""
         numbers = self.parameters
         return AxisDynamics(numbers[f"{dof}.alpha"], numbers[f"{dof}.beta"], numbers[f"{dof}.beta2"])
 
     def set_axis(self, dof: str, axis: AxisDynamics) -> None:
-        """Set inertia and drag of a degree of freedom."""
+        """Set the inertia, linear and quadratic drag of the degree of freedom *dof*."""
         numbers = self.parameters
         numbers[f"{dof}.alpha"], numbers[f"{dof}.beta"], numbers[f"{dof}.beta2"] = axis.alpha, axis.beta, axis.beta2
 
@@ -171,7 +179,7 @@ class PlanarHull:
         self._coupling = coupling
 
     def specific_force(self) -> tuple[float, float, float]:
-        """Return the mean specific force over the last step [m/s^2], body axes, of a hull held level.
+        """Return the mean specific force over the last step [m/s^2], body axes, of a hull that stays level.
 
         It is the change of the velocity over ground minus gravity, in the axes of the heading at half the step.
         """
@@ -190,7 +198,9 @@ class PlanarHull:
         return c * u - s * v + self.water.V_x, s * u + c * v + self.water.V_y, w
 
     def acceleration(self, u: float, v: float, r: float, wrench: Wrench) -> tuple[float, float, float]:
-        """Return (udot, vdot, rdot) at a velocity under *wrench*."""
+        """Return the accelerations (udot, vdot, rdot) [m/s^2, m/s^2, rad/s^2] at velocity (*u*, *v*, *r*) under
+        *wrench*.
+        """
         p, ties = self.parameters, self._coupling
         X = wrench.X - (p["surge.beta"] + p["surge.beta2"] * abs(u)) * u
         Y = wrench.Y - (p["sway.beta"] + p["sway.beta2"] * abs(v)) * v

@@ -83,7 +83,7 @@ class Plant(Protocol):
 
     @property
     def dofs(self) -> tuple[str, ...]:
-        """The degrees of freedom in which it can move."""
+        """Names of the degrees of freedom in which the body can move."""
 
     def step(self, wrench: Wrench, dt: float) -> None:
         """Advance the state by *dt* [s] under a constant *wrench*."""
@@ -93,7 +93,7 @@ class Plant(Protocol):
 
 
 def measured_speed(state: State, water: Water) -> tuple[float, float]:
-    """Return the speeds ahead and to starboard [m/s] that a speed sensor measures in this *state* and *water*."""
+    """Return the speeds ahead and to starboard [m/s] that a speed sensor measures in *state* and *water*."""
     if not water.over_ground:
         return state.u, state.v
     c, s = math.cos(state.psi), math.sin(state.psi)

@@ -1,4 +1,4 @@
-"""Kinds of plants: what a vehicle file may name as its ``plant``, and how each is made from the file."""
+"""Kinds of plants that a vehicle file may name as its ``plant``, and the functions that make them from the file."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from sitl.plants.plant import Plant, Water
 __all__ = ["PLANTS", "RUDDER", "TWIN_THRUSTER", "make_plant", "values_of"]
 
 Tables = Mapping[str, Any]
-"""A vehicle file: heading -> name -> ``value`` with unit and source."""
+"""Content of a vehicle file: heading -> name -> ``value`` with unit and source."""
 
 RUDDER, TWIN_THRUSTER = "rudder", "twin-thruster"
-"""Actuators of boats. All others are frames of ROVs."""
+"""Names of the two kinds of boat actuators in a vehicle file. All other names are frames of ROVs."""
 
 
 def make_plant(tables: Tables) -> Plant:
@@ -34,7 +34,7 @@ def make_plant(tables: Tables) -> Plant:
 
 
 def planar_hull(tables: Tables) -> PlanarHull:
-    """Return a hull in surge, sway, heave, pitch and yaw, as far as the file has tables for them."""
+    """Return a hull with those of surge, sway, heave, pitch and yaw for which the file has tables."""
     floats = tables["actuators"] in (RUDDER, TWIN_THRUSTER)
     water = Water(bottom=values_of(tables["start"])["bottom"], floats=floats)
     by_propeller = tables["actuators"] == RUDDER
@@ -55,11 +55,11 @@ def planar_hull(tables: Tables) -> PlanarHull:
 
 PLANAR_HULL = "planar-hull"
 PLANTS: dict[str, Callable[[Tables], Plant]] = {PLANAR_HULL: planar_hull}
-"""Name in a vehicle file -> how the plant is made from it. A file without a name has the first one."""
+"""Name in a vehicle file -> function that makes the plant from the file. A file without a name has the first plant."""
 
 
 def values_of(table: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the values of one heading of a vehicle file."""
+    """Return name -> value of one heading of a vehicle file, without units and sources."""
     return {name: entry["value"] for name, entry in table.items()}
 
 

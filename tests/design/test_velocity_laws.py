@@ -182,7 +182,7 @@ def test_a_boat_with_two_thrusters_is_not_scaled_with_speed_and_its_integral_act
     assert np.array_equal(once, again)
     assert law.integral_rate(skid, 0.3) > 0.0
     assert math.isinf(law.integral_rate(gains, 0.3))
-    assert any("two thrusters" in note for note in law.notes(CHARLIE, skid, 1.0))
+    assert any("skid steering" in note for note in law.notes(CHARLIE, skid, 1.0))
     rudder = law.simulate(CHARLIE, gains, Scenario(0.2, 10.0), 5.0, 0.0).position
     assert not np.allclose(rudder, again)
 

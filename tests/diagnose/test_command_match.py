@@ -201,7 +201,8 @@ def test_everything_that_is_wrong_with_the_inputs_is_set_right():
     assert abs(rows["clock offset of 'run'"].given - 3.0) < 0.05
     assert rows["unit of Z"].given == pytest.approx(400.0)
     assert [d.slug for d in found.doubts] == ["commands-exchanged"]
-    assert "its N is X of the run, its X is N of the run" in found.doubts[0].cause
+    assert "N is X of the run" in found.doubts[0].cause
+    assert "X is N of the run" in found.doubts[0].cause
     for name in NAMES:
         assert found.simulations[0][name] is run[name]
 

@@ -134,7 +134,7 @@ def test_a_profile_along_an_exact_ambiguity_stays_open() -> None:
     found = profile(fit(run, SURGE, delay=0.0), run, "k_X")
     assert found.high == np.inf
     assert 0.0 <= found.low < 0.1  # any factor, but no other sign
-    assert "give no bound upwards" in found.words
+    assert "no bound upwards" in found.words
     with pytest.raises(UnknownName):
         profile(fit(run, SURGE, delay=0.0), run, "k_Y")
 

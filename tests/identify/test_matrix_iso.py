@@ -45,7 +45,7 @@ def test_the_closed_heading_loop_needs_three_cycles_by_the_count_of_unknowns() -
 
 def test_too_few_or_equal_cycles_are_refused_with_advice() -> None:
     cycle = balanced_cycle(complex(-0.5, -0.4), 1.0, 0.3)
-    with pytest.raises(NotInformative, match="need 2 limit cycles"):
+    with pytest.raises(NotInformative, match="needs 2 limit cycles"):
         identify_process([cycle], n=2, m=0)
-    with pytest.raises(NotInformative, match="too alike"):
+    with pytest.raises(NotInformative, match="too similar"):
         identify_process([cycle, cycle], n=2, m=1)

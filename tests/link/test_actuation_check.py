@@ -120,7 +120,7 @@ def test_one_that_does_not_is_given_up_after_the_time_to_follow_with_what_is_see
     streamer = Streamer(follows=follows)
     with pytest.raises(PreconditionFailed, match=r"\+5% was sent, RC_CHANNELS shows the overrides, but") as caught:
         twitch(streamer)
-    assert f"({follows * 0.05:+.0%} in MANUAL)" in str(caught.value)
+    assert f"SERVO_OUTPUT_RAW shows {follows * 0.05:+.0%} in MANUAL" in str(caught.value)
     assert FOLLOW_TIMEOUT <= streamer.clock.now() < FOLLOW_TIMEOUT + 0.15
     deaf = Streamer(late=10_000, taken=False)
     with pytest.raises(PreconditionFailed, match="neither RC_CHANNELS nor SERVO_OUTPUT_RAW shows it"):

@@ -624,7 +624,7 @@ def test_outputs_that_do_not_follow_are_found_before_anything_is_flown(boat: Scr
         ),
     )
     said = refused(craft)
-    assert "+5% was sent, RC_CHANNELS shows the overrides, but SERVO_OUTPUT_RAW shows it (+0% in MANUAL)" in said
+    assert "+5% was sent, RC_CHANNELS shows the overrides, but SERVO_OUTPUT_RAW shows +0% in MANUAL" in said
     assert "safety switch" in said
     craft.session.pause(0.1)
     assert boat.overrides == {}

@@ -113,7 +113,7 @@ def test_a_log_of_some_functions_says_how_many_it_holds_and_nothing_of_a_link() 
     store = logged(SERVOS, {"SERVO1_FUNCTION": 26.0, "SERVO2_FUNCTION": 0.0, "ATC_STR_RAT_P": 0.2})
     _, source, (note,) = drive_channels(store)
     assert source == ""
-    assert "the log contains 3 parameters, but only 2 of 8 SERVOn_FUNCTION" in note[1]
+    assert "3 parameters, but only 2 of 8 SERVOn_FUNCTION" in note[1]
     assert "--parameters FILE" in note[2]
     assert not any(word in part for part in note for word in ("link", "answer", "set SERVOn_FUNCTION"))
 

@@ -73,7 +73,7 @@ def test_a_log_of_a_vehicle_that_was_never_armed_says_so(tmp_path: Path, capsys:
     beats(log, 0.0, 30.0, armed=False)
     assert main(["logs", "list", str(log.write(tmp_path / "idle.tlog"))]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "The log contains no run to identify from. The vehicle was never armed." in shown
+    assert "no run to identify from. The vehicle was never armed." in shown
     assert "Timeline: MANUAL; disarmed." in shown
 
 

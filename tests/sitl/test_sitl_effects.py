@@ -448,12 +448,12 @@ def test_columns_can_have_the_wrong_unit_sign_or_label(truth):
         ("dead-zone.wdth=0.1", "no parameter 'wdth'; did you mean width"),
         ("dead-zone", "dead-zone needs width"),
         ("dead-zone.width=wide", "Use SLUG.PARAMETER=NUMBER"),
-        ("dead-zone.width=-1", "the minimum is 0"),
+        ("dead-zone.width=-1", "The minimum is 0"),
         ("dead-zone.width=nan", "finite"),
-        ("actuator-lag.time_constant=0", "the minimum is"),
+        ("actuator-lag.time_constant=0", "The minimum is"),
         ("compass-deviation.B=nan", r"compass-deviation\.B=nan: 'nan' is not a finite number\."),
-        ("compass-deviation.B=5", r"the maximum is 1 rad\. Did you mean 0\.0873 \(5 degrees\)\?"),
-        ("compass-deviation.C=-5", r"the minimum is -1 rad\. Did you mean -0\.0873"),
+        ("compass-deviation.B=5", r"The maximum is 1 rad\. Did you mean 0\.0873 \(5 degrees\)\?"),
+        ("compass-deviation.C=-5", r"The minimum is -1 rad\. Did you mean -0\.0873"),
     ],
 )
 def test_an_effect_that_cannot_be_is_explained(text, said):

@@ -48,9 +48,7 @@ def test_a_straight_run_that_leaves_the_area_by_the_vehicles_own_cruise_is_refus
     tmp_path: Path,
 ) -> None:
     harness = SitlHarness(tmp_path / "own")
-    with pytest.raises(
-        PreconditionFailed, match=r"in the preview the run ends early: .* outside the pond.*\. Nothing was armed$"
-    ):
+    with pytest.raises(PreconditionFailed, match=r"preview .*ends early: .* outside the pond.*\. Nothing was armed$"):
         fly(harness, square(6.0), "steps")
     assert harness.found == ""
     assert any("its cruise speed of 1.2 m/s at 80% throttle" in text for text in harness.said)
@@ -90,4 +88,4 @@ def test_a_fence_that_the_vehicle_does_not_tell_is_mentioned(tmp_path: Path) -> 
     fly(harness, square(400.0), "steps")
     said = " ".join(harness.said)
     assert "FENCE_ENABLE is on, but the vehicle does not report its fence" in said
-    assert "keeping inside the pond: 400 m to its edge" in said
+    assert "inside the pond: 400 m to its edge" in said

@@ -113,7 +113,7 @@ def test_the_log_of_the_run_is_fetched_and_identified_beside_the_telemetry(tmp_p
 
 def test_a_vehicle_that_tells_no_logs_is_refused_before_anything_is_armed(tmp_path: Path) -> None:
     harness = SitlHarness(tmp_path, "charlie")
-    with pytest.raises(PreconditionFailed, match=r"--fetch-log: .* listed only.*Nothing was armed"):
+    with pytest.raises(PreconditionFailed, match=r"--fetch-log: .* did not list its logs.*Nothing was armed"):
         circle(harness)
     assert not any(text.startswith("State before the run: mode") for text in harness.said)
     assert_left(harness)

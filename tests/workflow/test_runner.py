@@ -31,16 +31,13 @@ def test_a_manoeuvre_that_fails_while_this_computer_pauses_is_flown_again() -> N
     said: list[str] = []
     flown = runner_of([0.9], [SLOW, FINE], said).attempt(MANOEUVRE, "sign check")
     assert flown is FINE
-    assert said[0].startswith(
-        "it makes only 0.57 m/s. The cause: this computer paused for 0.9 s without sending commands"
-    )
+    assert said[0].startswith("it makes only 0.57 m/s. ")
+    assert "this computer paused for 0.9 s without sending commands" in said[0]
     assert said[1] == "continuing: sign check is flown again from its start"
 
 
 def test_a_computer_that_pauses_again_and_again_is_the_reason() -> None:
-    with pytest.raises(
-        PreconditionFailed, match=r"0\.57 m/s\. The cause: this computer paused for 0\.7 s .* faster computer"
-    ):
+    with pytest.raises(PreconditionFailed, match=r"0\.57 m/s\. .*this computer paused for 0\.7 s .* faster computer"):
         runner_of([0.7] * 3, [SLOW] * 3, []).attempt(MANOEUVRE, "sign check")
 
 

@@ -139,9 +139,18 @@ def test_another_vehicle_or_firmware_is_not_gone_on_with(
         Earlier(settings(tmp_path)).verify_same_vehicle(craft(here), OWN)
 
 
-@pytest.mark.parametrize("own", [{**OWN, "CRUISE_SPEED": 2.0}, {"ATC_STR_RAT_P": 0.2}, {**OWN, "ATC_STR_RAT_D": 0.0}])
-def test_a_parameter_that_differs_or_is_gone_or_new_is_told(run: Path, tmp_path: Path, own: dict[str, float]) -> None:
-    with pytest.raises(PreconditionFailed, match="parameters have changed"):
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        ({**OWN, "CRUISE_SPEED": 2.0}, "CRUISE_SPEED 1.5 then, 2.0 now"),
+        ({"ATC_STR_RAT_P": 0.2}, "CRUISE_SPEED 1.5 then, absent now"),
+        ({**OWN, "ATC_STR_RAT_D": 0.0}, "ATC_STR_RAT_D absent then, 0.0 now"),
+    ],
+)
+def test_a_parameter_that_differs_or_is_gone_or_new_is_told(
+    run: Path, tmp_path: Path, own: dict[str, float], words: str
+) -> None:
+    with pytest.raises(PreconditionFailed, match=rf"parameters have changed .*\({words}\)"):
         Earlier(settings(tmp_path)).verify_same_vehicle(craft(), own)
 
 
@@ -152,7 +161,7 @@ def test_a_float32_read_back_is_the_same(run: Path, tmp_path: Path) -> None:
 def test_the_way_on_names_what_is_kept_and_is_silent_where_nothing_is(tmp_path: Path) -> None:
     asked = settings(tmp_path)
     told = way_on(asked, ["sign-check", "relay-1", "step-before"], RuntimeError())
-    assert told.startswith("these records of the run can be used again: step-before, relay-1")
+    assert "can be used again: step-before, relay-1. " in told
     assert f"--resume {asked.directory}" in told
     assert way_on(asked, ["sign-check"], RuntimeError()) == ""
     assert set(USED_AGAIN) >= {"step-before", "relay-1"}

@@ -48,10 +48,12 @@ HELD = 0.5
 class LoopPlant(NamedTuple):
     """Data on craft and scenario for the kernels, all floats.
 
-    ``alpha``, ``beta``, ``beta_quadratic``, ``delta``: model of the craft. ``substeps``: integration steps per loop of
-    ``dt`` [s]. ``late``: delay in loops. ``step``: size of the step, which starts at loop ``step_at`` and is reversed
-    at ``back_at``. ``push``: constant force (fraction) from loop ``push_at`` on. ``settled``: constant force that the
-    integral already compensates.
+    - ``alpha``, ``beta``, ``beta_quadratic``, ``delta``: model of the craft.
+    - ``substeps``: integration steps per loop of ``dt`` [s].
+    - ``late``: delay in loops.
+    - ``step``: size of the step, which starts at loop ``step_at`` and is reversed at ``back_at``.
+    - ``push``: constant force (fraction) from loop ``push_at`` on.
+    - ``settled``: constant force that the integral already compensates.
     """
 
     alpha: float

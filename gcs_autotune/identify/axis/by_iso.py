@@ -28,18 +28,23 @@ __all__ = ["METHOD", "fit_by_iso"]
 Array = NDArray[np.float64]
 
 SYSTEMATIC = 0.05
-"""Relative error of the balance of first harmonics. It is the largest in Miskovic2010, Examples 7.1-7.3 and Table 6.2.
+"""Relative error that IS-O makes by balancing first harmonics only, added to the standard errors for linear drag.
+
+Source: the largest error in Miskovic2010, Examples 7.1-7.3 and Table 6.2.
 """
 
 SYSTEMATIC_QUADRATIC = 0.12
-"""Relative error of the balance of first harmonics with quadratic drag, which flattens the velocity. Simulations gave 9
-to 19 %, most for a narrow relay."""
+"""Relative error that IS-O makes by balancing first harmonics only, added to the standard errors for quadratic drag.
+
+Quadratic drag flattens the velocity. Simulations gave 9 to 19 %, most for a narrow relay.
+"""
 
 
 def fit_by_iso(case: Case) -> AxisFit:
-    """Identify *case* by IS-O (identification by self-oscillation).
+    """Return the fit of one degree of freedom in *case* by IS-O (identification by self-oscillation).
 
-    A standard error combines the spread between the limit cycles with :data:`SYSTEMATIC`.
+    A standard error combines the spread between the limit cycles with :data:`SYSTEMATIC`, or with
+    :data:`SYSTEMATIC_QUADRATIC` for quadratic drag.
 
     Raises
     ------

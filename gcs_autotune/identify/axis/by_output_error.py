@@ -1,7 +1,7 @@
-"""The method ``output-error`` for one degree of freedom: an exact fit to the whole record.
+"""The method ``output-error`` for one degree of freedom: an exact maximum-likelihood fit to the whole record.
 
-It starts from IS-O or from a scan over time constants. It adds doubts about residuals, bounds and differences between
-runs.
+The fit starts from IS-O or from a scan over time constants. Doubts are added about residuals, parameters on their
+bounds, and differences between runs.
 """
 
 from __future__ import annotations
@@ -38,21 +38,30 @@ __all__ = ["fit_by_output_error"]
 Array = NDArray[np.float64]
 
 HALF = 0.5
-"""Relative standard error above which a parameter counts as unknown. A fit without any known parameter is rejected."""
+"""Relative standard error above which a parameter counts as unknown. A fit without any known parameter is rejected.
+
+Project choice.
+"""
 
 GOOD_START = 0.05
-"""Fraction of the motion's variance that an IS-O start may leave unexplained. Above it a scan is tried too."""
+"""Largest fraction of the motion's variance that an IS-O start may leave unexplained. Above it, a scan is tried too.
+
+Project choice. A smaller value costs the time of a scan more often.
+"""
 
 SHORTER = (4.0, 8.0, 16.0, 32.0)
-"""Numbers of pieces to try for the longest run if the input does not explain whole runs."""
+"""Numbers of pieces into which the longest run is cut, tried in this order if the input does not explain whole runs.
+
+Project choice.
+"""
 
 
 def fit_by_output_error(case: Case) -> AxisFit:
     """Fit *case* by output error.
 
     Over whole runs a slowly varying force accumulates until no model follows the motion. If the input does not explain
-    whole runs, they are cut into pieces. The fit uses the longest pieces that the input explains, each with its own
-    initial state. A doubt reports this.
+    whole runs, they are cut into pieces. The fit uses the longest pieces whose motion the input explains. Each piece
+    has its own initial state. A doubt reports that the runs were cut.
 
     Raises
     ------

@@ -1,17 +1,20 @@
-"""Decide which drag structure the record supports, and how much the decision adds to the standard errors.
+"""Decide which drag structure the record supports, and how much this decision adds to the standard errors.
 
-The evidence is the Bayesian information criterion. Its likelihood is tempered by the residuals' correlation time ``k``
-(``-2 log L / k + p log(n/k)``, the quasi-likelihood correction). Without that, coloured residuals would make any extra
-parameter look certain. The thresholds follow Kass1995: below 2 is undecided, 6 is strong, 10 is very strong.
+The criterion is the Bayesian information criterion (BIC) ``-2 log L / k + p log(n/k)``. ``k`` is the correlation time
+of the residuals in samples (a quasi-likelihood correction), ``p`` the number of parameters, ``n`` that of samples.
+Without the division by ``k``, coloured residuals would make any extra parameter look certain. The thresholds follow
+Kass1995: a difference below 2 is undecided, 6 is strong evidence, 10 is very strong evidence.
 
 The structure with both drags ("affine") contains each single drag as a special case. If the record does not decide, the
 simpler structure is kept. Its single drag then includes part of the other drag. For example, a little quadratic drag
 makes ``beta`` of a linear model too large by many standard errors. The standard errors are therefore raised, unless the
 second drag is less than one standard error above zero. The raised value is ``std**2 = sum_k w_k (std_k**2 + (theta_k -
 theta)**2)``, summed over both structures. The weights are ``w_k ~ exp(-AIC_k/2)`` (Buckland1997), in the squared form
-of Burnham2002, section 4.3. The weights use Akaike's criterion (AIC), whereas the choice uses the Bayesian one. The
-choice asks whether a term improves the model. The weights ask whether omitting it causes an error. If affine is chosen,
-no standard error is raised, because its estimates are unbiased even if one drag is zero.
+of Burnham2002, section 4.3.
+
+The weights use Akaike's criterion (AIC), whereas the choice uses the Bayesian one. The choice asks whether a term
+improves the model. The weights ask whether omitting the term causes an error. If affine is chosen, no standard error is
+raised, because its estimates are unbiased even if one drag is zero.
 """
 
 from __future__ import annotations
@@ -32,11 +35,13 @@ __all__ = ["UNDECIDED", "choose", "craft_covariance", "damps", "disadvantage", "
 Array = NDArray[np.float64]
 
 DRAG = ("a", "c")
-"""Names of the linear and the quadratic drag parameter."""
+"""Names of the linear and the quadratic drag parameter in :class:`.form.Explicit`."""
 
 UNDECIDED = 2.0
-"""Difference of the criterion below which the structure is undecided. The simpler one is then kept, or the linear one
-of two equally simple ones. The value follows Kass1995."""
+"""Difference of the information criterion below which the choice of the drag structure is undecided (Kass1995).
+
+The simpler structure is then kept. Of two equally simple structures, the linear one is kept.
+"""
 
 
 def choose(
@@ -59,7 +64,7 @@ def choose(
 
 
 def disadvantage(solution: Solution, rival: Solution, correlation: float, penalty: float) -> float:
-    """Return by how much the criterion of *rival* is larger than that of *solution*.
+    """Return by how much the information criterion of *rival* exceeds that of *solution*.
 
     *penalty* is the cost of one parameter (2 in Akaike's criterion).
     """
@@ -70,7 +75,10 @@ def disadvantage(solution: Solution, rival: Solution, correlation: float, penalt
 def possible_second_drag(
     chosen: Structure, solutions: Mapping[Structure, Solution], correlation: float
 ) -> Solution | None:
-    """Return the affine solution if a single drag was chosen and the other is possible, else None."""
+    """Return the affine solution if a single drag was *chosen* and a second drag is possible, else None.
+
+    A second drag is possible if both fitted drags are positive and Akaike's criterion does not exclude the second one.
+    """
     rival = solutions.get("affine")
     if chosen == "affine" or rival is None:
         return None
@@ -80,10 +88,10 @@ def possible_second_drag(
 
 
 def craft_covariance(solution: Solution, rival: Solution | None, correlation: float) -> Array:
-    """Return the covariance (5, 5) of (alpha, beta, beta_quadratic, delta, delay), zero for fixed parameters.
+    """Return the covariance (5, 5) of (alpha, beta, beta_quadratic, delta, delay), with zero rows for fixed parameters.
 
-    rival : solution with another structure that the record does not exclude. Parameters in both solutions get the
-        standard error given in the module's docstring. Correlations are unchanged.
+    rival : solution with another structure that the record does not exclude, or None. Parameters in both solutions get
+        the standard error given in the module's docstring. Correlations are unchanged.
 
     correlation : correlation time of the residuals [samples].
     """
@@ -101,7 +109,7 @@ def craft_covariance(solution: Solution, rival: Solution | None, correlation: fl
 
 
 def damps(solution: Solution) -> bool:
-    """Return whether no drag is negative by more than two standard errors."""
+    """Return whether neither the linear nor the quadratic drag is negative by more than two standard errors."""
     return all(solution.value(n) >= -2.0 * std_of(solution, n, raised=False) for n in DRAG)
 
 

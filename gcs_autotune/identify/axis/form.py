@@ -38,8 +38,10 @@ __all__ = [
 Array = NDArray[np.float64]
 
 Structure = Literal["linear", "nonlinear", "affine"]
-"""Names as in Miskovic2010: ``linear`` = linear damping, ``nonlinear`` = quadratic damping (``|nu| nu``), ``affine`` =
-both."""
+"""Names of the drag structures, as in Miskovic2010.
+
+``linear`` = linear damping, ``nonlinear`` = quadratic damping (``|nu| nu``), ``affine`` = both.
+"""
 
 FREE: Mapping[Structure, tuple[bool, bool, bool, bool]] = {
     "linear": (True, True, False, True),
@@ -56,7 +58,7 @@ SIGNS = (-1.0, -1.0, -1.0, 1.0, 1.0)
 
 
 def structure_of(name: str) -> Structure:
-    """Return the drag structure called *name*.
+    """Return the drag structure called *name* as a :data:`Structure`.
 
     Raises
     ------
@@ -80,7 +82,7 @@ class Explicit(NamedTuple):
 
     @classmethod
     def of(cls, model: SingleDof) -> Explicit:
-        """Return the explicit parameters of *model*, whose inertia must not be zero."""
+        """Return the explicit parameters of *model*. The inertia of *model* must not be zero."""
         return cls(*explicit_parameters(model))
 
     @property
@@ -91,14 +93,14 @@ class Explicit(NamedTuple):
 
     @property
     def physical_slopes(self) -> Array:
-        """Derivatives (5, 5) of the physical parameters by the explicit ones."""
+        """Jacobian (5, 5): derivatives of the physical parameters by the explicit ones."""
         b, a, c, d, _ = self
         G = np.diag([-1.0 / b**2, 1.0 / b, 1.0 / b, 1.0 / b, 1.0])
         G[1:4, 0] = [-a / b**2, -c / b**2, -d / b**2]
         return G
 
     def model(self, dof: Dof, input_unit: str) -> SingleDof:
-        """Return the model of *dof* in physical parameters."""
+        """Return the model of *dof* in physical parameters, with the input in *input_unit*."""
         return SingleDof(dof.name, input_unit, *self.physical.tolist())
 
     def later(self, seconds: float) -> Explicit:
@@ -110,8 +112,8 @@ class Explicit(NamedTuple):
 class ExplicitForm(Form):
     """Form of one degree of freedom whose parameters are those of :class:`Explicit`.
 
-    The exact kernel of :mod:`..models.simulation` simulates it. The motion is nearly linear in these parameters. Limits
-    on rates are limits on single parameters.
+    The exact kernel of :mod:`..models.simulation` simulates the form. The motion is nearly linear in these parameters.
+    A limit on a drag rate is a limit on a single parameter.
     """
 
     def __post_init__(self) -> None:
@@ -124,8 +126,9 @@ class ExplicitForm(Form):
 
 
 def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bool, delay: float | None = 0.0) -> Form:
-    """Return the form of one axis.
+    """Return the form of one degree of freedom with the drag *structure* and the input *input_name*.
 
+    normalised : whether the input is a fraction of full output (unit 1).
     delay : fixed value [s]. 0 omits the delay, None makes it a free parameter.
     """
     names = dof.derivative_names()
@@ -144,10 +147,7 @@ def axis_form(dof: Dof, input_name: str, structure: Structure, *, normalised: bo
 
 
 def as_extended(axis: SingleDof) -> ExtendedModel:
-    """Return a model of one degree of freedom as a coupled model with effects.
-
-    Its delay becomes the effect ``input-delay``.
-    """
+    """Return *axis* as a coupled model with effects, in which its delay is the effect ``input-delay``."""
     dof = axis.axis
     channel = "delta" if axis.input_unit == "rad" else dof.force
     structure: Structure = "affine" if axis.beta_quadratic else "linear"

@@ -1,4 +1,4 @@
-"""Compare the runs of a fit of one axis: estimate each apart from the others, with the chosen structure."""
+"""Compare the runs of a fit of one axis: fit each run alone with the chosen structure, and find runs that differ."""
 
 from __future__ import annotations
 
@@ -20,18 +20,23 @@ from gcs_autotune.trial import Trial
 __all__ = ["RunComparison", "compare_runs"]
 
 RUN_SPREAD, RUN_SIGMA = 0.10, 4.0
-"""Limits (fraction, standard errors) for the difference of a run's parameter from the common one. Runs disagree if both
-are exceeded."""
+"""Limits for the difference of one run's parameter from the common value, as a fraction and in standard errors.
+
+Runs disagree if both limits are exceeded. Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class RunComparison:
-    """How the runs of a fit differ.
+    """Result of the comparison of the runs of a fit.
 
-    ``outliers``: runs whose parameters differ from the others. ``lacks_term``: whether the model does not explain most
-    runs down to noise, so that outliers are no sign of another craft. ``moved_too``, ``option``: other motions of the
-    craft, and the value of ``--dof`` that includes them. ``other_inertia``: without outliers, runs whose inertia,
-    fitted separately, differs from the common one.
+    - ``outliers``: runs whose parameters differ from those of the other runs.
+    - ``lacks_term``: whether the residuals of most runs exceed the noise. The model then lacks a term, and ``outliers``
+      do not indicate another craft.
+    - ``moved_too``: other degrees of freedom in which the craft moved.
+    - ``option``: value of ``--dof`` that includes ``moved_too``.
+    - ``other_inertia``: names of runs whose inertia, fitted separately, differs from the common one. It is empty if
+      there are outliers.
     """
 
     outliers: tuple[OutlierRun, ...] = ()
@@ -42,7 +47,7 @@ class RunComparison:
 
 
 def compare_runs(chosen: Selection, names: Sequence[str], bounds: Bounds) -> RunComparison:
-    """Compare the runs called *names* with each other. All are fitted with the chosen drag structure."""
+    """Return the comparison of the runs called *names*, each fitted with the chosen drag structure."""
     stretches = [[i for i, r in enumerate(chosen.records) if r.run == name] for name in names]
     craft = [chosen.solution.form.parameters.index(n) for n in chosen.solution.free if n in ("b", "a", "c")]
     by_itself: list[Solution] = []

@@ -41,23 +41,26 @@ from gcs_autotune.models import simulate_explicit
 __all__ = ["KINDS", "VelocityConsistency", "agreement", "first_names", "objection", "wanted_names"]
 
 KINDS = ("position", "velocity")
-"""Kinds of signal that ``use`` accepts."""
+"""Kinds of signal that the option ``use`` accepts."""
 
 GAIN, LAG, BIAS, COLOUR = 0.02, 0.1, 0.02, 0.2
-"""Limits within which a velocity is added to the fit.
+"""Limits within which a measured velocity is added to the fit.
 
-They are the gain error, the lag [sampling steps], the bias [fraction of rms] and the autocorrelation. Within these
-limits no parameter changes by more than about 2 %.
+They are the gain error [1], the lag [sampling steps], the bias [fraction of rms] and the autocorrelation of the errors.
+Within these limits no parameter changes by more than about 2 %.
 """
 
 SURELY = 3.0
-"""Standard errors above which a scale error, lag or bias is significant."""
+"""Number of standard errors above which a scale error, lag or bias is significant.
+
+Project choice: a false alarm in 0.3 % of cases.
+"""
 
 
 def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the signals that the user chose.
+    """Return the names of the signals that the user chose for the fit.
 
-    use : names (``("psi", "r")``) or kinds (``("position",)``).
+    use : names of signals (``("psi", "r")``) or their kinds (``("position",)``).
 
     Raises
     ------
@@ -81,9 +84,9 @@ def wanted_names(records: Sequence[Segment], use: Sequence[str]) -> tuple[str, .
 
 
 def first_names(records: Sequence[Segment]) -> tuple[str, ...]:
-    """Return the signals of the first fit.
+    """Return the names of the signals of the first fit: the position, or else the velocity.
 
-    Position and velocity are both used only if no single one is present in all runs.
+    Both names are returned if neither of the two signals is present in all runs.
     """
     axis = records[0].dof
     prefer = (axis.velocity, axis.position) if axis.along_ground else (axis.position, axis.velocity)
@@ -94,11 +97,11 @@ def first_names(records: Sequence[Segment]) -> tuple[str, ...]:
 
 
 def objection(records: Sequence[Segment], solution: Solution) -> str:
-    """Return the reason why velocities must not be added to the fit, or an empty text.
+    """Return the reason why measured velocities must not be added to the fit, or an empty text if there is none.
 
-    A scale error, lag or bias counts if it exceeds its limit and three standard errors. These include the errors of the
-    position's fit (:func:`gcs_autotune.identify.axis.signals.agreement`). If the model misses the position but the
-    sensors agree, the model causes the scale error or lag.
+    A scale error, lag or bias is a reason if it exceeds its limit and three standard errors. The standard errors
+    include those of the fit to the position (:func:`gcs_autotune.identify.axis.signals.agreement`). If the model does
+    not reproduce the position but the sensors agree, the model causes the scale error or lag. It is then no reason.
     """
     for record in records:
         if record.velocity is None:
@@ -123,7 +126,7 @@ def objection(records: Sequence[Segment], solution: Solution) -> str:
 
 
 SLOW = 0.25
-"""Fraction of the craft's time constant below which a lag between two sensors is negligible."""
+"""Fraction of the craft's time constant below which a lag between two sensors is negligible. Project choice."""
 
 
 def _sensors_agree(record: Segment, solution: Solution) -> bool:
@@ -150,9 +153,12 @@ Array = NDArray[np.float64]
 class VelocityConsistency:
     """Differences between the measured velocities and the fitted motion.
 
-    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s]. ``std``: their standard errors, including those of the fit.
-    ``rms`` [rad/s or m/s]: of the fitted motion. ``step`` [s]: sampling interval of the densest velocity. ``errors``:
-    per stretch, after correction of the motion by velocity and position together.
+    ``gain`` [1], ``lag`` [s] and ``bias`` [rad/s or m/s].
+
+    - ``std``: their standard errors, including those of the fit.
+    - ``rms`` [rad/s or m/s]: of the fitted motion.
+    - ``step`` [s]: sampling interval of the densest velocity.
+    - ``errors``: per stretch, after correction of the motion by velocity and position together.
     """
 
     gain: float
@@ -168,9 +174,10 @@ class VelocityConsistency:
 class _Compared:
     """Comparison of one stretch.
 
-    ``error`` (n,): measured minus simulated velocity. ``nu``, ``acceleration`` (n,): simulated motion. ``J`` (n,
-    packed): derivatives by the vector of the fit. ``shifts`` (n, k): derivatives by the uncertain stamps of the input,
-    times their uncertainty.
+    - ``error`` (n,): measured minus simulated velocity.
+    - ``nu``, ``acceleration`` (n,): simulated motion.
+    - ``J`` (n, packed): derivatives by the vector of the fit.
+    - ``shifts`` (n, k): derivatives by the uncertain stamps of the input, times their uncertainty.
     """
 
     error: Array
@@ -182,7 +189,7 @@ class _Compared:
 
 
 def agreement(records: Sequence[Segment], solution: Solution) -> VelocityConsistency | None:
-    """Compare the velocity of every record with *solution*, a fit to the positions alone.
+    """Return how the measured velocities of all records differ from *solution*, a fit to the positions alone.
 
     Return None if the simulation diverges.
     """

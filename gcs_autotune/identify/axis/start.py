@@ -25,35 +25,42 @@ __all__ = ["DELAYS", "Bounds", "bounds_of", "misfit", "start_from_cycles", "star
 Array = NDArray[np.float64]
 
 POINTS = 14
-"""Number of time constants tried. They are half an octave apart from 0.05 to 60 s, so that Gauss-Newton converges from
-the nearest one."""
+"""Number of time constants that the scan tries, evenly spaced in their logarithm.
+
+They are half an octave apart from 0.05 to 60 s, so that Gauss-Newton converges from the nearest one.
+"""
 
 SLOWEST = 60.0
-"""Longest time constant that the scan tries [s]."""
+"""Longest time constant that the scan tries [s]. Project choice.
+"""
 
 FASTEST = 50.0
-"""Largest drag rate fitted [1/s]. No hull responds within 20 ms."""
+"""Largest drag rate that is fitted [1/s]. No hull responds within 20 ms."""
 
 DELAYS = (0.0, 0.3)
-"""Delays that the scan tries [s]. If only zero were tried, a long delay could hide the time constant."""
+"""Delays that the scan tries [s]. Project choice.
+
+If only zero were tried, a long delay could be mistaken for a long time constant.
+"""
 
 SAMPLES = 400
-"""Maximum number of samples per stretch in the scan, which is enough for a start."""
+"""Maximum number of samples per stretch in the scan. Project choice: start values need no more accuracy."""
 
 LONGEST_DELAY = 2.0
-"""Longest delay fitted [s]. A telemetry link with a longer delay is faulty."""
+"""Longest delay that is fitted [s]. A telemetry link with a longer delay is faulty."""
 
 
 LINEAR = [Explicit._fields.index(n) for n in ("b", "d")]
-"""Indices of the parameters in which the motion is linear at a fixed rate and delay."""
+"""Indices in :class:`.form.Explicit` of the parameters in which the motion is linear at a fixed rate and delay."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Limits of what the sampling can resolve.
+    """Largest drag rates and the largest delay that the sampling can resolve.
 
-    ``rate`` [1/s]: largest drag rate, for ``a`` and for ``c`` at the typical velocity ``speed`` [rad/s or m/s].
-    ``delay`` [s]: the largest delay.
+    - ``rate`` [1/s]: largest drag rate. It applies to ``a``, and to ``c`` times the typical velocity.
+    - ``delay`` [s]: largest delay.
+    - ``speed`` [rad/s or m/s]: typical velocity.
     """
 
     rate: float
@@ -62,15 +69,16 @@ class Bounds:
 
     @property
     def limits(self) -> Limits:
-        """Limits of the explicit parameters."""
+        """Lower and upper limits of the explicit parameters ``a``, ``c`` and ``delay``."""
         steep = self.rate / self.speed
         return Limits({"a": -self.rate, "c": -steep, "delay": 0.0}, {"a": self.rate, "c": steep, "delay": self.delay})
 
 
 def bounds_of(records: Sequence[Segment]) -> Bounds:
-    """Return the limits of what the sampling resolves.
+    """Return the largest drag rate and delay that the sampling of *records* resolves.
 
-    Time constants down to a fifth of a sampling step are allowed, and delays within the run.
+    Time constants down to a fifth of a sampling step are allowed. Delays are limited to a tenth of the longest record
+    and to :data:`LONGEST_DELAY`.
     """
     step = min(float(np.median(np.diff(r.main.t))) for r in records)
     length = max(float(r.main.t[-1] - r.main.t[0]) for r in records)
@@ -88,7 +96,7 @@ def _speed(record: Segment) -> float:
 
 
 def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Explicit | None:
-    """Return parameters with linear drag from the mean of the valid IS-O estimates, or None without one."""
+    """Return start values with linear drag, from the mean of the valid IS-O *estimates*, or None if none is valid."""
     usable = [e for e in estimates if e.cycle.valid and e.alpha != 0.0] or [e for e in estimates if e.alpha != 0.0]
     if not usable:
         return None
@@ -101,7 +109,7 @@ def start_from_cycles(estimates: Sequence[IsoEstimate]) -> Explicit | None:
 
 
 def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence[float] = DELAYS) -> Explicit:
-    """Return parameters with linear drag from a scan over rates and *delays* [s].
+    """Return start values with linear drag: the best of a scan over drag rates and *delays* [s].
 
     Raises
     ------
@@ -121,7 +129,7 @@ def start_from_scan(records: Sequence[Segment], bounds: Bounds, delays: Sequence
 
 
 def misfit(records: Sequence[Segment], numbers: Explicit) -> float:
-    """Return the sum of squared residuals at the ``a`` and ``delay`` of *numbers*.
+    """Return the sum of squared residuals for the drag rate ``a`` and the ``delay`` of *numbers*.
 
     All other parameters are fitted by linear least squares.
     """

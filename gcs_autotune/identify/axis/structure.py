@@ -29,12 +29,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:
-    """The chosen structure and the fits it was chosen from.
+    """The chosen drag structure, and the fits from which it was chosen.
 
-    ``solutions``: fit per structure. ``correlation``: correlation time of the residuals [samples]. ``undecided``:
-    whether the choice was close. ``records``: the fitted ones, without their start if there is a delay. ``with_delay``:
-    the fit with a delay that was tried, whether kept or not. ``rival``: the fit of both drags if the record does not
-    exclude it.
+    - ``structure``, ``solution``: the chosen structure and its fit.
+    - ``solutions``: fit per structure.
+    - ``correlation``: correlation time of the residuals [samples].
+    - ``undecided``: whether the choice was close.
+    - ``records``: the fitted records. If there is a delay, their beginning is left out.
+    - ``with_delay``: the fit with a delay that was tried, whether the delay was kept or not.
+    - ``rival``: the fit with both drags if the record does not exclude it, else None.
     """
 
     structure: Structure
@@ -60,13 +63,13 @@ def select(
     *,
     robust: bool = False,
 ) -> Selection:
-    """Fit the candidate structures and choose one.
+    """Fit the candidate drag structures, with and without a delay, and return the chosen one with all fits.
 
     Parameters
     ----------
-    structure : the only one to fit; None compares all three.
+    structure : the only structure to fit. None compares all three.
     delay : fixed value [s]. None fits one and keeps it only if the evidence is strong.
-    decision : the two-experiment decision, used if the evidence is not clear.
+    decision : the two-experiment decision, used if the fits do not decide clearly.
 
     Raises
     ------
@@ -114,9 +117,9 @@ class _Fitter:
     quanta: Mapping[str, float]
 
     def fit(self, structure: Structure, begin: Explicit, with_delay: bool, near: Solution | None) -> Solution | None:
-        """Fit from *begin*, converted to *structure*.
+        """Return the fit of *structure*, which starts at *begin*, or None if it fails.
 
-        near : solution with the initial states and noise levels to start from, if given.
+        near : solution whose initial states and noise levels are used as start values, or None.
         """
         free = [n for n, on in zip(Explicit._fields, (*FREE[structure], with_delay), strict=True) if on]
         segments = [r.only(self.names) for r in self.records]
@@ -134,7 +137,7 @@ class _Fitter:
         )
 
     def must_fit(self, structure: Structure, begin: Explicit) -> Solution:
-        """Fit with the delay of *begin*; raise NotInformative if no start can be simulated.
+        """Return the fit of *structure* with the delay of *begin*; raise NotInformative if no start can be simulated.
 
         A fit of both drags starts from the better fit of a single drag. From other starts the two drags may diverge
         with opposite signs.
@@ -154,7 +157,7 @@ class _Fitter:
         return found
 
     def without(self, seconds: float) -> _Fitter:
-        """Return a fitter for the records without their first *seconds*."""
+        """Return a fitter for the same records without their first *seconds* [s]."""
         return replace(self, records=[r.after(seconds) for r in self.records])
 
 

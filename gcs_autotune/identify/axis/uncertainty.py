@@ -14,14 +14,14 @@ Array = NDArray[np.float64]
 
 
 def numbers_of(solution: Solution) -> Explicit:
-    """Return the fitted explicit parameters of one degree of freedom."""
+    """Return the explicit parameters of *solution*, a fit of one degree of freedom."""
     return Explicit(*solution.theta.tolist())
 
 
 def physical_covariance(solution: Solution, *, raised: bool = True) -> Array:
-    """Return the covariance (5, 5) of the physical parameters.
+    """Return the covariance (5, 5) of the physical parameters, zero for those not fitted.
 
-    Arguments are those of :func:`explicit_covariance`.
+    raised : whether to include the effect of coloured residuals.
     """
     G = numbers_of(solution).physical_slopes
     transformed: Array = G @ explicit_covariance(solution, raised=raised) @ G.T
@@ -29,7 +29,10 @@ def physical_covariance(solution: Solution, *, raised: bool = True) -> Array:
 
 
 def std_of(solution: Solution, name: str, *, raised: bool = True) -> float:
-    """Return the standard error of one explicit parameter, 0 if it was not fitted."""
+    """Return the standard error of the explicit parameter *name*, or 0 if it was not fitted.
+
+    raised : whether to include the effect of coloured residuals.
+    """
     if name not in solution.free:
         return 0.0
     at = solution.free.index(name)

@@ -1,4 +1,4 @@
-"""The method ``global``: two different global optimisers on the same cost, the better one polished by output error.
+"""The method ``global``: two global optimisers with the same cost, and output error from the better of the two results.
 
 Source: Erunsal2017, section 3.4. One optimiser is differential evolution (Storn1997). The other samples the box evenly
 and descends from its best samples with exact derivatives. Both simulate whole runs from the smoothed first states. The
@@ -41,20 +41,28 @@ __all__ = ["METHOD", "OPTIONS", "Box", "Searched", "box_of", "fit_by_global_sear
 Array = NDArray[np.float64]
 
 WIDTH = 4.0
-"""Half-width of the box. The unit is the value of a parameter at which its term is as large as the known forces."""
+"""Half-width of the search box, in units of a parameter's scale. Project choice.
+
+The scale of a parameter is the value at which its term is as large as the known forces.
+"""
 
 MOST_RUNAWAY = 50.0
 """Cost per sample assigned to a diverging motion. It is higher than any cost of a simulation that does not diverge."""
 
 PATIENCE = 15
-"""Maximum number of integration steps per stamp. Models that need more are too stiff for the sampling and are rejected.
+"""Maximum number of integration steps per stamp. Project choice.
+
+A model that needs more is too stiff for the sampling and is rejected.
 """
 
 SHARE_SAMPLED = 0.5
-"""Fraction of the multi-start's budget spent on evenly spread samples. The descents get the rest."""
+"""Fraction of the multi-start optimiser's budget that is spent on evenly spread samples. Project choice.
+
+The descents from the best samples get the rest of the budget.
+"""
 
 DESCENTS, TRIALS = 6, 20
-"""Number of best samples from which a descent starts, and maximum number of trials of each descent."""
+"""Number of best samples from which a descent starts, and maximum number of trials of each descent. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,9 +76,12 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Searched:
-    """Result of the better of two searches.
+    """Result of the better of the two global optimisers.
 
-    ``theta`` (p,): parameters. ``winner``: name of the optimiser. ``costs``, ``evaluations``: by name of the optimiser.
+    - ``theta`` (p,): parameters.
+    - ``winner``: name of the better optimiser.
+    - ``costs``: name of the optimiser -> its lowest cost (minus twice the log-likelihood).
+    - ``evaluations``: name of the optimiser -> number of simulations of all records.
     """
 
     theta: Array
@@ -80,14 +91,14 @@ class Searched:
 
     @property
     def margin(self) -> float:
-        """Difference between the costs of both optimisers (minus twice the log-likelihood)."""
+        """Difference between the lowest costs of the two optimisers (minus twice the log-likelihood), at least 0."""
         return max(self.costs.values()) - min(self.costs.values())
 
 
 def box_of(ground: InitialGuess, limits: Limits) -> Box:
-    """Return a wide search box for the free parameters.
+    """Return a wide search box for the free parameters of the form in *ground*, cut to *limits*.
 
-    Its size follows from the forces and motions. Inertia is positive. The box is cut to *limits*.
+    The size of the box follows from the forces and motions in the runs. Inertia is positive.
     """
     form, scales = ground.form, dict(zip(ground.regression.names, ground.regression.scales, strict=True))
     speed = max(float(np.max(np.abs(m.X))) for m in ground.motions)
@@ -147,7 +158,7 @@ class _Cost:
         )
 
     def theta(self, values: Array) -> Array:
-        """Return all parameters (p,), with the free ones at *values*."""
+        """Return all parameters (p,) of the form, with the free ones set to *values*."""
         return self.objective.unpack(values)[0]
 
     def __call__(self, values: Array) -> float:
@@ -226,10 +237,10 @@ def _descended(cost: _Cost, start: Array, box: Box) -> Array:
 
 
 BUDGET = 150
-"""Default budget of both searches together: simulations of all records per free parameter."""
+"""Default budget of both searches together: number of simulations of all records per free parameter. Project choice."""
 
 LEAST = 50
-"""Smallest budget that is accepted [simulations of all records]. A smaller one raises UsageError."""
+"""Smallest budget that is accepted [simulations of all records]. A smaller one raises UsageError. Project choice."""
 
 OPTIONS = (
     *LIMIT_OPTIONS,
@@ -240,14 +251,14 @@ OPTIONS = (
 
 
 def fit_by_global_search(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* from the better of two global searches.
+    """Return the fit of *case* that starts at the better result of two global searches.
 
     An unknown delay counts as zero unless it is free in the form. Start values of the form are not used. The local fit
     from the regression's start is kept if it is better.
 
     ``extra["search"]`` contains the winning optimiser, its margin in minus twice the log-likelihood, and the number of
-    simulations of each. It also contains the gain in log-likelihood over the local fit. A negative gain means that the
-    local fit was kept.
+    simulations of each optimiser. It also contains the gain in log-likelihood over the local fit. A negative gain means
+    that the local fit was kept.
 
     Raises
     ------

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def fit_coupled_by_output_error(case: Case) -> Fit[CoupledModel]:
-    """Fit *case* by output error, with a delay if the evidence is strong.
+    """Return the output-error fit of *case*, with a delay if the evidence for one is strong.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def _finished(chosen: Delayed, limits: Limits, *, robust: bool) -> Delayed:
 
 
 def with_known_delay(form: Form, delay: float | None) -> Form:
-    """Return *form* with the delay fixed at this value [s].
+    """Return *form* with its delay fixed at *delay* [s], or unchanged if *delay* is None.
 
     A zero delay is added only if the form has a delay parameter.
     """
@@ -92,7 +92,7 @@ def outcome(
 ) -> Fit[CoupledModel]:
     """Return the :class:`Fit` of *chosen* with its doubts.
 
-    extra : entries to add to those of the solution.
+    extra : entries to add to ``Fit.extra``.
     """
     solution, records = chosen.local.solution, chosen.local.records
     form = solution.form

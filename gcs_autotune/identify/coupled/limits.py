@@ -21,19 +21,17 @@ OPTIONS = (
 """Options of ``fit`` that set limits, with a line of help each."""
 
 LONGEST_DELAY = 3.0
-"""Longest delay and longest lag [s] that are searched. A craft with more should be repaired first."""
+"""Longest delay and longest lag that are searched [s]. A craft with a longer one should be repaired first."""
 
 SHORTEST_LAG = 0.1
-"""Shortest lag that is fitted, in sampling steps. The samples do not show a shorter one."""
+"""Shortest lag that is fitted [sampling steps]. The samples do not show a shorter one. Project choice."""
 
 
 def limits_of(form: Form, case: Case) -> Limits:
-    """Return the limits of the parameters of *form*.
+    """Return the lower and upper limits of the free parameters of *form*.
 
     Raises
-    ------
-    UsageError
-        Bounds of a parameter that is not free, or bounds in the wrong order.
+    ------ UsageError The user's bounds are for a parameter that is not free, or are in the wrong order.
     """
     step = min(float(np.median(np.diff(s.t))) for r in case.records for s in r.signals.values())
     limits = Limits({"delay": 0.0, "lag": SHORTEST_LAG * step}, {"delay": LONGEST_DELAY, "lag": LONGEST_DELAY})

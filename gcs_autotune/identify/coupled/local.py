@@ -25,30 +25,39 @@ __all__ = ["Delayed", "LocalFit", "fit_with_delay", "local_fit"]
 Array = NDArray[np.float64]
 
 GOOD = 2.0
-"""Noise of a fit, in multiples of each signal's roughness, below which no other start is tried."""
+"""Noise of a fit, in multiples of each signal's roughness, below which no other start is tried. Project choice."""
 
 HOPELESS = 10.0
-"""Misfit of a signal, in multiples of its noise, above which a fit counts as failed. Short pieces are then fitted."""
+"""Noise of a fit, in multiples of each signal's initial noise level, above which the fit counts as failed.
+
+The runs are then cut into short pieces, and these are fitted. Project choice.
+"""
 
 SKETCH = Effort(15, exact=False, astray=HOPELESS)
-"""Effort for the fit from each start. Only the best of these fits is continued until it converges."""
+"""Effort for the first fit from each start. Only the best of these fits is continued until it converges."""
 
 MISFIT = Effort(25, exact=False)
-"""Effort for the final fit if its residual is far above the noise. More accuracy is useless if the model misses a term.
+"""Effort for the final fit if its residual is far above the noise.
+
+More accuracy is useless if the model lacks a term.
 """
 
 PATIENT = Effort(25, exact=False)
-"""Effort for the fit from each start if only whole runs are allowed. The fit then continues whatever its residual."""
+"""Effort for the fit from each start if the user allows whole runs only. The fit then continues whatever its residual.
+"""
 
 BETTER = 3.0
-"""Factor by which the misfit of short pieces must be smaller than that of whole runs."""
+"""Factor by which the misfit of short pieces must be smaller than that of whole runs. Project choice.
+
+Otherwise the fit over whole runs is kept.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalFit:
     """A fit and the records it used.
 
-    ``pieces``: whether the records were cut, because no fit over whole runs succeeded.
+    ``pieces``: whether the records were cut into pieces, because no fit over whole runs succeeded.
     """
 
     solution: Solution
@@ -57,11 +66,11 @@ class LocalFit:
 
 
 def local_fit(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool, whole: bool = False) -> LocalFit:
-    """Fit *form* from several starts until one explains the records down to noise.
+    """Return a fit of *form* that explains the records down to noise, or else the best fit.
 
-    If none does, return the best fit. A free run may diverge from the measured one because the craft is unstable, runs
-    are of different craft, or a term is missing. The cost then has no useful minimum. The records are cut into short
-    pieces, each with its own initial state, unless *whole* runs are required.
+    The fit is tried from several starts. A free run may diverge from the measured one because the craft is unstable,
+    runs are of different craft, or a term is missing. The cost then has no useful minimum. The records are then cut
+    into short pieces, each with its own initial state, unless *whole* runs are required.
 
     Raises
     ------
@@ -108,17 +117,21 @@ def _excess(solution: Solution, levels: Mapping[str, float]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delayed:
-    """The chosen fit, and the evidence for a delay (difference of the criterion)."""
+    """The chosen fit, and the evidence for a delay.
+
+    ``evidence``: decrease of the Bayesian information criterion with a delay.
+    """
 
     local: LocalFit
     evidence: float
 
 
 def fit_with_delay(form: Form, records: Sequence[Segment], limits: Limits, *, robust: bool) -> Delayed:
-    """Fit *form* without a delay and, if that may improve the fit, with one.
+    """Return the fit of *form*, with a delay if the evidence for one is strong.
 
-    One Gauss-Newton step from zero delay estimates the possible gain. If there is none and the residuals are white, no
-    delay is fitted. Both fits use the same samples: those that do not depend on inputs before the record.
+    One Gauss-Newton step from zero delay estimates the possible gain. If there is no gain and the residuals are white,
+    no delay is fitted. The fits without and with a delay use the same samples: those that do not depend on inputs
+    before the record.
     """
     whole = tuple(records)
     plain = local_fit(form, whole, limits, robust=robust)

@@ -1,8 +1,8 @@
 """Use methods for forms on one degree of freedom, with the result in physical parameters.
 
-``alpha nu_dot + (beta + beta_nn |nu|) nu = tau + Delta`` is a form with the derivatives ``N_rdot = -alpha``, ``N_r =
--beta``, ``N_rr = -beta_nn``, ``N_0 = Delta`` (yaw; likewise for the others). Estimates and covariances differ only by
-signs.
+``alpha nu_dot + (beta + beta_nn |nu|) nu = tau + Delta`` is a form. For yaw its derivatives are ``N_rdot = -alpha``,
+``N_r = -beta``, ``N_rr = -beta_nn`` and ``N_0 = Delta``. The other degrees of freedom have corresponding ones.
+Estimates and covariances of the two descriptions differ only by signs.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def axis_fit(case: Case, structure: Structure, fit: Fit[Model]) -> AxisFit:
-    """Return *fit*, whose form has one degree of freedom, converted to physical parameters."""
+    """Return *fit*, whose form has one degree of freedom, as an ``AxisFit`` with physical parameters."""
     record = case.records[0]
     model, table = _in_words(record.dof, record.input_units[0], structure, fit)
     main = record.main.name
@@ -56,10 +56,11 @@ def _rms(fit: Fit[Model], signal: str) -> float:
 
 
 def with_actuator(fit: Fit[Model], plain: AxisFit) -> AxisFit:
-    """Return *fit*, a model of one axis with actuator effects, as a fit of one axis.
+    """Return *fit*, a model of one axis with actuator effects, as an ``AxisFit``.
 
-    plain : fit of the same runs without these effects. Its readings of limit cycles and its doubts about the runs are
-        kept. Its doubts about itself, and its choice of drag, do not apply to *fit*.
+    plain : fit of the same runs without these effects. The result keeps its readings of limit cycles and its doubts
+        about the runs. It omits the doubts about the model of *plain* and its choice of drag, which do not apply to
+        *fit*.
     """
     assert isinstance(fit.model, ExtendedModel)
     axis, main = plain.model.axis, plain.traces[0].signal if plain.traces else plain.model.axis.position
@@ -114,10 +115,10 @@ def _in_words(dof: Dof, unit: str, structure: Structure, fit: Fit[Model]) -> tup
 
 
 def for_axis(method: Callable[[Case], Fit[Model]]) -> Callable[[Case], AxisFit]:
-    """Adapt a method that fits forms to single axes.
+    """Return a method for single axes that uses *method*, which fits forms.
 
-    Without a requested structure, all three drag structures are fitted. The one with the lowest Bayesian information
-    criterion of its free run is kept. The others are listed in ``candidates``.
+    Without a requested structure, all three drag structures are fitted. The one whose free run has the lowest Bayesian
+    information criterion is kept. The other structures are listed in ``candidates``.
     """
 
     def fit_one_axis(case: Case) -> AxisFit:

@@ -25,17 +25,14 @@ __all__ = ["fit_with_effects", "with_effects"]
 
 
 def fit_with_effects(case: Case) -> Fit[CoupledModel | ExtendedModel]:
-    """Fit all parameters of the base model and of the effects of *case* together.
+    """Return the fit of all parameters of the base model and of the effects of *case* together.
 
     Each run has its own initial states. Unlike in other fits, units and signs are not corrected first, because they may
     be among the requested effects.
 
     Raises
-    ------
-    NotInformative
-        No such model can be simulated on these runs.
-    UsageError
-        The runs cannot show a requested effect.
+    ------ NotInformative No such model can be simulated on these runs. UsageError A requested effect cannot be
+    identified from these runs.
     """
     form, start = case.the_form, case.start
     if start is None:
@@ -129,7 +126,10 @@ def _table(data_summary: DataSummary, solution: Solution) -> Table:
 
 
 FIRST_TRIALS = 12
-"""Maximum number of steps of the first descent from each start. Only the best one is then fitted until convergence."""
+"""Maximum number of steps of the first descent from each start.
+
+Project choice. Only the best descent is continued until convergence.
+"""
 
 LAST_TRIALS = 60
 
@@ -141,11 +141,8 @@ def with_effects(problem: Problem, fitted: Fitted, specs: Sequence[EffectSpec]) 
     starts once the others are present.
 
     Raises
-    ------
-    UsageError
-        The runs cannot show one of the effects.
-    NotInformative
-        The motion with an effect diverges from every start.
+    ------ UsageError One of the effects cannot be identified from these runs. NotInformative The motion with an effect
+    diverges from every start.
     """
     for spec in specs:
         fitted = _best(problem, fitted, fitted.effects, spec)

@@ -14,21 +14,20 @@ __all__ = ["EffectSpec", "effect_spec_of"]
 
 @dataclass(frozen=True, slots=True)
 class EffectSpec:
-    """An effect to fit.
+    """An effect to fit, as the user requested it.
 
-    ``place``: where it acts; None chooses the place at which it explains most.
+    - ``slug``: name of the effect.
+    - ``place``: where the effect acts. None chooses the place at which the effect explains most.
     """
 
     slug: str
     place: str | None = None
 
     def candidates(self, data_summary: DataSummary) -> Iterator[EffectInstance]:
-        """Yield the effect at every place and with every start that these runs allow.
+        """Yield the effect at every place and with every set of start values that the runs of *data_summary* allow.
 
         Raises
-        ------
-        UsageError
-            These runs cannot show the effect, or not at this place.
+        ------ UsageError These runs cannot identify the effect, or not at the requested place.
         """
         entry = EFFECTS[self.slug]
         places = entry.places(data_summary)

@@ -30,10 +30,13 @@ from gcs_autotune.models import Nomoto1, SingleDof
 __all__ = ["METHOD", "OPTIONS", "fit_by_frequency", "frequency_doubts"]
 
 DECADE_PART = 3.0
-"""Minimum ratio of highest to lowest measured frequency to determine a slope: half a decade."""
+"""Minimum ratio of the highest to the lowest measured frequency from which a slope can be determined: half a decade."""
 
 MISFIT = 0.05
-"""Fraction of the motion, beyond noise, that the model may leave unexplained. Above it a misfit is reported."""
+"""Fraction of the motion, beyond noise, that the model may leave unexplained.
+
+Above it a misfit is reported. Project choice.
+"""
 
 
 def frequency_doubts(response: FrequencyResponse, first: NomotoFit, second: NomotoFit | None) -> list[Doubt]:
@@ -117,8 +120,8 @@ OPTIONS = (
 def fit_by_frequency(case: Case) -> AxisFit:
     """Fit Nomoto's first-order model (linear drag) to the empirical frequency response of *case*.
 
-    ``extra`` contains the response, which ``FrequencyResponse.from_dict`` reads. It also contains ``nomoto`` and
-    ``nomoto_2`` with their standard errors, and the order that the evidence prefers.
+    ``extra`` contains the response in the format that ``FrequencyResponse.from_dict`` reads. It also contains the
+    models ``nomoto`` and ``nomoto_2`` with their standard errors, and the order that the Bayesian criterion prefers.
 
     Raises
     ------

@@ -25,11 +25,14 @@ __all__ = ["EVIDENCE", "NomotoFit", "fit_nomoto"]
 Array = NDArray[np.float64]
 
 FLOOR = 0.003
-"""Smallest relative standard deviation of a gain. It covers the finite frequency resolution if the coherence shows no
-noise."""
+"""Smallest standard deviation of a measured gain, relative to its magnitude. Project choice.
+
+It covers the finite frequency resolution if the coherence shows no noise.
+"""
 
 LEAST, MOST = 1e-4, 3.0
-"""Range of the model error, as a fraction of the motion. At the upper end the model explains nothing."""
+"""Range of the model error, as a fraction of the motion. Project choice. At the upper end the model explains nothing.
+"""
 
 EVIDENCE = 10.0
 """Decrease of the Bayesian criterion at which a further parameter is accepted (Kass1995: very strong)."""
@@ -39,10 +42,12 @@ EVIDENCE = 10.0
 class NomotoFit:
     """A Nomoto model fitted to a frequency response.
 
-    ``std``: standard errors by name (``K``, ``T`` or ``T_1 T_2 T_3``, ``delay``), 0 if not fitted. ``physical``:
-    ``1/K``, the other coefficients of the denominator over K, ``T_3``, and the delay. ``covariance``: that of
-    ``physical``. ``misfit``: the model's own error, which is the fraction of the motion that neither model nor noise
-    explains. ``bic``: Bayesian information criterion, comparable between models of the same response.
+    - ``model``: the fitted model of first or second order.
+    - ``std``: standard errors by name (``K``, ``T`` or ``T_1 T_2 T_3``, ``delay``), 0 if not fitted.
+    - ``physical``: ``1/K``, the other coefficients of the denominator over K, ``T_3``, and the delay.
+    - ``covariance``: covariance of ``physical``.
+    - ``misfit``: error of the model, which is the fraction of the motion that neither model nor noise explains.
+    - ``bic``: Bayesian information criterion, comparable between models of the same response.
     """
 
     model: Nomoto1 | Nomoto2
@@ -58,21 +63,19 @@ class NomotoFit:
 
 
 def fit_nomoto(response: FrequencyResponse, order: int = 1, delay: float | None = None) -> NomotoFit:
-    """Fit Nomoto's model of *order* 1 or 2 to *response*.
+    """Return Nomoto's model of *order* 1 or 2, fitted to *response*.
 
     Points are weighted by their noise and by a model error. The model error is raised until it explains the residual.
     Without it, an approximate model would follow the point with the least noise.
 
     Parameters
     ----------
-    delay : known delay [s]; None fits one and keeps it only on strong evidence. It is also kept if the time constant
-        without it is negative, so that the motion would precede the input.
+    delay : known delay [s]; None fits one and keeps it only on strong evidence. A delay is also kept if the time
+        constant fitted without it is negative, so that the motion would precede the input.
 
     Raises
-    ------
-    NotInformative
-        There are fewer points than parameters. Or the second-order poles are complex, or unstable with a stable gain,
-        which a Nomoto model excludes.
+    ------ NotInformative There are fewer points than parameters. The error is also raised if the second-order poles are
+    complex, or unstable with a stable gain. A Nomoto model excludes such poles.
     """
     if delay is not None:
         return _fit(response, order, delay, free=False)
@@ -137,11 +140,14 @@ def _check_reach(model: Nomoto2, lowest: float) -> None:
 
 
 REACH = 30.0
-"""Largest product of the longest time constant of the second-order model and the lowest measured frequency. Beyond it
-the static gain is not determined."""
+"""Largest product of the longest time constant of the second-order model and the lowest measured frequency.
+
+Beyond it the static gain is not determined. Project choice.
+"""
 
 BISECTIONS = 10
-"""Number of bisections of the logarithm of the model error, which leave it uncertain by 1 %."""
+"""Number of bisections in the search for the logarithm of the model error. They leave the model error uncertain by 1 %.
+"""
 
 
 def _size(order: int) -> int:

@@ -1,9 +1,9 @@
-"""The empirical response and its data: frequencies, complex gains, coherence, uncertainty.
+"""The measured frequency response: frequencies, complex gains, coherence, uncertainty.
 
 :class:`Sampled` is a record on one even grid, with input and velocity averaged over the same steps. The average of the
 held input is exact. The average velocity is the difference of the position over a step, if the position was measured.
-The effect of averaging then cancels in the ratio of velocity to input. A measured velocity is averaged by the trapezoid
-rule, which differs slightly. :func:`mending` corrects for this.
+If velocity and input are both averaged in this way, the effect of averaging cancels in their ratio. A measured velocity
+is averaged by the trapezoid rule, which differs slightly. :func:`mending` corrects for this.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ __all__ = ["FrequencyResponse", "Sampled", "mending", "sampled", "together", "tr
 Array = NDArray[np.float64]
 
 COHERENT = 0.6
-"""Squared coherence from which a point counts as measured.
+"""Squared coherence from which a frequency counts as measured.
 
-With eight averages the gain is then known to 20 %. Pure noise exceeds this value by chance once in six hundred points.
+With eight averages the gain is then known to 20 %. Pure noise exceeds this value by chance once in six hundred
+frequencies.
 """
 
 
@@ -36,9 +37,13 @@ With eight averages the gain is then known to 20 %. Pure noise exceeds this valu
 class FrequencyResponse:
     """Frequency response from input to *velocity*, as arrays (k,).
 
-    ``omega`` [rad/s]: frequencies, ascending. ``value``: complex gain [velocity unit per input unit]. ``std``: standard
-    deviation of the real and of the imaginary part. ``coherence``: squared, 0 to 1. ``averages``: number of independent
-    averages per point. ``input_power``: relative to the strongest point. ``source``: how the response was measured.
+    - ``omega`` [rad/s]: frequencies, ascending.
+    - ``value``: complex gain [velocity unit per input unit].
+    - ``std``: standard deviation of the real part, and of the imaginary part, of ``value``.
+    - ``coherence``: squared coherence, 0 to 1.
+    - ``averages``: number of independent averages per point.
+    - ``input_power``: power of the input, relative to that of the strongest point.
+    - ``source``: how the response was measured: ``spectrum`` or ``harmonics``.
     """
 
     omega: Array
@@ -54,30 +59,30 @@ class FrequencyResponse:
 
     @property
     def magnitude(self) -> Array:
-        """Magnitude of the complex gain."""
+        """Magnitude (k,) of the complex gain [velocity unit per input unit]."""
         return np.abs(self.value)
 
     @property
     def phase(self) -> Array:
-        """Phase [rad], continuous over frequency."""
+        """Phase (k,) of the complex gain [rad], continuous over frequency."""
         return np.unwrap(np.angle(self.value))
 
     def radius(self, level: float = 0.95) -> Array:
         """Return the radius (k,) of the circle about ``value`` that contains the true gain with probability *level*.
 
-        It follows from the residual spectrum with ``2 averages - 2`` degrees of freedom (Bendat and Piersol, Random
-        Data).
+        The radius follows from the residual spectrum with ``2 averages - 2`` degrees of freedom (Bendat and Piersol,
+        Random Data).
         """
         quantile = scipy_stats().f.ppf(level, 2.0, np.maximum(2.0 * self.averages - 2.0, 1.0))
         found: Array = self.std * np.sqrt(2.0 * quantile)
         return found
 
     def measured(self, coherence: float = COHERENT) -> FrequencyResponse:
-        """Return the points whose squared coherence is at least *coherence*."""
+        """Return the response restricted to the points whose squared coherence is at least *coherence*."""
         return self.at(self.coherence >= coherence)
 
     def at(self, keep: NDArray[np.bool_]) -> FrequencyResponse:
-        """Return the points selected by the mask *keep* (k,)."""
+        """Return the response restricted to the points selected by the mask *keep* (k,)."""
         return FrequencyResponse(
             omega=self.omega[keep],
             value=self.value[keep],
@@ -103,14 +108,14 @@ class FrequencyResponse:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> FrequencyResponse:
-        """Return the response that :meth:`to_dict` wrote."""
+        """Return the response from *data* that :meth:`to_dict` returned."""
         columns = {k: np.asarray(v, dtype=np.float64) for k, v in data.items() if k != "source"}
         value = columns.pop("magnitude") * np.exp(1j * columns.pop("phase"))
         return cls(value=value, source="harmonics" if data["source"] == "harmonics" else "spectrum", **columns)
 
 
 def together(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
-    """Return several responses from the same source as one, sorted by frequency."""
+    """Return the points of several responses from the same source as one response, sorted by frequency."""
     order = np.argsort(np.concatenate([p.omega for p in parts]), kind="stable")
     return FrequencyResponse(
         omega=np.concatenate([p.omega for p in parts])[order],
@@ -148,14 +153,14 @@ def trusted(record: Segment) -> Signal:
 
 
 def sampled(record: Segment, model: SingleDof | None = None) -> Sampled:
-    """Return *record* on an even grid with the median time step of its signal.
+    """Return *record* on an even grid whose interval is the median time step of its signal.
 
     The signal is interpolated linearly between samples. With the uneven stamps of telemetry the error is visible only
     near half the sampling rate. The spectra do not use these frequencies.
 
     Parameters
     ----------
-    model : its free run, with fitted initial state, is subtracted from the motion.
+    model : model whose free run, with fitted initial state, is subtracted from the motion, or None.
     """
     signal = trusted(record)
     derived = signal is record.position
@@ -182,7 +187,12 @@ def _impulse(record: Segment, t: Array) -> Array:
 
 
 def mending(omega: Array, dt: float, derived: bool) -> Array:
-    """Return the correction factor of a response for the trapezoid average of a measured velocity."""
+    """Return the factor (k,) that corrects a response at *omega* [rad/s] for the trapezoid average of a measured
+    velocity.
+
+    dt : time step [s].
+    derived : whether the velocity was derived from a position. No correction is then necessary, and the factor is 1.
+    """
     if derived:
         return np.ones_like(omega)
     half = 0.5 * omega * dt

@@ -6,9 +6,10 @@ slow motion is limited only by its length. A sweep need not be cut into pieces. 
 frequency, where fine resolution is not needed.
 
 A run of some tens of seconds hardly resolves a craft's corner frequency. Within one bandwidth the response bends, and
-the motion at the start and end leaks. Therefore a first-order model is fitted, its free run is subtracted from the
-motion, and its response is added to that of the rest (prewhitening, Blackman1958). The result describes the record,
-whatever the model. Finite resolution affects only the small remainder.
+the motion at the start and end of the run leaks into other frequencies. Therefore a first-order model is fitted, and
+its free run is subtracted from the motion. The response of the model is then added to that of the remaining motion
+(prewhitening, Blackman1958). The result describes the record, whatever the model. Finite resolution affects only the
+small remaining motion.
 
 A settled relay experiment is periodic. At every odd harmonic the ratio of output to input is the response of the
 process. For a linear process this is exact. The higher harmonics, which IS-O neglects, are used as data here.
@@ -39,26 +40,38 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 TAPERS = 4
-"""Default number of tapers at low frequency. It is the fewest from which a coherence can be calculated reliably."""
+"""Default number of tapers at low frequency. It is the smallest from which a coherence can be calculated reliably."""
 
 MOST_TAPERS = 24
 
 WIDTH = 0.5
-"""Largest bandwidth as a fraction of the frequency. Half an octave still resolves every corner frequency."""
+"""Largest bandwidth of a spectral estimate, as a fraction of its frequency.
+
+Half an octave resolves every corner frequency.
+"""
 
 HIGHEST = 0.4
-"""Highest frequency as a fraction of half the sampling rate. Below it the error of linear interpolation between samples
-is negligible."""
+"""Highest frequency that is used, as a fraction of half the sampling rate.
+
+Below it, the error of linear interpolation between samples is negligible.
+"""
 
 ROUNDS = 3
-"""Number of times the model is fitted and subtracted. The third round changes a gain by less than its error."""
+"""Number of times that the first-order model is fitted and subtracted.
+
+The third round changes a gain by less than its error.
+"""
 
 STRONG = 1e-4
-"""Smallest input power of the points to which the first-order model is fitted, relative to the strongest point."""
+"""Smallest input power of the points to which the first-order model is fitted, relative to the strongest point.
+
+Project choice.
+"""
 
 
 BLOCKS = 4
-"""Number of pieces of each record in which the mean forces are balanced, to estimate the constant force."""
+"""Number of pieces of each record in which the mean forces are balanced to estimate the constant force. Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,10 +88,8 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
     """Return the response from input to velocity, at frequencies whose bands do not overlap.
 
     Raises
-    ------
-    MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative also if the runs are too short
-        for a single point.
+    ------ MissingChannel, BadFile, NotInformative :func:`gcs_autotune.identify.signals.preparation.prepare` raised the
+    error. NotInformative is also raised if the runs are too short for a single point.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     records = [record for trial in runs for record in prepare(trial, dof)]
@@ -105,10 +116,10 @@ def spectral_response(trials: Trial | Sequence[Trial], dof: Dof | str, tapers: i
 
 
 def constant_force(records: Sequence[Segment], alpha: float, beta: float) -> tuple[float, float]:
-    """Return the constant force in linear motion, and its standard error.
+    """Return the constant force of a linear model, and its standard error [both input unit].
 
-    It balances the mean inertial force, drag and input over each piece of a record. The standard error follows from the
-    scatter of :data:`BLOCKS` pieces per record.
+    The constant force balances the mean inertial force (*alpha*), drag (*beta*) and input over each piece of a record.
+    The standard error follows from the scatter of :data:`BLOCKS` pieces per record.
     """
     forces = []
     for run in (sampled(record) for record in records):
@@ -198,24 +209,25 @@ def _response(omega: Array, left: _Spectra, raw: _Spectra, known: Complex | Arra
 
 
 HARMONICS = (1, 3, 5)
-"""Harmonics used by default. The power of the input falls as 1/h^2, that of the position as 1/h^6."""
+"""Numbers of the harmonics that are used by default.
+
+The power of the input falls as 1/h^2 with the number h of the harmonic, that of the position as 1/h^6.
+"""
 
 FITTED = 9
-"""Number of harmonics fitted to a period, so that higher ones do not distort those used."""
+"""Number of harmonics that are fitted to a period. Higher harmonics then do not distort those that are used."""
 
 
 def harmonic_response(
     trials: Trial | Sequence[Trial], dof: Dof | str, harmonics: Sequence[int] = HARMONICS
 ) -> FrequencyResponse:
-    """Return the response from input to velocity at *harmonics* of every limit cycle in *trials*.
+    """Return the response from input to velocity at the *harmonics* of every limit cycle in *trials*.
 
     Mean and standard deviation are calculated over the periods.
 
     Raises
-    ------
-    MissingChannel, BadFile, NotInformative
-        As for :func:`gcs_autotune.identify.signals.preparation.prepare`. NotInformative also if no limit cycle has two
-        whole periods with enough samples in each.
+    ------ MissingChannel, BadFile, NotInformative As for :func:`gcs_autotune.identify.signals.preparation.prepare`.
+    NotInformative is also raised if no limit cycle has two whole periods with enough samples in each.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     parts = [

@@ -1,7 +1,7 @@
 """Fit by extended and sigma-point Kalman filters whose state contains the parameters (ZhaoUSV, (8)-(18)).
 
-The filter runs over the records, then the noise levels are fitted to its innovations. It then runs again from its own
-result until the parameters settle. A repeated pass starts with a prior three standard errors wide around the last
+The filter runs over the records. Then the noise levels are fitted to its innovations. The filter is repeated from its
+own result until the parameters settle. A repeated pass starts with a prior three standard errors wide around the last
 result. The information of that prior is subtracted again, so that the data count once.
 """
 
@@ -36,27 +36,30 @@ FILTER_OPTIONS = (
 )
 
 PASSES = 40
-"""Default maximum number of passes over the runs. Noise levels converge geometrically; 10 to 25 passes suffice."""
+"""Default maximum number of passes over the runs. 10 to 25 suffice, because the noise levels converge geometrically."""
 
 CLOSE = 0.5
-"""Largest move of the parameters, in standard errors, below which the spread of the smoothed first states is used."""
+"""Largest move of every parameter in a pass, in standard errors, from which the next passes use smoothed first states.
+
+The spread of the smoothed states is then the prior standard deviation. Project choice.
+"""
 
 
 HOPELESS = 3
-"""Number of passes after which the fit stops if the inertia is still not positive definite."""
+"""Number of passes after which the fit stops if the inertia is still not positive definite. Project choice."""
 
 
 def fit_by_ekf(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by the extended Kalman filter.
+    """Return a coupled model fitted to *case* by the extended Kalman filter.
 
-    *case* and result are those of every method for coupled models.
+    The free parameters of the form are part of the state of the filter.
     """
     return _fit(case, "ekf", sigma=False)
 
 
 @on_settled_stamps
 def fit_by_ukf(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by the sigma-point filter; see :func:`.transition.sigma_step`.
+    """Return a coupled model fitted to *case* by the sigma-point filter; see :func:`.transition.sigma_step`.
 
     This filter cannot estimate a shift of stamps.
     """
@@ -100,8 +103,11 @@ def _fit(case: Case, method: str, *, sigma: bool) -> Fit[CoupledModel]:
 class _Ended:
     """State of the filter after its last pass.
 
-    ``result``: the pass. ``covariance``: that of the parameters from the data alone. ``levels``: noise levels.
-    ``moved``: last move of each parameter in standard errors. ``count``: number of passes.
+    - ``result``: the pass.
+    - ``covariance`` (p, p): covariance of the parameters from the data alone, without the prior.
+    - ``levels``: noise levels.
+    - ``moved``: last move of each parameter in standard errors.
+    - ``count``: number of passes.
     """
 
     result: FilterResult

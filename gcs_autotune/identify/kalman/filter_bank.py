@@ -19,22 +19,27 @@ __all__ = ["FilterBank", "FilterRecord", "FilterResult", "Levels", "Prior", "Smo
 Array = NDArray[np.float64]
 
 LONGEST = 0.5
-"""Longest interval [s] that a filter crosses in one step. Longer ones get stamps without samples.
+"""Longest interval [s] that a filter crosses in one step. A longer interval is divided by stamps without samples.
 
 For craft with time constants above half a second, Simpson's rule for the process noise is then accurate to 1 %.
 """
 
 HASTE = 1.5
-"""Over-relaxation exponent for the levels of the drive. Their iteration converges slowly if process noise is weak."""
+"""Over-relaxation exponent for the intensities of the process noise. Project choice.
+
+The iteration of the intensities converges slowly if process noise is weak.
+"""
 
 _CODES = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterRecord:
-    """Data of one record: ``stamps`` (s,) and samples ``Y`` (s, m), NaN for a missing sample.
+    """Data of one record for a filter.
 
-    ``record``: the segment, which contains the inputs.
+    - ``record``: the segment, which contains the inputs.
+    - ``stamps`` (s,): times of the samples [s].
+    - ``Y`` (s, m): samples of every signal, NaN for a missing sample.
     """
 
     record: Segment
@@ -46,11 +51,13 @@ class FilterRecord:
 class Levels:
     """Noise levels of a filter.
 
-    ``noise`` (m,): variance of every signal. ``drive`` (n,): intensity of the white noise that drives every state
-    [unit^2/s]. ``walk`` (p,): the same for the free parameters. ``decay`` (p,) [1/s]: rate at which each parameter
-    returns to zero; 0 or empty for constants. A decaying parameter is an Ornstein-Uhlenbeck process that restarts in
-    every record; it models a drifting force. ``waves`` (4,): see :mod:`.waves`, zeros for none. Waves restart in every
-    record, appear in the first signal, and act as the first free parameter does.
+    - ``noise`` (m,): noise variance of every signal.
+    - ``drive`` (n,): intensity of the white noise that drives every state [unit^2/s].
+    - ``walk`` (p,): intensity of the white noise that drives every free parameter [unit^2/s].
+    - ``decay`` (p,) [1/s]: rate at which each parameter returns to zero; 0 or empty for constants. A decaying parameter
+      is an Ornstein-Uhlenbeck process that restarts in every record; it models a drifting force.
+    - ``waves`` (4,): parameters of the waves (see :mod:`.waves`), zeros for none. Waves restart in every record, appear
+      in the first signal, and act as the first free parameter does.
     """
 
     noise: Array
@@ -69,7 +76,9 @@ class Levels:
 class Prior:
     """Assumptions before the first sample.
 
-    ``states`` (records, n) with standard deviations ``spread``; free parameters (p,) with ``covariance`` (p, p).
+    - ``states`` (records, n): initial states of every record.
+    - ``spread``: standard deviations of ``states``.
+    - ``parameters`` (p,), ``covariance`` (p, p): free parameters and their covariance.
     """
 
     states: Array
@@ -82,7 +91,8 @@ class Prior:
 class FilterResult:
     """Result of one pass over all records.
 
-    ``parameters`` (p,), ``covariance`` (p, p): free parameters at the end. ``histories``: one per record.
+    - ``parameters`` (p,), ``covariance`` (p, p): free parameters after the last record.
+    - ``histories``: details of the pass, one per record.
     """
 
     parameters: Array
@@ -92,7 +102,7 @@ class FilterResult:
 
     @property
     def innovations(self) -> tuple[Array, Array]:
-        """All innovations and their variances (stamps of all records, m), NaN where a sample is missing."""
+        """Innovations and their variances, each (stamps of all records, m). NaN where a sample is missing."""
         return np.vstack([t.e for t in self.histories]), np.vstack([t.S for t in self.histories])
 
 
@@ -100,8 +110,10 @@ class FilterResult:
 class Smoothed:
     """Result of the smoother for all records.
 
-    ``trajectories``, ``variances`` (s, N): of states, free parameters and waves, per record. ``by_noise`` (2, m),
-    ``by_drive`` (2, n): score of the noise levels. A level maximises the likelihood if its two rows agree.
+    - ``trajectories``, ``variances`` (s, N): smoothed states, free parameters and waves with their variances, per
+      record.
+    - ``by_noise`` (2, m), ``by_drive`` (2, n): score of the noise levels. A level maximises the likelihood if its two
+      rows agree.
     """
 
     trajectories: tuple[Array, ...]
@@ -140,7 +152,7 @@ class FilterBank:
         return FilterBank(self.form, [t.record for t in self.tracks], free)
 
     def ease(self) -> bool:
-        """Reset the step size to what the last pass needed, and return whether that changes it.
+        """Reset the integration step to the one that the last pass needed, and return whether it changed.
 
         Passes that are compared must take the same steps, so the finest step so far applies to all later passes.
         Without this reset, a trial with almost no inertia would keep the steps a hundred times too fine.
@@ -150,7 +162,7 @@ class FilterBank:
         return finer
 
     def afresh(self) -> None:
-        """Reset the step size to its initial value.
+        """Reset the integration step to its initial value.
 
         An earlier trial may have required more steps than are allowed.
         """
@@ -238,7 +250,7 @@ class FilterBank:
         return FilterResult(parameters, covariance, total, tuple(histories))
 
     def smooth(self, result: FilterResult, levels: Levels) -> Smoothed:
-        """Return the smoothed result of a full pass, by running backwards over the records."""
+        """Return the smoothed states and parameters of a full pass, by running backwards over the records."""
         n, p, m = len(self.states), len(self.free), len(self.signals)
         N = n + p + levels.of_waves
         decay = levels.decay if len(levels.decay) else np.zeros(p)
@@ -281,13 +293,14 @@ def _track(record: Segment, signals: Sequence[str]) -> FilterRecord:
 
 
 def tuned(levels: Levels, smoothed: Smoothed, floors: Array, *, noise: bool = True, drive: bool = True) -> Levels:
-    """Return levels closer to the maximum of the likelihood.
+    """Return noise levels that are closer to the maximum of the likelihood than *levels*.
 
     Each level is multiplied by the ratio of its two score rows. The score of a variance is half the difference of the
     rows (``backward``), so the maximum is a fixed point. A level keeps its value if the run contains no information on
     it.
 
-    floors : (m,) smallest variances, from the resolution of the sensors.
+    floors : (m,) smallest noise variances, from the resolution of the sensors.
+    noise, drive : whether to update the variances of the signals, and the intensities of the process noise.
     """
     r, q = levels.noise.copy(), levels.drive.copy()
     if noise:

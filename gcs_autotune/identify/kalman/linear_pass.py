@@ -33,14 +33,17 @@ Term = tuple[str, float, tuple[tuple[str, bool], ...]]
 class LinearTerms:
     """Terms of an equation that is linear in its own velocity.
 
-    ``forces``: terms that add up to the force. ``dampings``: terms multiplied by the velocity.
+    - ``forces``: terms that add up to the force.
+    - ``dampings``: terms multiplied by the velocity.
     """
 
     forces: tuple[Term, ...]
     dampings: tuple[Term, ...]
 
     def rows(self, values: Mapping[str, float], channels: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Return force and damping rate per inertia (j,) for the parameters *values* and the inputs *channels* (j,)."""
+        """Return the force per inertia and the damping rate (j,) for the parameters *values* and the inputs *channels*
+        (j,).
+        """
         return _added_up(self.forces, values, channels), -_added_up(self.dampings, values, channels)
 
     def share_of(self, name: str, values: Mapping[str, float], channels: Mapping[str, Array]) -> Array:
@@ -59,10 +62,13 @@ def _added_up(terms: Sequence[Term], values: Mapping[str, float], channels: Mapp
 
 
 def linear_terms(form: Form, added: Sequence[str]) -> LinearTerms | None:
-    """Return the terms of *form*, which has one degree of freedom, including the derivatives *added*.
+    """Return the terms of *form*, which has one degree of freedom, or None if they are not linear in its velocity.
 
-    Return None in three cases: a term is not linear in the velocity, a term depends on a position, or an input has no
-    free gain. The form uses every input it has.
+    The terms include the derivatives *added*. *form* must use all of its inputs. The result is None if
+
+    - a term is not linear in the velocity,
+    - a term depends on a position, or
+    - an input has no free gain.
     """
     d, inputs = DOFS[form.dofs[0]], list(form.inputs)
     own = STATES.index(d.velocity)  # velocities come first among a term's factors
@@ -114,17 +120,17 @@ def linear_pass(
     e: Array,
     S: Array,
 ) -> bool:
-    """Filter one record; return whether the motion stayed finite.
+    """Filter one record in place, and return whether the motion stayed finite.
 
     The first row of *force* drives the craft. For each further row the pass returns the response of the innovations to
-    that force, from rest and with all samples zero. The innovations are linear in it (DeJong1991).
+    that force, from rest and with all samples zero. The innovations are linear in each force (DeJong1991).
 
     t_in, force (c, j), damping (j,) : stamps, forces and damping rates per inertia, each held until the next stamp.
     y : (s,) position at *stamps* (s,), NaN for a missing sample.
     of_velocity : whether *y* is the velocity instead.
     size, memory : standard deviation and time constant [s] of the drifting force (Ornstein-Uhlenbeck).
     noise : standard deviation of *y*.
-    waves : (4,), see :mod:`.waves`; zero size for none.
+    waves : (4,) parameters of the waves, see :mod:`.waves`. Zero size means no waves.
     start, spread : (2,) velocity and position at the first stamp, and their standard deviations.
     e (c, s), S (s,) : filled with innovations and their variances, unchanged without a sample.
     """

@@ -34,14 +34,13 @@ __all__ = ["DRIFTING_FORCE", "NoiseFilter"]
 Array = NDArray[np.float64]
 
 DRIFTING_FORCE, FORCE_OF_THE_RUN = "gust", "day"
-"""Inputs that are always 1. Their gains are the drifting force and the constant force of a run."""
+"""Names of two inputs that are always 1. Their gains are the drifting force and the constant force of a run."""
 
 LINEAR_STATES = 3
-"""Number of states (position, velocity and force). The effort of one sample is counted in states, as in a filter bank.
-"""
+"""Number of states of the filter: position, velocity and force. They determine the computing effort of one sample."""
 
 MOST_KEPT = 60
-"""Maximum number of series of modified commands kept in the cache."""
+"""Maximum number of series of modified commands that are cached. Project choice."""
 
 Made = TypeVar("Made")
 
@@ -106,10 +105,10 @@ class NoiseFilter(ModelProblem):
         return kept[key]
 
     def bank(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> FilterBank:
-        """Return the records with the commands modified by *effects*.
+        """Return a filter bank of the records with the commands modified by *effects*.
 
-        The state contains the drifting force. If runs differ, it also contains the constant force and the gain of each
-        run.
+        The state of the filter contains the drifting force. If runs differ, it also contains the constant force and the
+        gain of each run.
         """
         return self._kept(effects, noise, self._banks, self._new_bank)
 
@@ -163,14 +162,14 @@ class NoiseFilter(ModelProblem):
         return self._terms[key]
 
     def ease(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> bool:
-        """Reset the step size of the filter to what is needed, and return whether that changes it.
+        """Reset the integration step of the filter to the one that is needed, and return whether it changed.
 
         See :meth:`.filter_bank.FilterBank.ease`.
         """
         return self._linear(effects) is None and self.bank(effects, noise).ease()
 
     def afresh(self, effects: Sequence[EffectInstance], noise: ProcessNoise) -> None:
-        """Reset the step size of the filter to its initial value; see :meth:`.filter_bank.FilterBank.afresh`."""
+        """Reset the integration step of the filter to its initial value; see :meth:`.filter_bank.FilterBank.afresh`."""
         if self._linear(effects) is None:
             self.bank(effects, noise).afresh()
 
@@ -200,7 +199,10 @@ class NoiseFilter(ModelProblem):
         return None if result is None else (bank, result, levels)
 
     def theta_of(self, form: Form, theta: Array, effects: Sequence[EffectInstance]) -> Array:
-        """Return all parameters of *form*, where derivatives from effects are added to those of the base."""
+        """Return all parameters (p,) of *form*.
+
+        Derivatives from *effects* are added to those of the base model *theta*.
+        """
         values = self._values(theta, effects)
         return np.array([values.get(n, 0.0) for n in form.parameters])
 
@@ -214,7 +216,7 @@ class NoiseFilter(ModelProblem):
     def innovations_at(
         self, theta: Array, effects: Sequence[EffectInstance], noise: ProcessNoise
     ) -> tuple[tuple[Array, Array, Array], ...] | None:
-        """Return stamps, innovations and variances (n,) of every segment, or None if the filter fails."""
+        """Return the stamps, innovations and variances (each (n,)) of every segment, or None if the filter fails."""
         terms = self._linear(effects)
         if terms is not None:
             return self._linear_innovations(terms, theta, effects, noise)

@@ -21,7 +21,9 @@ HALF_WIDTH = 1.96
 """Half-width of a 95 % confidence interval of a Gaussian, in standard errors."""
 
 WIDEST = 10.0
-"""Largest half-width of the 95 % interval of a parameter's logarithm. A parameter with a wider one counts as unknown.
+"""Largest half-width of the 95 % interval of a parameter's logarithm.
+
+A parameter with a wider one counts as unknown. Project choice.
 """
 
 
@@ -29,9 +31,11 @@ WIDEST = 10.0
 class NoisyFit(ModelFit):
     """Result of a fit with process noise. ``theta`` (p,): free parameters of the form only.
 
-    ``noise``: fitted process noise. ``log_likelihood`` (records,): of each record. ``covariance`` (q, q): of the base
-    parameters, then those of the effects, then the logarithms of the noise parameters. ``innovations``: stamps,
-    innovations and variances per record.
+    - ``noise``: fitted process noise.
+    - ``log_likelihood`` (records,): log-likelihood of each record.
+    - ``covariance`` (q, q): covariance of the base parameters, the effects' parameters, and the logarithms of the noise
+      parameters, in this order.
+    - ``innovations``: stamps, innovations and variances per record.
     """
 
     noise: ProcessNoise
@@ -63,12 +67,12 @@ class NoisyFit(ModelFit):
 
     @property
     def roughness(self) -> float:
-        """Mean square of all innovations divided by their variances; 1 for a correct noise model."""
+        """Mean of the squared innovations, each divided by its variance; 1 for a correct noise model."""
         return float(np.mean(np.concatenate([e * e / S for _, e, S in self.innovations])))
 
     @property
     def unknowns(self) -> int:
-        """Number of fitted parameters."""
+        """Number of fitted parameters, including those of effects and of the noise."""
         return len(self.theta) + len(self.free_effects) + len(self.noise.unknowns)
 
     @property
@@ -77,15 +81,15 @@ class NoisyFit(ModelFit):
         return sum(len(e) for _, e, _ in self.innovations)
 
     def price(self, more: int) -> float:
-        """Return the penalty for this many further parameters (Schwarz criterion), in units of log-likelihood."""
+        """Return the penalty for *more* further parameters (Schwarz criterion), in units of log-likelihood."""
         return 0.5 * more * math.log(max(self.samples, 2))
 
     def errors_of(self, effect: EffectInstance) -> dict[str, float]:
-        """Return the standard errors of the fitted parameters of an effect, without the unknown ones."""
+        """Return name -> standard error of the fitted parameters of *effect*, without those of unknown error."""
         return {n: std for n, std in self.errors_in(self.covariance, effect).items() if not math.isnan(std)}
 
     def interval_of(self, name: str) -> tuple[float, float]:
-        """Return the 95 % interval of a noise parameter, from the standard error of its logarithm.
+        """Return the 95 % interval of the noise parameter *name*, from the standard error of its logarithm.
 
         The interval is 0 to inf if the parameter was not fitted, or if the data do not limit it.
         """
@@ -102,7 +106,11 @@ class NoisyFit(ModelFit):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tangent:
-    """Derivatives (q, samples) of all innovations and of their log variances, by the unknowns of a fit."""
+    """Derivatives by the unknowns of a fit.
+
+    - ``J`` (q, samples): derivatives of all innovations.
+    - ``D`` (q, samples): derivatives of the logarithms of the innovations' variances.
+    """
 
     J: Array
     D: Array

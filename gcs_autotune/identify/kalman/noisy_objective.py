@@ -24,7 +24,7 @@ __all__ = ["NoisyObjective", "log_density"]
 Array = NDArray[np.float64]
 
 Innovations = tuple[tuple[Array, Array, Array], ...]
-"""Stamps, innovations and their variances of every segment, (n,) each."""
+"""Stamps, innovations and variances of the innovations, each (n,), for every segment."""
 
 STEP = 0.3
 """Length of a finite difference, in standard errors that apply with all other unknowns fixed.
@@ -34,22 +34,27 @@ rounding, one fit ended 1.3 nats early and its errors were half the true ones.
 """
 
 LONGEST_MOVE = 2.0
-"""Largest change of the logarithm of a noise parameter in one step of the search."""
+"""Largest change of the logarithm of a noise parameter in one step of the search. Project choice."""
 
 LEAST_SMOOTHING, MOST_SMOOTHING = 0.2, 8.0
-"""Limits of the time constant of a smoother, in sampling intervals of the record."""
+"""Limits of the time constant of a smoother, in sampling intervals of the record. Project choice."""
 
 SHORTEST_MEMORY = 2.0
-"""Shortest time constant of the drifting force, in sampling intervals. A faster force cannot be distinguished from
-sensor noise."""
+"""Shortest time constant of the drifting force, in sampling intervals.
+
+A faster force cannot be distinguished from sensor noise.
+"""
 
 
 class Point:
     """Innovations at one point ``x`` (q,), and their cost.
 
-    The cost is minus twice the log-likelihood. ``innovations``: stamps, innovations and variances of every segment.
-    ``total``: their log-likelihood. ``each``: that of each segment. The derivatives are calculated on demand, by
-    differences of filter passes. If an earlier trial made the filter's steps finer, the point is first evaluated again.
+    The cost is minus twice the log-likelihood. Its derivatives are calculated on demand, by differences of filter
+    passes. If an earlier trial made the filter's steps finer, the point is first evaluated again.
+
+    - ``innovations``: stamps, innovations and variances of every segment.
+    - ``each`` (segments,): log-likelihood of each segment.
+    - ``total``: log-likelihood of all segments.
     """
 
     def __init__(self, objective: NoisyObjective, x: Array, innovations: Innovations, each: Array) -> None:
@@ -84,7 +89,7 @@ class NoisyObjective(FreeNumbers):
     The unknowns are the base parameters, the parameters of effects, and the logarithms of the noise parameters
     (:attr:`ProcessNoise.unknowns`).
 
-    held : parameters of effects that stay fixed.
+    held : parameters of effects that stay fixed, as (slug, place, name).
     """
 
     def __init__(
@@ -124,10 +129,10 @@ class NoisyObjective(FreeNumbers):
         self.steps: Array | None = None
         self._is_new = True
         self.information = np.eye(len(self.low))
-        """Information at the last point whose derivatives were calculated."""
+        """Information (q, q) on the unknowns at the last point whose derivatives were calculated."""
 
     def pack(self) -> Array:
-        """Return the vector (q,) of unknowns."""
+        """Return the current values of the unknowns as a vector (q,)."""
         every = [getattr(self.noise, n) for n in self.names]
         return np.append(self.pack_shared(), [math.log(max(v, 1e-12)) for v in every])
 
@@ -169,7 +174,10 @@ class NoisyObjective(FreeNumbers):
         return here
 
     def local(self, x: Array) -> Point | None:
-        """Return :meth:`begun` on the first call and :meth:`at` on later calls."""
+        """Return the innovations at *x* (q,), or None if the filter fails.
+
+        The first call uses :meth:`begun` and later calls use :meth:`at`.
+        """
         first, self._is_new = self._is_new, False
         return self.begun(x) if first else self.at(x)
 
@@ -223,7 +231,10 @@ class NoisyObjective(FreeNumbers):
         return (then - e) / by, (np.log(wider) - np.log(S)) / by
 
     def gathered(self, J: Array, D: Array, here: Point) -> tuple[Array, Array]:
-        """Return gradient and expected information at *here* from the derivatives *J* and *D*."""
+        """Return the gradient (q,) of the log-likelihood at *here*, and the expected information (q, q).
+
+        J, D : derivatives (q, samples) of the innovations and of the logarithms of their variances.
+        """
         e, S = (np.concatenate([r[k] for r in here.innovations]) for k in (1, 2))
         nu = self.noise.freedom
         if math.isinf(nu):

@@ -1,8 +1,9 @@
 """Fit one degree of freedom with process noise: wind, wake and current as a drifting force.
 
 The likelihood is that of the innovations of :mod:`.noise_filter`. Because gusts come in bursts, the innovations may
-follow Student's distribution with *freedom* degrees instead of the normal one. Its variance is that calculated by the
-filter. Derivatives are those of ``noisy_objective``. Steps and covariance come from the expected information.
+follow Student's distribution with *freedom* degrees of freedom instead of the normal one. The filter calculates the
+variance of either distribution, and ``noisy_objective`` the derivatives of the likelihood. Steps and covariance come
+from the expected information.
 """
 
 from __future__ import annotations
@@ -31,20 +32,20 @@ __all__ = ["NoisyProblem"]
 Array = NDArray[np.float64]
 
 KNOWN_WITHIN = 0.2
-"""Prior standard deviation of a run's own thrust, and of its own force.
+"""Prior standard deviations of the thrust change and of the constant force of a single run.
 
-The first is relative to the thrust, the second to the largest commanded force. The prior is wide, so that the data of
-the run decide. It is narrow enough to linearise a nonlinear equation.
+The first is relative to the thrust, the second to the largest commanded force. Project choice: the prior is wide, so
+that the data of the run decide. It is narrow enough to linearise a nonlinear equation.
 """
 
 ROUNDS = 30
-"""Maximum number of scoring rounds of a fit, which are the steps that lower its cost."""
+"""Maximum number of scoring rounds of a fit, that is, of steps that lower its cost. Project choice."""
 
 MOST_TRIALS = 10_000
 """Maximum number of trials of a fit. In practice the number of scoring rounds or the damping ends it first."""
 
 ENOUGH = 2e-2
-"""Expected gain of the log-likelihood below which a fit ends."""
+"""Expected gain of the log-likelihood below which a fit ends. Project choice."""
 
 
 class NoisyProblem(NoiseFilter):
@@ -55,7 +56,9 @@ class NoisyProblem(NoiseFilter):
         return NoisyProblem(self.form, segments, self.data_summary, self.limits)
 
     def says(self, fit: NoisyFit) -> RunLikelihoods | None:
-        """Return the likelihood of each run's own constant force and thrust at *fit*, or None if the filter fails."""
+        """Return the likelihood of the constant force and the thrust change of each run at *fit*, or None if the filter
+        fails.
+        """
         full = abs(fit.gain) * sum(self.data_summary.amplitude.values())
         wide = np.array([fit.noise.size + KNOWN_WITHIN * full, KNOWN_WITHIN])
         noise = replace(fit.noise, day_force=float(wide[0]), day_thrust=float(wide[1]))
@@ -81,7 +84,11 @@ class NoisyProblem(NoiseFilter):
         rounds: int = ROUNDS,
         only_log_likelihood: bool = False,
     ) -> NoisyFit | None:
-        """Fit from these start values; return None if the filter diverges there.
+        """Return the fit from these start values, or None if the filter diverges at them.
+
+        theta : (p,) base parameters.
+        rounds : maximum number of scoring rounds.
+        only_log_likelihood : whether to evaluate the start values without fitting.
 
         Within :func:`.keeping` the result of a known fit is reused and only evaluated.
         """
@@ -140,7 +147,7 @@ class NoisyProblem(NoiseFilter):
         return NoisyFit(self.form, theta, effects, *fitted, noise, here.each, covariance, here.innovations)
 
     def tangent(self, fit: NoisyFit) -> Tangent | None:
-        """Return the derivatives of the innovations of *fit* by its unknowns, or None if the filter fails."""
+        """Return the derivatives of the innovations of *fit* by the unknowns of *fit*, or None if the filter fails."""
         objective = NoisyObjective(self, fit.theta, fit.effects, fit.noise)
         x = objective.pack()
         here = objective.begun(x)
@@ -150,9 +157,10 @@ class NoisyProblem(NoiseFilter):
         return Tangent(*objective.derivatives(x, here, objective.steps_for(x, scale)))
 
     def adapted(self, fit: NoisyFit, own: EffectInstance, tangent: Tangent) -> NoisyFit | None:
-        """Return *fit* with the effect *own* added.
+        """Return *fit* with the effect *own* added and its parameters adjusted, or None if the filter fails.
 
-        The other parameters are adjusted to first order for that effect.
+        The parameters of *own* stay fixed. The others are adjusted to first order, with the derivatives *tangent* of
+        *fit*.
         """
         effects = in_order((*fit.effects, own))
         held = [(own.slug, own.place, name) for name in own.values]
@@ -178,7 +186,10 @@ class NoisyProblem(NoiseFilter):
         return self._fit_at(objective, here, np.zeros((len(x), len(x))))
 
     def judge(self, fit: NoisyFit) -> NoisyFit | None:
-        """Return *fit* with log-likelihoods and innovations on the segments of this problem."""
+        """Return *fit* evaluated on the segments of this problem, or None if the filter fails.
+
+        Its log-likelihoods and innovations are replaced. No parameter is fitted.
+        """
         return self.fit(fit.theta, fit.effects, fit.noise, only_log_likelihood=True)
 
     def ahead(self, fit: NoisyFit, seconds: float) -> Array:

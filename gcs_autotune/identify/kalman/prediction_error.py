@@ -4,8 +4,8 @@ A Kalman filter with known parameters predicts each sample. The log-likelihood o
 ``-1/2 sum(e^2/S + ln 2 pi S)``.
 
 Each derivative by a parameter is a difference of two whole filter passes. It therefore includes how the gain and the
-innovation variances depend on that parameter. Steps and covariance come from the information
-``sum(de de'/S + dS dS'/(2 S^2))``. The search starts at the result of the iterated smoother.
+innovation variances depend on that parameter. Steps and covariance come from the information matrix ``sum(de de'/S + dS
+dS'/(2 S^2))``. The search starts at the result of the iterated smoother.
 
 Source: Ljung1999, chapter 7.
 """
@@ -39,7 +39,10 @@ ROUNDS = 20
 """Maximum number of scoring rounds. Three to six suffice from the smoother's result."""
 
 STEP = 1e-2
-"""Length of a finite difference, in standard errors. The log-likelihood is nearly a parabola over this length."""
+"""Length of a finite difference, in standard errors of the parameter. Project choice.
+
+The log-likelihood is nearly a parabola over this length.
+"""
 
 ENOUGH = 1e-3
 """Expected gain of the log-likelihood below which the search ends. It corresponds to a thousandth of a standard
@@ -49,8 +52,10 @@ SMOOTHER_ROUNDS = 30
 """Maximum number of rounds of the smoother that provides the start."""
 
 ACTIVE = 1e-3
-"""Influence of process noise on the likelihood (intensity of the drive times its score row) above which it is
-estimated. Below it the process noise is set to zero."""
+"""Smallest influence of process noise on the likelihood for which its intensity is estimated. Project choice.
+
+The influence is the intensity times its score row. Below this value the process noise is set to zero.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,9 +92,9 @@ class _Likelihood:
         return Levels(noise, together[m:], np.zeros(0))
 
     def at(self, point: _Point, *, full: bool = False) -> FilterResult | None:
-        """Return the filter's pass at *point*.
+        """Return the filter's pass at *point*, or None if the motion diverges.
 
-        Its log-likelihood includes the prior of a shift of stamps.
+        The log-likelihood includes the prior of a shift of stamps.
         """
         result = self.bank.run(self.task.theta(point.parameters), self.prior, self.levels_at(point), full=full)
         if result is None or self.task.stamps is None:
@@ -104,8 +109,11 @@ class _Likelihood:
         return float(point.parameters[at]) - float(self.task.stamps or 0.0), std**-2
 
     def score(self, point: _Point, here: FilterResult, steps: Array) -> tuple[Array, Array]:
-        """Return gradient and information at *point* by parameters and levels.
+        """Return the gradient (p + l,) of the log-likelihood at *point*, and the information (p + l, p + l).
 
+        The unknowns are the parameters, then the logarithms of the noise levels.
+
+        here : filter pass at *point*.
         steps : (p + l,) lengths of the finite differences.
         """
         e, S = here.innovations
@@ -136,9 +144,9 @@ class _Likelihood:
 
 
 def fit_by_prediction_error(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by prediction error.
+    """Return a coupled model fitted to *case* by the prediction-error method.
 
-    *case* and result are those of every method for coupled models.
+    Process and measurement noise are fitted together with the parameters.
     """
     task = task_of(case)
     rounds = int(case.options.get("rounds", ROUNDS))

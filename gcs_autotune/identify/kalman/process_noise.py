@@ -15,11 +15,13 @@ __all__ = ["LEAST_DAMPING", "LONGEST_WAVE", "MOST_DAMPING", "ProcessNoise"]
 Array = NDArray[np.float64]
 
 NO_FORCE = 1e-9
-"""Size [m/s^2, rad/s^2] up to which a drifting force counts as zero. The size is then fixed, and the time constant has
-no effect."""
+"""Standard deviation [m/s^2, rad/s^2] up to which a drifting force counts as zero. Project choice.
+
+The standard deviation is then fixed, and the time constant has no effect.
+"""
 
 LONGEST_WAVE = 20.0
-"""Longest period [s] of waves. Slower motion is part of the drifting force."""
+"""Longest period of waves [s]. Slower motion is part of the drifting force. Project choice."""
 
 LEAST_DAMPING, MOST_DAMPING = 0.03, 0.5
 """Limits of the damping ratio of waves.
@@ -33,13 +35,14 @@ fits 0.1 to 0.26 to usual sea states.
 class ProcessNoise:
     """The disturbances that drive a craft in addition to its commands, and the noise of its sensor.
 
-    ``size``: standard deviation of the force per inertia [m/s^2, rad/s^2] (:data:`NO_FORCE` for none). ``memory`` [s]:
-    its time constant. ``sensor``: noise of the measured position [m, rad]. ``freedom``: degrees of freedom of the
-    innovations' distribution, inf for normal.
+    - ``size``: standard deviation of the drifting force per inertia [m/s^2, rad/s^2] (:data:`NO_FORCE` for none).
+    - ``memory`` [s]: time constant of the drifting force.
+    - ``sensor``: standard deviation of the noise of the measured position [m, rad].
+    - ``freedom``: degrees of freedom of the innovations' distribution, inf for normal.
 
     ``wave_swing`` [as sensor], ``wave_force`` [as size]: standard deviations of what waves add to the measured position
-    and to the force. ``wave_frequency`` [rad/s] and ``wave_damping`` ratio describe their band (:mod:`.waves`); 0 for
-    none.
+    and to the force. ``wave_frequency`` [rad/s] and ``wave_damping`` ratio describe the band of the waves
+    (:mod:`.waves`); 0 for none.
 
     ``smoothing`` [s]: time constant with which the position was smoothed forwards and backwards, 0 for none. The
     response of a linear craft then equals the response to smoothed commands.
@@ -62,7 +65,7 @@ class ProcessNoise:
 
     @property
     def differs(self) -> bool:
-        """Whether runs differ in constant force or thrust."""
+        """Whether the model lets runs differ in constant force or thrust."""
         return self.day_force > 0.0 or self.day_thrust > 0.0
 
     @property
@@ -77,12 +80,14 @@ class ProcessNoise:
 
     @property
     def is_band(self) -> bool:
-        """Whether the damping ratio is within its limits, so that the waves are a narrow band."""
+        """Whether the damping ratio is inside :data:`LEAST_DAMPING` and :data:`MOST_DAMPING`, so that the waves are a
+        narrow band.
+        """
         return 1.01 * LEAST_DAMPING < self.wave_damping < 0.99 * MOST_DAMPING
 
     @property
     def still(self) -> ProcessNoise:
-        """Return the same sensor noise without drifting force, differences between runs, or waves."""
+        """Return a copy with the same sensor noise, but without drifting force, differences between runs, and waves."""
         return replace(self, size=NO_FORCE, day_force=0.0, day_thrust=0.0, wave_swing=0.0, wave_force=0.0)
 
     @property

@@ -1,4 +1,4 @@
-"""Build a ``Fit`` from the result of a filter: parameters, free-run traces, innovations and doubts.
+"""Build a ``Fit`` from the result of a filter, with parameters, free-run traces, innovations and doubts.
 
 Doubts are about coloured innovations, parameters that have not settled, and parameters that the run does not excite.
 """
@@ -26,16 +26,20 @@ __all__ = ["MOST_POINTS", "Found", "filter_doubts", "report"]
 Array = NDArray[np.float64]
 
 MOST_POINTS = 200
-"""Maximum number of points of a parameter's history that are stored for plots."""
+"""Maximum number of points of a parameter's history that are stored for plots. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Result of a method, from which a ``Fit`` is built.
+    """Result of a filter method, from which a ``Fit`` is built.
 
-    ``parameters`` (p,), ``covariance`` (p, p), ``bounds`` (p,): of the free parameters. ``levels``: noise levels.
-    ``last``: the last pass. ``moved`` (p,): last move of each parameter in standard errors. ``extra``: further entries
-    for the fit.
+    - ``parameters`` (p,), ``covariance`` (p, p), ``bounds`` (p,): free parameters, their covariance and Cramer-Rao
+      bounds.
+    - ``levels``: noise levels.
+    - ``last``: the last pass.
+    - ``moved`` (p,): change of each parameter in the last pass, in standard errors.
+    - ``doubts``: doubts that the method raises itself.
+    - ``extra``: further entries for ``Fit.extra``.
     """
 
     parameters: Array
@@ -49,7 +53,7 @@ class Found:
 
 
 def report(task: Task, method: str, found: Found) -> Fit[CoupledModel]:
-    """Return the fit of *method* from its result."""
+    """Return the ``Fit`` of *method*, built from its result *found*."""
     form, bank, case = task.bank.form, task.bank, task.case
     std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     sought = [n for n in bank.free if not task.is_shift(n)]
@@ -108,7 +112,7 @@ def _innovations(task: Task, last: FilterResult) -> dict[str, Any]:
 
 
 def thinned(indices: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return at most :data:`MOST_POINTS` of *indices*, evenly spaced, including the first and the last."""
+    """Return at most :data:`MOST_POINTS` of *indices* (k,), evenly spaced, including the first and the last."""
     whole = np.asarray(indices, dtype=np.int64)
     if len(whole) <= MOST_POINTS:
         return whole
@@ -116,14 +120,22 @@ def thinned(indices: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 MOVING = 0.5
-"""Last move of a parameter, in standard errors, above which it counts as not settled."""
+"""Change of a parameter in the last pass, in standard errors, above which it counts as not settled. Project choice."""
 
 UNSEEN = 0.5
-"""Standard error, relative to the prior spread, above which a run contains almost no information on a parameter."""
+"""Standard error, relative to the prior standard deviation, above which a run hardly contains information on a
+parameter.
+
+Project choice.
+"""
 
 
 def filter_doubts(task: Task, last: FilterResult, moved: Array, std: Array, model: CoupledModel) -> tuple[Doubt, ...]:
-    """Return the doubts about a fit, from its last pass and the last move of each parameter."""
+    """Return the doubts about a fit, from its last pass and the change of each parameter in that pass.
+
+    moved : (p,) changes of the parameters in the last pass, in standard errors.
+    std : (p,) standard errors of the parameters.
+    """
     doubts = [*_consistency(task, last)]
     names = [n for n in task.bank.free if not task.is_shift(n)]
     own = [task.bank.free.index(n) for n in names]

@@ -1,13 +1,12 @@
 """Model what differs from run to run: a constant force and the thrust.
 
 A run has its own constant force ``b`` (mean wind, current, trim) and its own relative change of thrust ``s`` (battery,
-load). Both have zero mean and are known only by their standard deviations.
+load). Both have zero mean, and only their standard deviations are known. For a linear equation the innovations of a run
+are ``e = e0 + A (b, s)``. ``e0`` are the innovations without ``b`` and ``s``. Each column of ``A`` is the filter's
+response to one of the two forces. ``b`` and ``s`` are therefore integrated out after the filter, sample by sample
+(DeJong1991). The filter needs no further states.
 
-For a linear equation the innovations of a run are ``e = e0 + A (b, s)``. ``e0`` is the innovation without them; each
-column of ``A`` is the filter's response to one of the forces. Both are therefore integrated out after the filter,
-sample by sample (DeJong1991). The filter needs no further states.
-
-The spread between runs is estimated from each run's own ``b`` and ``s``, about their common part. The common part is a
+The spread between runs is estimated from the ``b`` and ``s`` of each run, about the mean of all runs. That mean is a
 bias, which an effect has to explain.
 """
 
@@ -25,11 +24,12 @@ __all__ = ["RunLikelihood", "RunLikelihoods", "RunOffset", "integrate_out"]
 Array = NDArray[np.float64]
 
 MOST_THRUST = 0.05
-"""Largest standard deviation of thrust between runs.
+"""Largest standard deviation of thrust between runs, relative to the thrust.
 
 The voltage of a battery falls by a sixth from full to empty, and thrust at one command falls by twice that. Runs of one
-outing differ by less. A larger spread hides what a nonlinear thrust curve does to runs with different commands.
-Example: for a saturation with process noise (seed 318), a spread of 0.1 reduces its log-likelihood gain from 16 to 7.
+outing differ by less. With a larger spread, the effect of a nonlinear thrust curve on runs with different commands is
+hidden. Example: for a saturation with process noise (seed 318), a spread of 0.1 reduces its log-likelihood gain from 16
+to 7.
 """
 
 
@@ -56,7 +56,9 @@ class RunLikelihood:
     h: Array
 
     def day(self, force: float, thrust: float) -> RunOffset:
-        """Return the estimate for a prior with zero means and standard deviations *force* and *thrust*."""
+        """Return the estimated force and thrust change of the run, for a prior with zero mean.
+
+        force, thrust : standard deviations of the prior."""
         P = np.diag([force**2, thrust**2])
         cov = P @ np.linalg.inv(np.eye(2) + self.G @ P)
         mean = cov @ self.h
@@ -66,12 +68,13 @@ class RunLikelihood:
 
 @njit(cache=True, nogil=True)
 def integrate_out(A: Array, mean: Array, cov: Array, e: Array, S: Array) -> None:
-    """Remove the run's own constant force and change of thrust from the innovations of one record.
+    """Remove the run's own constant force ``b`` and change of thrust ``s`` from the innovations of one record, in
+    place.
 
     A (2, s) : response of the innovations to each force of size one.
     e, S (s,) : innovations without these forces, and their variances. They are replaced by those of a filter to which
         (b, s) are unknown.
-    mean (2,), cov (2, 2) : of (b, s) before the record and, in place, after it.
+    mean (2,), cov (2, 2) : mean and covariance of (b, s) before the record, replaced by those after it.
 
     The innovation e0 + A' x has variance S about zero at the true x, so H = -A'.
     """
@@ -97,29 +100,31 @@ class RunLikelihoods:
     runs: tuple[RunLikelihood, ...]
 
     def offsets(self, force: float, thrust: float) -> tuple[RunOffset, ...]:
-        """Return each run's own constant force and thrust, for a prior with zero means.
+        """Return the constant force and the change of thrust of each run, for a prior with zero mean.
 
         force, thrust : standard deviations of the prior.
         """
         return tuple(one.day(force, thrust) for one in self.runs)
 
     def gain(self, force: float, thrust: float) -> float:
-        """Return the log-likelihood of deviations between runs about the best common part.
+        """Return the gain in log-likelihood if the runs deviate in force and thrust from the best common value.
 
-        It is relative to no constant force and no change of thrust. *force* and *thrust* are the standard deviations.
+        It is relative to no constant force and no change of thrust.
+
+        force, thrust : standard deviations of the deviations.
         """
         constant, q, Q = self._parts(force, thrust)
         return constant + 0.5 * float(q @ np.linalg.pinv(Q) @ q)
 
     def spread(self, least: float, widest: float, *, force: bool, thrust: bool) -> tuple[float, float]:
-        """Return the standard deviations of force and thrust between runs, about their common part.
+        """Return the standard deviations of force and thrust between runs, about the mean of all runs.
 
-        The estimate is by restricted likelihood (Patterson1971), that is, after the common part is removed. With few
-        runs the plain likelihood underestimates the spread.
+        The estimate is by restricted likelihood (Patterson1971), that is, after the mean is removed. With few runs the
+        plain likelihood underestimates the spread.
 
         least, widest : limits of the standard deviation of the force [per inertia].
-        force, thrust : whether each may differ between runs. If not, the standard deviation is *least* for the force
-            and zero for the thrust.
+        force, thrust : whether force and thrust may differ between runs. If not, the standard deviation is *least* for
+            the force and zero for the thrust.
         """
         best, found = -math.inf, (least, 0.0)
         wide = force and widest > least

@@ -1,9 +1,8 @@
 """Iterated smoother: estimate all states of all runs and the parameters at once, by Gauss-Newton.
 
 Each round linearises the equations about the smoothed trajectories and parameters of the round before. It then runs
-forwards and backwards, and fits the noise levels to the residuals. The samples constrain the trajectories from the
-first round on. A bad start therefore cannot make the motion diverge, and velocities can be estimated from positions
-alone.
+forwards and backwards, and fits the noise levels to the residuals. The samples constrain the trajectories in every
+round. A bad start therefore cannot make the motion diverge, and velocities can be estimated from positions alone.
 
 Source: Bell1994.
 """
@@ -37,25 +36,33 @@ ROUNDS = 60
 """
 
 WIDE = 10.0
-"""Width of the parameters' prior, in units of their scales. It is wide, because linearisation about a trajectory needs
-no prior information."""
+"""Factor by which the prior standard deviations of the parameters are increased for the smoother. Project choice.
+
+It is large, because linearisation about a trajectory needs no prior information.
+"""
 
 
 RETREATS = 6
-"""Maximum number of times that a diverged round is repeated with half the step."""
+"""Maximum number of times that a diverged round is repeated with half the step. Project choice."""
 
 SETTLED = 0.02
-"""Limit that ends the rounds. It applies to the last move in standard errors and to the gain of log-likelihood by new
-noise levels."""
+"""Limit below which the rounds end. Project choice.
+
+It applies to the last change of each parameter in standard errors, and to the gain of log-likelihood by new noise
+levels.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ended:
-    """State at the end of the rounds.
+    """Result of the last round of the smoother.
 
-    ``result``: the last pass. ``smoothed``: the smoothed states. ``levels``: noise levels. ``moved`` (p,): last move of
-    each parameter in standard errors. ``count``: number of rounds. ``settled``: whether parameters and levels have
-    settled.
+    - ``result``: the last filter pass.
+    - ``smoothed``: the smoothed states.
+    - ``levels``: noise levels.
+    - ``moved`` (p,): change of each parameter in the last round, in standard errors.
+    - ``count``: number of rounds.
+    - ``settled``: whether parameters and levels have settled.
     """
 
     result: FilterResult
@@ -67,9 +74,9 @@ class Ended:
 
 
 def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
-    """Fit a coupled model by the iterated smoother.
+    """Return a coupled model fitted to *case* by the iterated smoother.
 
-    *case* and result are those of every method for coupled models.
+    The option ``rounds`` limits the number of rounds.
     """
     task = task_of(case)
     rounds = int(case.options.get("rounds", ROUNDS))
@@ -90,9 +97,9 @@ def fit_by_smoother(case: Case) -> Fit[CoupledModel]:
 
 
 def iterate(task: Task, rounds: int) -> Ended:
-    """Return the result of at most *rounds* rounds that start at the regression.
+    """Return the result of the smoother after at most *rounds* rounds, starting from the regression.
 
-    If it does not settle, a second start without drag is tried.
+    If the rounds do not settle, a second start without drag is tried.
 
     Raises
     ------
@@ -144,7 +151,10 @@ def _rounds(task: Task, theta: Array, rounds: int) -> Ended | None:
 
 
 def settled(before: Levels, after: Levels, smoothed: Smoothed) -> bool:
-    """Return whether the noise levels have settled, ignoring levels too small to matter."""
+    """Return whether the noise levels have settled between *before* and *after*.
+
+    Levels that are too small to matter are ignored.
+    """
     for old, new, rows in (
         (before.noise, after.noise, smoothed.by_noise),
         (before.drive, after.drive, smoothed.by_drive),

@@ -1,4 +1,4 @@
-"""Calculate start values of a filter from smoothed motion and a regression of the equations of motion on it.
+"""Calculate start values of a filter: smooth the motion, then regress the equations of motion on it.
 
 The smoother uses no craft model: velocities are random walks whose intensity is fitted by maximum likelihood. It
 accepts positions alone, or positions and velocities, at any stamps. The equations of motion are linear in the
@@ -37,18 +37,22 @@ __all__ = ["Start", "begin"]
 Array = NDArray[np.float64]
 
 ROUNDS = 12
-"""Number of rounds that fit the random walk of the velocities. Start values need no more accuracy."""
+"""Number of rounds that fit the random walk of the velocities. Project choice: start values need no more accuracy."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
     """Initial values of a filter.
 
-    ``theta`` (all,): parameters. ``scale`` (p,): value of each free parameter at which its term is as large as all
-    others together. ``states`` (records, n): states at every start, with standard deviations ``spread``. ``levels``:
-    noise levels, with a high intensity of the drive. ``floors`` (m,): smallest variances of the signals. ``paths`` (s,
-    n): smoothed states. ``cautious`` (all,): start that cannot diverge, in case ``theta`` does. Its inertia is input
-    divided by acceleration, and it has no drag.
+    - ``theta`` (all,): parameters.
+    - ``scale`` (p,): value of each free parameter at which its term is as large as all others together.
+    - ``states`` (records, n): states at the start of every record.
+    - ``spread``: standard deviations of ``states``.
+    - ``levels``: noise levels, with a high intensity of the process noise.
+    - ``floors`` (m,): smallest noise variances of the signals.
+    - ``paths`` (s, n): smoothed states of every record.
+    - ``cautious`` (all,): start values that cannot diverge, in case ``theta`` does. The inertia is input divided by
+      acceleration, and there is no drag.
     """
 
     theta: Array
@@ -64,7 +68,7 @@ class Start:
 def begin(bank: FilterBank, given: Mapping[str, float]) -> Start:
     """Return the start values of a filter.
 
-    given : values that override those of the regression.
+    given : name -> value that overrides the result of the regression.
     """
     form = bank.form
     walked = [_walked(form, track.record, bank.signals) for track in bank.tracks]

@@ -33,10 +33,11 @@ Index = NDArray[np.int64]
 class FilterHistory(NamedTuple):
     """Results of a forward pass, for s stamps, m signals, n states, N = n + free parameters.
 
-    ``mean`` (s, N), ``covariance`` (s, N, N): after each stamp's samples. ``F`` (s, n, N), ``late`` (s, n, n): the
-    transition into each stamp. ``e``, ``S`` (s, m): innovations and their variances (NaN without a sample). ``K``,
-    ``H`` (s, m, N): gains and output derivatives, those of :func:`measure`. With waves (:mod:`.waves`) their two states
-    come last, and N is larger by two.
+    - ``mean`` (s, N), ``covariance`` (s, N, N): estimate after the samples of each stamp.
+    - ``F`` (s, n, N), ``late`` (s, n, n): the transition into each stamp, and that of the second half of the interval.
+    - ``e``, ``S`` (s, m): innovations and their variances (NaN without a sample).
+    - ``K``, ``H`` (s, m, N): gains and output derivatives, those of :func:`measure`. With waves (:mod:`.waves`) their
+      two states come last, and N is larger by two.
     """
 
     mean: Array
@@ -50,7 +51,7 @@ class FilterHistory(NamedTuple):
 
 
 def new_history(s: int, m: int, n: int, N: int, *, full: bool) -> FilterHistory:
-    """Return buffers for a pass; without *full* only the innovations are kept."""
+    """Return empty buffers for a pass. Without *full* only the innovations are stored."""
     k = s if full else 0
     return FilterHistory(
         np.zeros((k, N)),
@@ -165,7 +166,7 @@ def forward(
 ) -> float:
     """Filter one record, and replace the prior *mean* (N,) and *cov* (N, N) by the values at the end.
 
-    The prior is that at ``stamps[0]``.
+    The prior applies at ``stamps[0]``.
 
     theta : all parameters.
     places : (p,) indices of the free ones in *theta*.
@@ -174,10 +175,10 @@ def forward(
     codes : (m,) kinds of the signals (see :func:`measure`).
     r : (m,) noise variances of the signals.
     q : (n,) intensity of the white noise that drives each state [unit^2/s].
-    walk : (p,) the same for each free parameter.
+    walk : (p,) intensity of the white noise that drives each free parameter [unit^2/s].
     decay : (p,) [1/s] rate at which each free parameter returns to zero, 0 for constants.
-    waves : (4,) see :mod:`.waves`, zero size for none. Their states are not part of *mean* and *cov*. They appear in
-        the first signal, and their force is added to the first free parameter.
+    waves : (4,) parameters of the waves, see :mod:`.waves`. Zero size means no waves. Their states are not part of
+        *mean* and *cov*. They appear in the first signal, and their force is added to the first free parameter.
     reference : (s, n) trajectory to linearise about with the parameters in *theta*, or (0, n) to linearise at the
         estimate.
     sigma : whether to propagate mean and covariance by sigma points.
@@ -351,10 +352,10 @@ def backward(
     by_noise: Array,
     by_drive: Array,
 ) -> None:
-    """Run the adjoint backwards over a full *history*.
+    """Run the adjoint backwards over a full *history*, and fill the smoothed states and the scores in place.
 
-    adjoint (N,), information (N, N) : on entry those of the records after this one (states zero), on return those at
-        the start of this one.
+    adjoint (N,), information (N, N) : on entry those at the start of the next record (states zero), on return those at
+        the start of this record.
     smoothed, variances : (s, N) filled with the smoothed means and their variances.
     by_noise : (2, m) to which the score of the noise variances is added.
     by_drive : (2, n) to which the score of the drive intensities is added.

@@ -32,17 +32,22 @@ OPTIONS = (
 """Options that all methods of this package accept, with a line of help each."""
 
 REPEAT = 3.0
-"""Prior width of a repeated pass, in standard errors. It is wide enough for parameters to move, and narrow enough for
-linearisation."""
+"""Prior standard deviation of a repeated pass, in standard errors of the last pass. Project choice.
+
+It is large enough for parameters to move, and small enough for linearisation.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
     """Input of every method of this package.
 
-    ``form``: the form to fit. If input stamps are not exact (decision 3), the form of ``bank`` has their shift as its
-    ``delay``. ``stamps`` [s] is then the start value of that delay. ``tune_noise``, ``tune_drive``: whether levels are
-    estimated. ``loose`` (n,): a high intensity of the drive, which ties the states to the samples.
+    - ``form``: the form to fit. If input stamps are not exact (decision 3), the form of ``bank`` has their shift as its
+      ``delay``.
+    - ``stamps`` [s]: start value of that delay, None if stamps are exact.
+    - ``spread``: prior standard deviation of a parameter, in units of its scale.
+    - ``tune_noise``, ``tune_drive``: whether the noise variances and the process noise are estimated.
+    - ``loose`` (n,): a high intensity of the process noise, with which the states follow the samples.
     """
 
     case: Case
@@ -62,7 +67,7 @@ class Task:
         return Prior(self.start.states, self.start.spread, theta, np.diag((self.spread * self.start.scale) ** 2))
 
     def widened(self, factor: float) -> Array:
-        """Return the prior covariance with standard deviations *factor* times as wide.
+        """Return the prior covariance (p, p) with standard deviations multiplied by *factor*.
 
         The shift of stamps keeps its known width.
         """
@@ -70,26 +75,25 @@ class Task:
         return self.prior.covariance * np.outer(wide, wide)
 
     def is_shift(self, name: str) -> bool:
-        """Return whether the parameter *name* in the state is the shift of input stamps."""
+        """Return whether the parameter *name* in the filter's state is the shift of input stamps."""
         return self.stamps is not None and name == "delay"
 
     def theta(self, free: Array) -> Array:
-        """Return all parameters, with the free ones at *free* (p,)."""
+        """Return all parameters (all,), with the free ones set to *free* (p,)."""
         theta = self.start.theta.copy()
         theta[self.bank.places] = free
         return theta
 
     def tuned(self, levels: Levels, smoothed: Smoothed) -> Levels:
-        """Return *levels* closer to the most likely ones.
-
-        Levels fixed by the user stay unchanged.
-        """
+        """Return noise levels closer to the most likely ones than *levels*. Levels fixed by the user stay unchanged."""
         levels = tuned(levels, smoothed, self.start.floors, noise=self.tune_noise, drive=self.tune_drive)
         return levels if self.tune_drive else replace(levels, drive=self.start.levels.drive)
 
 
 def first_states(smoothed: Smoothed, widest: Array) -> tuple[Array, Array]:
-    """Return the smoothed first states of the records (records, n), and their spread, for the next pass."""
+    """Return the smoothed first states of the records (records, n) and their standard deviations, for the next pass.
+
+    widest : largest standard deviation allowed."""
     n = widest.shape[1]
     states = np.array([path[0, :n] for path in smoothed.trajectories])
     std = np.sqrt(np.array([var[0, :n] for var in smoothed.variances]))

@@ -21,13 +21,17 @@ __all__ = ["smoothed_drive", "thinned_to"]
 Array = NDArray[np.float64]
 
 PER_SAMPLE = 4.0
-"""Number of averaging intervals of inputs and measured motions per sampling interval of the thinned signal."""
+"""Number of averaging intervals of inputs and measured motions per interval of the thinned signal. Project choice."""
 
 VELOCITIES = ("u", "v", "w", "p", "q", "r")
 
 
 def thinned_to(segments: Sequence[Segment], signal: str, interval: float) -> list[Segment]:
-    """Return the segments with only samples of *signal* that are at least *interval* [s] apart."""
+    """Return *segments* with *signal* only, thinned to samples about *interval* [s] apart.
+
+    Inputs and measured velocities are averaged over a fraction of the interval. Segments without the signal are left
+    out.
+    """
     found = []
     for segment in segments:
         if signal not in segment.signals:
@@ -74,7 +78,8 @@ def _coarser(segment: Segment, width: float) -> Segment:
 
 
 def smoothed_drive(drive: Drive, smoothing: float, end: float, step: float, commands: Container[str]) -> Drive:
-    """Return inputs up to *end* [s] as means over *step* [s], with *commands* smoothed in both directions.
+    """Return the inputs of *drive* up to *end* [s] as means over *step* [s], with *commands* smoothed in both
+    directions.
 
     smoothing : time constant [s] of the smoother in each direction.
     """

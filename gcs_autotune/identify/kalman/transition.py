@@ -1,7 +1,7 @@
 """The compiled step of every filter: from one stamp to the next, with inputs that jump in between.
 
 Linearisation (:func:`step`) propagates the mean by the Runge-Kutta steps of :mod:`gcs_autotune.models.coupled.kernel`.
-The sensitivities of these steps are the transition matrix. For the computed motion it is exact to rounding.
+The sensitivities of these steps are the transition matrix. The matrix is exact to rounding for the computed motion.
 
 Sigma points (:func:`sigma_step`) are central differences at sqrt(3) standard deviations, Norgaard2000. Their covariance
 is a sum of squares and stays positive with twenty parameters. The weights of the plain unscented transform would make
@@ -68,9 +68,10 @@ def inertia(P: Program, theta: Array, M: Array, M_inverse: Array) -> bool:
 
 @njit(cache=True)
 def measure(P: Program, theta: Array, x: Array, code: int, free: Index, H: Array) -> float:
-    """Return one output and fill its derivatives *H* (N,) by states, then free parameters.
+    """Return one output, and fill *H* (N,) with its derivatives by the states, then by the free parameters.
 
-    code : 0-5 velocity over ground, 6-11 position. free : (p,) column of each parameter in *H*, -1 if it is known.
+    code : index of the output. 0 to 5 are velocities over ground, 6 to 11 positions. free : (p,) column of each
+        parameter in *H*, -1 if it is known.
     """
     H[:] = 0.0
     column = P.column[code]
@@ -111,11 +112,15 @@ def step(
     max_rate: float,
     W: Scratch,
 ) -> tuple[bool, float, int]:
-    """Propagate *x* over one interval; fill ``F`` (n, N) of the whole and ``late`` (n, n) of its second half.
+    """Propagate *x* over one interval in place, and fill its transitions ``F`` (n, N) and ``late`` (n, n).
 
-    Return whether the motion stayed finite, the fastest rate, and the row of the input in force at *stop*. Process
-    noise needs ``late`` for Simpson's rule. If the interval is short compared with the fastest rate, ``late`` is the
-    root of the whole transition, from its series. A longer interval is computed in two halves.
+    ``F`` is the transition of the whole interval, ``late`` that of its second half. Simpson's rule for the process
+    noise needs ``late``. If the interval is short compared with the fastest rate, ``late`` is the root of the whole
+    transition, from its series. A longer interval is computed in two halves.
+
+    Returns
+    -------
+    Whether the motion stayed finite, the fastest rate [1/s], and the row of the input in force at *stop*.
     """
     n, N = F.shape
     begin, first = x.copy(), row

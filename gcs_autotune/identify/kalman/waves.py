@@ -1,8 +1,8 @@
 """Model waves as two states of a filter: a narrow-band force and an oscillation of the measured signal.
 
-Both are white noise filtered by ``s / (s^2 + 2 damping frequency s + frequency^2)`` (Fossen2011, chapter 8). Both
-states have unit standard deviation. The first is proportional to the integral of the second. The second acts as a force
-and appears in the signal. The filter has no gain at zero frequency, because a slow force is not a wave.
+Both states are white noise filtered by ``s / (s^2 + 2 damping frequency s + frequency^2)`` (Fossen2011, chapter 8).
+Both states have unit standard deviation. The first is proportional to the integral of the second. The second acts as a
+force and appears in the signal. The filter has no gain at zero frequency, because a slow force is not a wave.
 
 ``waves`` (4,): standard deviations of the oscillation [m, rad] and of the force per inertia; frequency [rad/s]; damping
 ratio. Between two stamps the force is held constant, as is the drifting force.
@@ -37,9 +37,10 @@ def wave_transition(waves: Array, h: float, F: Array) -> None:
 
 @njit(cache=True)
 def turn_waves(vector: Array, matrix: Array, F: Array) -> None:
-    """Apply *F* (2, 2) to the wave states, in place.
+    """Apply the transition *F* (2, 2) to the wave states, in place.
 
-    These are the last two elements of *vector* (N,). In *matrix* (N, N) the last two rows and columns are transformed.
+    The wave states are the last two elements of *vector* (N,). The last two rows and columns of *matrix* (N, N) are
+    transformed.
     """
     N = len(vector)
     a, b = N - 2, N - 1
@@ -54,9 +55,9 @@ def turn_waves(vector: Array, matrix: Array, F: Array) -> None:
 
 @njit(cache=True)
 def renew_waves(cov: Array, F: Array) -> None:
-    """Add the noise of an interval with transition *F* to *cov* (N, N).
+    """Add the process noise of the waves over an interval with transition *F* to *cov* (N, N), in place.
 
-    It replaces the variance that the stationary process loses over the interval.
+    The noise replaces the variance that the stationary process loses over the interval.
     """
     a, b = len(cov) - 2, len(cov) - 1
     cov[a, a] += 1.0 - F[0, 0] * F[0, 0] - F[0, 1] * F[0, 1]

@@ -1,7 +1,7 @@
-"""The methods ``step`` and ``zig-zag``, which read a model off open-loop manoeuvres.
+"""The methods ``step`` and ``zig-zag``, which derive a model from open-loop manoeuvres.
 
-Figures of ship trials use the same tools. A :class:`Reading` has a value and a standard error. A :class:`ShipLog`
-contains heading and steering of a run.
+The package ``seatrials`` uses the same functions for its ship figures. A :class:`Reading` has a value and a standard
+error. A :class:`ShipLog` contains heading and steering of a run.
 
 ================  =================================================================================
 readings          values with standard errors, from local polynomials; intervals of constant input

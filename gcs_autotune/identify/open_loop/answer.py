@@ -32,10 +32,9 @@ def axis_answer(
     doubts: Sequence[Doubt],
     extra: Mapping[str, Any],
 ) -> AxisFit:
-    """Return the fit of the model, with its free run on the records.
+    """Return the fit of one degree of freedom with the parameters *theta*, and its free run on the records.
 
-    theta (4,), covariance (4, 4), fitted (4,) : for alpha, beta, beta_quadratic and Delta. The delay is that of the
-        case.
+    theta (4,), covariance (4, 4), fitted (4,) : for alpha, beta, beta_quadratic and Delta. The delay is that of *case*.
     """
     record = case.records[0]
     alpha, beta, quadratic, delta = (float(v) for v in theta)

@@ -2,10 +2,10 @@
 
 Each step has two residuals that are zero for the right model. One is the balance at the steady velocity, ``tau + Delta
 - (beta + beta_nn*|k_ss|)*k_ss``. The other is the lag ``(eta_0 - eps_v) - lag(model)``, or the time to the knee. For
-one step, one drag and no Delta this equals Miskovic2010, table 4.1, once the response has settled.
+  one step, one drag and no Delta the result equals Miskovic2010, table 4.1, if the response has settled.
 
 With quadratic drag and little force the response never settles completely, because the velocity decays as one over the
-time. The model's response is therefore read over the same seconds as the record's, so that both contain the same
+time. The model's response is therefore evaluated over the same interval as the record, so that both contain the same
 transient.
 """
 
@@ -37,11 +37,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepModel:
-    """Model fitted to the step responses.
+    """Model fitted to the readings of all steps.
 
-    ``theta`` (4,): alpha, beta, beta_quadratic and Delta. ``fitted``: which of them were fitted. ``covariance`` (4, 4):
-    multiplied by chi2/spare if this exceeds 1, because the steps then differ by more than their noise. ``chi2``: sum of
-    squared residuals, each divided by its standard error. ``spare``: number of readings minus number of parameters.
+    - ``theta`` (4,): alpha, beta, beta_quadratic and Delta.
+    - ``fitted`` (4,): whether each element of ``theta`` was fitted.
+    - ``covariance`` (4, 4): covariance of ``theta``. It is multiplied by chi2/spare if this exceeds 1, because the
+      steps then differ by more than their noise.
+    - ``chi2``: sum of the squares of the residuals, each divided by its standard error.
+    - ``spare``: number of readings minus number of parameters.
     """
 
     structure: Structure
@@ -53,19 +56,19 @@ class StepModel:
 
     @property
     def scatter(self) -> float:
-        """Ratio of the differences between steps to their noise, at least 1."""
+        """Ratio of the differences between steps to the noise of the readings, at least 1."""
         return math.sqrt(max(self.chi2 / self.spare, 1.0)) if self.spare > 0 else 1.0
 
 
 def fit_readings(readings: Sequence[StepReading], structure: Structure) -> StepModel:
-    """Fit one model to all readings.
+    """Return one model with the drag *structure*, fitted to all *readings*.
 
-    ``Delta`` is fitted if there are enough levels of input. With a single level it is taken as 0, as in Miskovic2010.
+    ``Delta`` is fitted if the steps end at enough different inputs. With a single input value, ``Delta`` is 0 as in
+    Miskovic2010.
 
     Raises
-    ------
-    NotInformative
-        No reading determines the inertia, or there are too few levels for the requested drags.
+    ------ NotInformative No reading determines the inertia, or there are too few input values for the drags of
+    *structure*.
     """
     if not any(r.has_lag or r.has_knee for r in readings):
         raise NotInformative(
@@ -141,9 +144,10 @@ def _dynamics(r: StepReading, theta: Array) -> float | None:
 
 
 POINTS, TOP = 240, 20.0
-"""Settings of the integration of a response.
+"""Settings for the integration of a response. Project choice.
 
-POINTS: number of steps. TOP: limit of the velocity, as a multiple of the largest one in the reading.
+- ``POINTS``: number of steps.
+- ``TOP``: limit of the velocity, as a multiple of the largest one in the reading.
 """
 
 
@@ -246,21 +250,22 @@ def _sensitivity(r: StepReading, theta: Array) -> float:
 
 
 MOVES = 3.0
-"""Number of standard errors by which a velocity must differ from zero to count as motion."""
+"""Number of standard errors by which a velocity must differ from zero to count as motion. Project choice."""
 
 CLOSE = 2.0
-"""Difference of the Bayesian criterion below which the choice between two structures counts as undecided."""
+"""Difference of the Bayesian information criterion below which the choice between two structures counts as undecided.
+
+Source: Kass1995.
+"""
 
 
 def fit_by_steps(case: Case) -> AxisFit:
-    """Identify one degree of freedom from steps of its input.
+    """Return the fit of one degree of freedom from steps of its input.
 
     ``extra["steps"]`` contains the readings. ``extra["table_4_1"]`` contains the result of each single step from rest.
 
     Raises
-    ------
-    NotInformative
-        No step is long enough to be read.
+    ------ NotInformative No step is long enough to be evaluated, or the steps do not determine the requested structure.
     """
     everything = read_steps(case.records)
     readings = [r for r in everything if r.settled]

@@ -29,10 +29,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Nomoto:
-    """Nomoto's indices.
+    """Nomoto's indices with their standard errors.
 
-    ``K`` [1/s per unit of input], ``T`` [s], ``K_prime`` = K L/U, ``T_prime`` = T U/L. The last two are NaN without
-    length L and speed U.
+    - ``K`` [1/s per unit of input], ``T`` [s]: gain and time constant of yaw.
+    - ``K_prime`` = K L/U, ``T_prime`` = T U/L: dimensionless indices, NaN without length L and speed U.
     """
 
     K: Reading
@@ -42,9 +42,9 @@ class Nomoto:
 
 
 def nomoto_of(theta: Array, covariance: Array, length: float = math.nan, speed: float = math.nan) -> Nomoto:
-    """Return Nomoto's indices for *theta* (alpha, beta, ...), with standard errors from its covariance.
+    """Return Nomoto's indices for the parameters *theta* (alpha, beta, ...), with standard errors from *covariance*.
 
-    length, speed : [m], [m/s], for the dimensionless indices.
+    length, speed : length [m] and speed [m/s] of the craft, for the dimensionless indices.
 
     Without linear drag K and T are not defined and are NaN.
     """
@@ -60,17 +60,20 @@ def nomoto_of(theta: Array, covariance: Array, length: float = math.nan, speed: 
 
 
 CLEAR = 3.0
-"""Smallest distance from zero, in standard errors, of an omitted drag for which a doubt is raised."""
+"""Smallest distance from zero, in standard errors, of an omitted drag for which a doubt is raised. Project choice."""
 
 WORSE = 2.0
-"""Factor by which omitting the drag must also increase the weighted misfit."""
+"""Factor by which the weighted misfit must also increase without the omitted drag for a doubt to be raised.
+
+Project choice.
+"""
 
 
 def fit_by_zigzag(case: Case) -> AxisFit:
-    """Identify yaw from zig-zags.
+    """Return the fit of yaw from the zig-zags in *case*.
 
     The structure is ``linear`` (Nomoto's) unless another is requested. ``Delta``, the rudder bias, is fitted if there
-    are enough rows.
+    are enough half periods.
 
     ``extra`` contains ``K`` and ``T`` with standard errors. With the options ``length`` [m] and ``speed`` [m/s] it
     contains ``K_prime`` and ``T_prime`` too. ``half_periods`` lists the results of (4.52) and (4.53) for each half
@@ -128,7 +131,10 @@ def _named(made: Nomoto) -> dict[str, float]:
 
 
 def solve_zigzag(every: Sequence[IntegralRows], structure: Structure) -> tuple[Array, Array, float, tuple[bool, ...]]:
-    """Return theta (4,), its covariance (4, 4), the model error per row, and which parameters were fitted.
+    """Return theta (4,), its covariance (4, 4), the model error per row [impulse], and which parameters were fitted
+    (4,).
+
+    theta contains alpha, beta, beta_quadratic and Delta.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Read values with standard errors off a record, and find the intervals in which an input is held.
+"""Determine values with standard errors from a record, and find the intervals in which an input is constant.
 
 A reading is the value, slope or curvature of a local least-squares polynomial at a given time. Its covariance includes
-the factor of correlated residuals (Newey1987, Bartlett weights). It is at least that of the sensor's resolution.
+a factor for correlated residuals (Newey1987, Bartlett weights). The noise is at least that of the sensor's resolution.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One value with its standard error, both in ``unit`` (SI); NaN if unknown."""
+    """A value and its standard error, both in ``unit`` (SI). NaN if unknown."""
 
     value: float
     std: float
@@ -38,8 +38,9 @@ class Reading:
 class LocalFit:
     """Local polynomial about the time ``at`` [s].
 
-    ``coefficients`` (d+1,): for rising powers of (t - at). ``covariance``: their covariance. ``sigma``: noise of one
-    sample.
+    - ``coefficients`` (d+1,): coefficients of the rising powers of (t - at).
+    - ``covariance`` (d+1, d+1): covariance of the coefficients.
+    - ``sigma``: standard deviation of the noise of one sample.
     """
 
     at: float
@@ -48,11 +49,11 @@ class LocalFit:
     sigma: float
 
     def value(self, unit: str) -> Reading:
-        """Return the fitted value at ``at``."""
+        """Return the value of the polynomial at the time ``at``, with its standard error."""
         return self._reading(0, unit)
 
     def slope(self, unit: str) -> Reading:
-        """Return the fitted slope at ``at``."""
+        """Return the slope of the polynomial at the time ``at``, with its standard error."""
         return self._reading(1, unit)
 
     def _reading(self, i: int, unit: str) -> Reading:
@@ -60,10 +61,10 @@ class LocalFit:
 
 
 def local_fit(t: Array, y: Array, at: float, degree: int, floor: float = 0.0) -> LocalFit:
-    """Fit a polynomial of *degree* to (t, y), expressed about the time *at*.
+    """Return a polynomial of *degree*, fitted to (t, y) and expressed about the time *at*.
 
     t, y : (n,) with n > degree.
-    floor : smallest standard deviation of one sample, e.g. the sensor's step over sqrt(12).
+    floor : smallest standard deviation of one sample, for example the resolution of the sensor divided by sqrt(12).
     """
     scale = max(float(np.ptp(t)), 1e-12)
     s = (t - at) / scale
@@ -95,10 +96,10 @@ def _colour(left: Array) -> float:
 
 
 def rate_of(t: Array, angle: Array, width: float) -> Array:
-    """Return the slope of *angle* at every stamp, from lines over *width* seconds (at least five samples).
+    """Return the slope (n,) of *angle* [1/s] at every stamp, from lines over *width* seconds (at least five samples).
 
-    If the window is even about the stamp, the slope of a line equals that of a parabola. Near the ends and beside gaps
-    it is uneven, and a parabola is fitted.
+    If the window is symmetric about the stamp, the slope of a line equals that of a parabola. Near the ends and gaps
+    the window is not symmetric, and a parabola is fitted.
     """
     n = len(t)
     a, b = np.searchsorted(t, t - 0.5 * width), np.searchsorted(t, t + 0.5 * width, side="right")
@@ -117,20 +118,25 @@ def rate_of(t: Array, angle: Array, width: float) -> Array:
 
 
 NARROW, WIDE = 0.005, 0.05
-"""Limits of the band within which an input counts as held, as fractions of its whole range."""
+"""Limits of the band within which an input counts as constant, as fractions of its whole range. Project choice."""
 
 STILL = 0.6
-"""Fraction of the time for which an input must be exactly constant to count as a command. The band is then narrow."""
+"""Fraction of the time for which an input must be exactly constant to count as a command. Project choice.
+
+The band for constant intervals is then narrow.
+"""
 
 LONGER = 3.0
-"""Minimum duration of a hold, as a multiple of the time that the fastest ramp needs to cross the band."""
+"""Minimum duration of a hold, as a multiple of the time in which the fastest ramp crosses the band. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """Interval in which the input is held.
+    """Interval in which the input is constant.
 
-    ``level``: value of the input. ``start``, ``end`` [s]. ``before`` [s]: end of the previous hold.
+    - ``level``: value of the input.
+    - ``start``, ``end`` [s]: times at which the interval starts and ends.
+    - ``before`` [s]: end of the previous hold.
     """
 
     start: float
@@ -145,12 +151,12 @@ class Hold:
 
 
 def find_holds(t: Array, values: Array, end: float, shortest: float = 0.0) -> tuple[Hold, ...]:
-    """Return the intervals in which an input is held, in order.
+    """Return the intervals in which an input is constant, in order of time.
 
-    t, values : (n,) samples, each in force until the next.
+    t, values : (n,) samples of the input. Each value applies until the next stamp.
     end : end of the last sample [s].
-    shortest : minimum duration [s]. It applies in addition to the limit that prevents parts of a rudder ramp from
-        counting as holds.
+    shortest : minimum duration [s]. The limit that prevents pieces of a rudder ramp from counting as holds also
+        applies.
     """
     span = float(np.ptp(values)) if len(values) else 0.0
     if span == 0.0:

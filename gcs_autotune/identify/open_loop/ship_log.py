@@ -1,4 +1,4 @@
-"""Heading, rudder and other channels of a run, cleaned and with their own stamps, and the helm orders in them."""
+"""Heading, rudder and other channels of a run, each cleaned and with its own stamps, and the helm orders of the run."""
 
 from __future__ import annotations
 
@@ -20,21 +20,23 @@ __all__ = ["Execute", "ShipLog", "find_executes", "ship_log", "steered"]
 Array = NDArray[np.float64]
 
 INPUTS = ("delta", "N")
-"""Channels that may be the steering input, preferred first."""
+"""Names of channels that may be the steering input, in order of preference."""
 
 LEAST = 20
-"""Smallest number of heading samples from which a manoeuvre is read."""
+"""Smallest number of heading samples from which a manoeuvre is evaluated. Project choice."""
 
 STEEPEST_RUDDER = math.pi / 2.0
-"""Largest rudder angle [rad] that is plausible. A larger value without a unit cannot be in radians."""
+"""Largest plausible rudder angle [rad]. Project choice. A larger value without a unit cannot be in radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShipLog:
     """Heading and steering of one run.
 
-    ``steering``: the input (rudder angle [rad] or yaw moment). ``t`` (n,): stamps of the continuous heading ``psi``
-    (n,) [rad]. ``others``: all other cleaned channels of the run. ``step`` [rad]: resolution of the compass, 0 if none.
+    - ``steering``: the input (rudder angle [rad] or yaw moment).
+    - ``t`` (n,): stamps of the continuous heading ``psi`` (n,) [rad].
+    - ``others``: name -> cleaned channel, for all other channels of the run.
+    - ``step`` [rad]: resolution of the compass, 0 if none.
     """
 
     name: str
@@ -56,19 +58,19 @@ class ShipLog:
         return float(self.t[-1])
 
     def heading(self, start: float, end: float) -> tuple[Array, Array]:
-        """Return the heading samples with ``start <= t <= end``."""
+        """Return the stamps [s] and headings [rad] with ``start <= t <= end``."""
         keep = (self.t >= start) & (self.t <= end)
         return self.t[keep], self.psi[keep]
 
     def channel(self, name: str) -> Channel | None:
-        """Return another channel of the run, or None if it has no samples."""
+        """Return the other channel called *name*, or None if it has fewer than two samples."""
         found = self.others.get(name)
         return found if found is not None and len(found) > 1 else None
 
     def speed(self, start: float, end: float) -> float:
         """Return the mean speed [m/s] between two times, NaN if unknown.
 
-        It comes from U, from u and v, from u alone, or from the track.
+        The first of these sources is used: U, u and v, u alone, the track.
         """
         for names in (("U",), ("u", "v"), ("u",)):
             parts = [c.between(start, end).values for n in names if (c := self.channel(n)) is not None]
@@ -85,7 +87,7 @@ class ShipLog:
 
 
 def ship_log(trial: Trial) -> ShipLog:
-    """Return heading and steering of *trial* as a ship's log.
+    """Return heading and steering of *trial*.
 
     Raises
     ------
@@ -119,11 +121,10 @@ def ship_log(trial: Trial) -> ShipLog:
 
 
 def steered(trial: Trial) -> Trial:
-    """Return *trial* with the steering input of its ship's log as its only yaw input, in the same unit.
+    """Return *trial* with the steering input of its :class:`ShipLog` as its only yaw input, in the same unit.
 
-    A model identified from it then has the same unit of helm as the figures read from the log. If
-    ``meta["full_rudder"]`` is known, this is a rudder angle [rad], even if the rudder was recorded as a normalised
-    output.
+    A model identified from the returned run has the same unit of helm as the figures from the log. If
+    ``meta["full_rudder"]`` is known, the input is a rudder angle [rad], even if it was recorded as a normalised output.
 
     Raises
     ------
@@ -168,15 +169,26 @@ def _check_units(trial: Trial, steering: Channel, notes: list[Doubt]) -> None:
 
 
 HALF = 0.5
-"""Fraction of the helm above which a change counts as a reversal. Its beginning is then traced back from there."""
+"""Fraction of the helm change above which a change counts as a reversal. Project choice.
+
+The beginning of the reversal is found by going back in time from that point.
+"""
 
 QUIET = 0.08
-"""Deviation from a held helm, as a fraction of the reversal, up to which the reversal has not begun."""
+"""Deviation from the previous helm, as a fraction of the reversal, up to which the reversal has not begun.
+
+Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Execute:
-    """A helm order, given at ``t`` and completed at ``done`` [s], from ``before`` to ``level`` [unit of input]."""
+    """A helm order.
+
+    - ``t`` [s]: time at which the rudder starts to move.
+    - ``done`` [s]: time at which the rudder reaches the new value.
+    - ``before``, ``level``: input before and after the order [unit of input].
+    """
 
     t: float
     done: float
@@ -187,7 +199,7 @@ class Execute:
 def find_executes(log: ShipLog) -> tuple[Execute, ...]:
     """Return the helm orders that move the rudder from one side to the other.
 
-    The first order, from amidships, is included.
+    The first order, which starts from amidships, is included.
     """
     t, v = log.steering.t, log.steering.values
     high, low = float(np.percentile(v, 98)), float(np.percentile(v, 2))

@@ -5,7 +5,7 @@
 the step. The closed forms of the table are special cases of two integrals along the response, :func:`lag` and
 :func:`time_to`. The integrals apply to any structure and any velocity before the step.
 
-A model with constant parameters gives the same numbers for any size and sign of the input. If they differ,
+A model with constant parameters gives the same numbers for any size and sign of the input. If the numbers differ,
 :func:`unevenness` reports whether they depend on sign or size, or scatter more for small inputs. Each test has a
 significance of 5 %, so a single result is a hint and not a proof.
 """
@@ -50,17 +50,19 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 def linear_type_1(tau: float, k_ss: float, eps_v: float, eta_0: float = 0.0) -> tuple[float, float]:
-    """Return (alpha, beta) of a linear model from its measured position; (4.43), (4.44)."""
+    """Return (alpha, beta) of a linear model from a step measured by its position, Miskovic2010 (4.43), (4.44)."""
     return (eta_0 - eps_v) * tau / k_ss**2, tau / k_ss
 
 
 def nonlinear_type_1(tau: float, k_ss: float, eps_v: float, eta_0: float = 0.0) -> tuple[float, float]:
-    """Return (alpha, beta_quadratic) of a nonlinear model from its measured position; (4.47), (4.48)."""
+    """Return (alpha, beta_quadratic) of a nonlinear model from a step measured by its position, Miskovic2010 (4.47),
+    (4.48).
+    """
     return (eta_0 - eps_v) * tau / (k_ss**2 * math.log(2.0)), tau / (k_ss * abs(k_ss))
 
 
 def linear_type_0(tau: float, K_ss: float, T_L: float) -> tuple[float, float]:
-    """Return (alpha, beta) of a linear model from its measured velocity; (4.31), (4.32).
+    """Return (alpha, beta) of a linear model from a step measured by its velocity, Miskovic2010 (4.31), (4.32).
 
     T_L : time to 63.2 % of the steady velocity [s], (4.33).
     """
@@ -68,7 +70,8 @@ def linear_type_0(tau: float, K_ss: float, T_L: float) -> tuple[float, float]:
 
 
 def nonlinear_type_0(tau: float, K_ss: float, T_N: float) -> tuple[float, float]:
-    """Return (alpha, beta_quadratic) of a nonlinear model from its measured velocity; (4.36), (4.37).
+    """Return (alpha, beta_quadratic) of a nonlinear model from a step measured by its velocity, Miskovic2010 (4.36),
+    (4.37).
 
     T_N : time to tanh(1) = 76.2 % of the steady velocity [s], (4.38).
     """
@@ -76,10 +79,7 @@ def nonlinear_type_0(tau: float, K_ss: float, T_N: float) -> tuple[float, float]
 
 
 def steady(drags: Drags, tau: float) -> float:
-    """Return the velocity at which drag balances *tau* (including Delta).
-
-    It covers (4.31) and (4.36).
-    """
+    """Return the velocity at which drag balances *tau* (including Delta), Miskovic2010 (4.31) and (4.36)."""
     beta, quadratic = drags
     if quadratic == 0.0:
         return tau / beta
@@ -89,19 +89,19 @@ def steady(drags: Drags, tau: float) -> float:
 
 
 def lag(alpha: float, drags: Drags, tau: float, nu_0: float) -> float:
-    """Return the position lost during the transient, ``eta_0 - eps_v``.
+    """Return the position lost during the transient, ``eta_0 - eps_v`` [rad or m].
 
-    It is the integral of (k_ss - nu) dt over the response.
-
-    From rest: ``alpha*tau/beta^2`` for the linear model (4.44), ``sgn(tau)*alpha/beta_nn*ln 2`` for the nonlinear one
-    (4.48).
+    It is the integral of (k_ss - nu) dt over the response. From rest it is ``alpha*tau/beta^2`` for the linear model
+    (4.44) and ``sgn(tau)*alpha/beta_nn*ln 2`` for the nonlinear one (4.48).
     """
     k = steady(drags, tau)
     return alpha * _along(drags, tau, nu_0, k, lambda nu: k - nu)
 
 
 def time_to(alpha: float, drags: Drags, tau: float, nu_0: float, level: float) -> float:
-    """Return the time [s] from velocity *nu_0* to *level*, which lies before the steady one; (4.32), (4.37)."""
+    """Return the time [s] from the velocity *nu_0* to the velocity *level*, Miskovic2010 (4.32), (4.37).
+
+    *level* must lie between *nu_0* and the steady velocity."""
     return alpha * _along(drags, tau, nu_0, level, np.ones_like)
 
 
@@ -121,15 +121,21 @@ def _along(drags: Drags, tau: float, nu_0: float, nu_1: float, weight: Callable[
 
 
 SIGNIFICANCE = 0.05
-"""Probability of a false alarm in each test for parameters that differ between the steps."""
+"""Probability of a false alarm in each test for parameters that differ between the steps. Project choice."""
 
 FEWEST = 4
-"""Smallest number of steps per sign of the input for which the tests are run."""
+"""Smallest number of steps per sign of the input for which the tests are run. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepRow:
-    """Result of table 4.1 for one step: both drags, and the inertia for either structure (NaN if not readable)."""
+    """Result of Miskovic2010, table 4.1, for one step.
+
+    - ``tau``: input after the step.
+    - ``k_ss``: steady velocity.
+    - ``lag``: eta_0 - eps_v.
+    - The two drags, and the inertia for each drag structure, NaN if unknown.
+    """
 
     tau: float
     k_ss: float
@@ -141,7 +147,7 @@ class StepRow:
 
 
 def row_from_table(tau: float, k_ss: float, lag: float) -> StepRow:
-    """Return the row of table 4.1 for a step from rest with the velocity error ``eps_v = eta_0 - lag``.
+    """Return the row of Miskovic2010, table 4.1, for a step from rest with the velocity error ``eps_v = eta_0 - lag``.
 
     lag : eta_0 - eps_v, with the sign of the motion.
     """
@@ -151,9 +157,9 @@ def row_from_table(tau: float, k_ss: float, lag: float) -> StepRow:
 
 
 def row_of(reading: StepReading) -> StepRow | None:
-    """Return the row of table 4.1 for one reading.
+    """Return the row of Miskovic2010, table 4.1, for one reading.
 
-    Return None if the step did not start from rest, or the craft did not move.
+    Return None if the step did not start from rest, or if the craft did not move.
     """
     k = reading.k_ss.value
     rest = abs(reading.nu_0.value) < max(0.02 * abs(k), 3.0 * reading.nu_0.std)
@@ -171,12 +177,14 @@ def row_of(reading: StepReading) -> StepRow | None:
 
 @dataclass(frozen=True, slots=True)
 class Unevenness:
-    """One way in which ``parameter`` depends on the step.
+    """One significant dependence of ``parameter`` on the step.
 
-    ``kind`` ``sign``: the means of both signs differ. ``size+``/``size-``: it changes with the size of the input of
-    that sign. ``small``: the smallest third of the inputs has another mean. ``small-scatter``: that third scatters
-    more. ``effect``, relative to the mean: a difference, the change over the range of inputs, or the ratio of scatters
-    less 1. ``p``: probability of a chance result.
+    - ``kind``: ``sign``: the means of both signs of the input differ. ``size+``, ``size-``: the parameter changes with
+      the size of the input of that sign. ``small``: the smallest third of the inputs has another mean.
+      ``small-scatter``: the smallest third of the inputs scatters more.
+    - ``effect``: a difference or a change over the range of inputs, relative to the mean; or the ratio of scatters less
+      1.
+    - ``p``: probability of a chance result.
     """
 
     parameter: str
@@ -186,7 +194,7 @@ class Unevenness:
 
 
 def unevenness(tau: Sequence[float], values: Sequence[float], parameter: str) -> tuple[Unevenness, ...]:
-    """Return every significant dependence of *values* on the input *tau*; (n,) each."""
+    """Return every significant dependence of the parameter's *values* (n,) on the inputs *tau* (n,)."""
     x, y = np.asarray(tau, dtype=float), np.asarray(values, dtype=float)
     good = np.isfinite(y) & (x != 0.0)
     x, y = x[good], y[good]

@@ -1,4 +1,4 @@
-"""Read steady velocity, velocity error and time constant off every step response (Miskovic2010, 4.3).
+"""Determine steady velocity, velocity error and time constant of every step response (Miskovic2010, 4.3).
 
 Every value comes from a line or a local polynomial, and therefore has a standard error. ``k_ss`` and ``eps_v`` are
 fitted to the settled part of the response. The start values are fitted to the samples before the step.
@@ -22,30 +22,41 @@ __all__ = ["SETTLED", "StepReading", "read_steps"]
 Array = NDArray[np.float64]
 
 SETTLED = 8.0
-"""Number of time constants after which the settled part begins, if the hold is long enough. Then 0.03 % of the
-transient is left."""
+"""Number of time constants after which the settled part begins, if the hold is long enough. Project choice.
+
+Then 0.03 % of the transient is left.
+"""
 
 ENOUGH = 3.0
-"""Number of time constants that must pass before the settled part for it to be used. Then 5 % of the transient is left.
+"""Number of time constants that must pass before the settled part for it to be used. Project choice.
+
+Then 5 % of the transient is left.
 """
 
 LEAST = 6
-"""Smallest number of samples to which a line or a polynomial is fitted."""
+"""Smallest number of samples to which a line or a polynomial is fitted. Project choice."""
 
 KNEE = 1.0 - math.exp(-1.0)
-"""Fraction of the change of velocity at which its time is read, (4.33). The change is 63.2 % complete after one time
-constant."""
+"""Fraction of the change of velocity at which the time to the knee is measured, Miskovic2010 (4.33).
+
+The change is 63.2 % complete after one time constant.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepReading:
-    """Readings of one step, at which the input changed from ``before`` to ``tau`` at ``t`` [s].
+    """Readings of one step.
 
-    ``k_ss``: steady velocity [rad/s or m/s]. ``nu_0``: velocity at the step. ``lag``: eta_0 - eps_v [rad or m], for a
-    measured position. ``knee`` [s]: time to the velocity ``level``, for a measured velocity. Of the last two, the one
-    not measured is NaN. ``shared``: covariance of k_ss and lag. ``settled``: whether the transient was over.
-    ``steady_only``: whether only ``k_ss`` is known, because the record does not contain the start of the step.
-    ``window``: interval [s] after the step over which ``k_ss`` and ``lag`` were read.
+    - ``t`` [s]: time of the step.
+    - ``before``, ``tau``: input before and after the step.
+    - ``k_ss``: steady velocity [rad/s or m/s].
+    - ``nu_0``: velocity at the step [rad/s or m/s].
+    - ``lag``: eta_0 - eps_v [rad or m] of a measured position, else NaN.
+    - ``knee`` [s]: time to the velocity ``level`` of a measured velocity, else NaN.
+    - ``shared``: covariance of ``k_ss`` and ``lag``.
+    - ``settled``: whether the transient was over.
+    - ``steady_only``: whether only ``k_ss`` is known, because the record does not contain the start of the step.
+    - ``window``: interval [s] after the step over which ``k_ss`` and ``lag`` were measured.
     """
 
     run: str
@@ -64,12 +75,12 @@ class StepReading:
 
     @property
     def has_lag(self) -> bool:
-        """Whether the lag was read, which requires a measured position."""
+        """Whether the lag is known, which requires a measured position."""
         return math.isfinite(self.lag.value)
 
     @property
     def has_knee(self) -> bool:
-        """Whether the time to the knee was read, which requires a measured velocity."""
+        """Whether the time to the knee is known, which requires a measured velocity."""
         return math.isfinite(self.knee.value)
 
 
@@ -96,7 +107,7 @@ def _of_record(record: Segment, name: str) -> list[StepReading]:
 
 
 class _Reader:
-    """Reader of one hold.
+    """Evaluation of one hold.
 
     After :meth:`read`, ``tail`` is the fit of the last samples, from which the next step starts.
     """

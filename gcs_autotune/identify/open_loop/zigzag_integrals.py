@@ -1,14 +1,14 @@
 """Calculate K and T of a zig-zag by integration between its instants, Miskovic2010, eq. (4.51)-(4.53).
 
-The instants are extreme headings, crossings of one heading, and the start. Heading and yaw rate at each come from a
-local polynomial, with their covariance. Between any two instants the yaw model integrates to ``alpha*(r_2 - r_1) +
-beta*(psi_2 - psi_1) + beta_nn*integral(|r|*r) = integral(N) + Delta*(t_2 - t_1)``. Without ``beta_nn`` and ``Delta``
+The instants are extreme headings, crossings of one heading, and the start. Heading and yaw rate at each instant, with
+their covariance, come from a local polynomial. Between any two instants the yaw model integrates to ``alpha*(r_2 - r_1)
++ beta*(psi_2 - psi_1) + beta_nn*integral(|r|*r) = integral(N) + Delta*(t_2 - t_1)``. Without ``beta_nn`` and ``Delta``
 this is (4.51).
 
 Between two extreme headings the yaw rates vanish, and (4.52) yields the drag. Between two crossings of one heading the
 headings cancel, and (4.53) yields the inertia. Here the rows go from extreme to crossing to extreme, so (4.52) and
 (4.53) are sums of neighbouring rows. Solving all rows together also yields ``Delta`` (rudder bias, wind) and the
-nonlinear drag. According to Miskovic2010 (4.4) the plain procedure cannot do this.
+nonlinear drag. According to Miskovic2010 (4.4), the original procedure cannot yield them.
 
 The rows are weighted by the noise of the readings at their ends. Neighbouring rows share an end. Any further
 disagreement is added to every row as a model error (Paule1982).
@@ -34,21 +34,26 @@ __all__ = ["HalfPeriodValues", "Instant", "IntegralRows", "find_instants", "half
 Array = NDArray[np.float64]
 
 WINDOW = 0.4
-"""Width of the windows for local polynomials, as a fraction of the half period."""
+"""Width of the windows for local polynomials, as a fraction of the half period. Project choice."""
 
 DEGREE = 3
-"""Degree of the local polynomials. A parabola would mistake curvature of the heading for a lower rate. With seven
-samples K would be 4 % off."""
+"""Degree of the local polynomials.
+
+With a parabola, curvature of the heading would appear as a lower rate. With seven samples the error of K would be 4 %.
+"""
 
 LEAST = 8
-"""Smallest number of samples to which a local polynomial is fitted."""
+"""Smallest number of samples to which a local polynomial is fitted. Project choice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
-    """State at one instant: heading and yaw rate, with their covariance (2, 2).
+    """State at one instant.
 
-    ``kind``: start, extreme or crossing.
+    - ``t`` [s]: the time.
+    - ``kind``: ``start``, ``extreme`` or ``crossing``.
+    - ``psi``, ``r``: heading [rad] and yaw rate [rad/s].
+    - ``covariance`` (2, 2): covariance of yaw rate and heading.
     """
 
     t: float
@@ -59,7 +64,7 @@ class Instant:
 
 
 def find_instants(record: Segment, log: ShipLog, executes: Sequence[Execute]) -> tuple[Instant, ...]:
-    """Return the start, the extremes and the crossings in order of time."""
+    """Return the start, the extreme headings and the crossings of one heading, in order of time."""
     found: list[Instant] = []
     first = executes[0]
     if first.before == 0.0:
@@ -173,15 +178,18 @@ def _instant(record: Segment, at: float, within: tuple[float, float], width: flo
 
 RATE_WINDOW = 0.3
 """Width of the windows for the slopes in the integral of |r| r, as a fraction of the time from extreme to crossing.
-Wider windows flatten the corners of r. With 0.6 the nonlinear drag is a sixth too small."""
+
+Wider windows smooth the corners of r. With 0.6 the nonlinear drag is a sixth too small.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntegralRows:
     """Integrated equations of one run.
 
-    ``table`` (m, 4): differences of r and of psi, integral of |r| r, and minus the time. ``impulse`` (m,): integral of
-    the input. ``ends`` (m + 1, 2, 2): covariance of (r, psi) at the ``instants``.
+    - ``table`` (m, 4): differences of r and of psi, integral of |r| r, and minus the duration.
+    - ``impulse`` (m,): integral of the input.
+    - ``ends`` (m + 1, 2, 2): covariance of (r, psi) at the ``instants``.
     """
 
     table: Array
@@ -192,9 +200,11 @@ class IntegralRows:
 
 @dataclass(frozen=True, slots=True)
 class HalfPeriodValues:
-    """Result of one half period: drag by (4.52) from two extremes, or inertia by (4.53) from two crossings.
+    """Result of one half period.
 
-    The other value is NaN. ``t`` [s]: middle of the half period.
+    - ``t`` [s]: middle of the half period.
+    - ``alpha``: inertia by (4.53) from two crossings, else NaN.
+    - ``beta``: drag by (4.52) from two extremes, else NaN.
     """
 
     t: float
@@ -203,7 +213,9 @@ class HalfPeriodValues:
 
 
 def rows_of(record: Segment, delay: float = 0.0) -> IntegralRows | None:
-    """Return the integrated equations of a record; None if it contains no zig-zag with a heading."""
+    """Return the integrated equations of *record* with the input delayed by *delay* [s].
+
+    Return None if the record contains no zig-zag with a heading."""
     if record.position is None:
         return None
     t, psi = record.position.t, record.position.values
@@ -262,9 +274,9 @@ def _rate_power(record: Segment, when: Array) -> Array:
 
 
 def half_periods(rows: IntegralRows) -> tuple[HalfPeriodValues, ...]:
-    """Return the results of (4.52) and (4.53) as printed, one per half period.
+    """Return the results of Miskovic2010 (4.52) and (4.53) as printed, one per half period.
 
-    They assume linear drag and no bias.
+    The equations assume linear drag and no bias.
     """
     found = []
     whole = np.concatenate([[0.0], np.cumsum(rows.impulse)])
@@ -281,10 +293,12 @@ def half_periods(rows: IntegralRows) -> tuple[HalfPeriodValues, ...]:
 def solve_rows(every: Sequence[IntegralRows], free: Sequence[bool]) -> tuple[Array, Array, float, float]:
     """Solve the rows of all runs for (alpha, beta, beta_quadratic, Delta).
 
+    free (4,) : whether each of these parameters is fitted.
+
     Returns
     -------
-    theta (4,), covariance (4, 4), the model error per row [impulse] that explains the residuals, and the sum of squared
-    weighted residuals without it.
+    theta (4,), its covariance (4, 4), the model error per row [impulse] that explains the residuals, and the sum of
+    squared weighted residuals without that error.
     """
     columns = np.flatnonzero(free)
     A = np.vstack([rows.table for rows in every])[:, columns]

@@ -1,7 +1,7 @@
-"""Run sequenced experiments (Erunsal2017).
+"""Run sequenced experiments (Erunsal2017): a plan defines which manoeuvre identifies which parameters.
 
-A plan defines which manoeuvre identifies which parameters. ``plan`` reads the plan, and ``run`` executes the fits in
-its order. ``combine`` weights the estimates of shared parameters by their information, and fits all runs together.
+The module ``plan`` reads the plan, and ``run`` executes the fits in the plan's order. ``combine`` weights the estimates
+of shared parameters by their information, and fits all runs together.
 """
 
 from __future__ import annotations

@@ -40,7 +40,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepEstimate:
-    """Estimate of one step: ``values`` (k,) of the parameters ``names``, with a positive definite covariance (k, k)."""
+    """Estimate of one step of a plan.
+
+    - ``names``: names of the parameters.
+    - ``values`` (k,): their values.
+    - ``covariance`` (k, k): covariance of ``values``, which must be positive definite.
+    """
 
     step: str
     names: tuple[str, ...]
@@ -50,11 +55,12 @@ class StepEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Comparison of the steps' estimates of one shared parameter.
+    """Comparison of the estimates of one shared parameter by several steps of a plan.
 
-    ``values``, ``stds``: by step. ``combined``, ``std``: their information-weighted mean and its standard error.
-    ``mean``: the plain mean of Erunsal2017. ``probability``: that one true value leads to estimates this far apart
-    (chi-square).
+    - ``values``, ``stds``: estimates and their standard errors, in the order of ``steps``.
+    - ``combined``, ``std``: information-weighted mean of the estimates, and its standard error.
+    - ``mean``: plain mean of the estimates, as in Erunsal2017.
+    - ``probability``: probability that one true value leads to estimates this far apart (chi-square).
     """
 
     name: str
@@ -68,7 +74,7 @@ class Agreement:
 
 
 def combined(estimates: Sequence[StepEstimate]) -> tuple[tuple[str, ...], Array, Array]:
-    """Return the names of all parameters, their combined values, and the covariance."""
+    """Return the names (k,) of all parameters, their information-weighted values (k,), and the covariance (k, k)."""
     names = tuple(dict.fromkeys(n for e in estimates for n in e.names))
     information, weighted = np.zeros((len(names),) * 2), np.zeros(len(names))
     for e in estimates:
@@ -81,7 +87,7 @@ def combined(estimates: Sequence[StepEstimate]) -> tuple[tuple[str, ...], Array,
 
 
 def agreements(estimates: Sequence[StepEstimate]) -> tuple[Agreement, ...]:
-    """Return one comparison for each parameter that several steps estimated."""
+    """Return one :class:`Agreement` for each parameter that several steps estimated."""
     rows = []
     for name in dict.fromkeys(n for e in estimates for n in e.names):
         own = [e for e in estimates if name in e.names]
@@ -109,9 +115,10 @@ def agreements(estimates: Sequence[StepEstimate]) -> tuple[Agreement, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """One step in the joint fit, with all identified parameters of its form free.
+    """One step of a plan in the joint fit, with all identified parameters of its form free.
 
-    ``names`` (f,): names in the joint fit of the parameters ``form.free``. ``noise``: standard deviation per signal.
+    - ``names`` (f,): names in the joint fit of the parameters ``form.free``.
+    - ``noise``: name of the signal -> standard deviation of its noise.
     """
 
     form: Form
@@ -122,10 +129,11 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """Result of the joint fit.
+    """Result of the joint fit of all steps.
 
-    ``values`` (k,), ``covariance`` (k, k): of the parameters ``names``. ``misfit``: per sample, 1 if the noise equals
-    that of the steps.
+    - ``names``: names of the parameters.
+    - ``values`` (k,), ``covariance`` (k, k): their values and covariance.
+    - ``misfit``: misfit per sample. It is 1 if the noise equals that of the separate steps.
     """
 
     names: tuple[str, ...]
@@ -143,9 +151,9 @@ class _Place:
 
 
 def fit_jointly(parts: Sequence[Part], start: Mapping[str, float]) -> Joint | None:
-    """Return the joint fit of all parts, or None if the start diverges.
+    """Return the joint fit of all steps, or None if the simulation diverges at the start values.
 
-    start : name in the joint fit -> start value.
+    start : name of the parameter in the joint fit -> start value.
     """
     names = tuple(dict.fromkeys(n for part in parts for n in part.names))
     places, x = _placed(parts, names, start)

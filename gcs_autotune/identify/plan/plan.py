@@ -88,7 +88,7 @@ class _PlanData(Struct, forbid_unknown_fields=True, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Selection of runs by manoeuvre (``meta["manoeuvre"]``) or by patterns of their names.
+    """Selection of runs by their manoeuvre (``meta["manoeuvre"]``) or by patterns of their names.
 
     Manoeuvres have the names used by ``fly``, or any other. Case, hyphens and underscores are ignored. A run whose
     ``meta["dof"]`` is not in ``dofs`` is not selected.
@@ -99,7 +99,7 @@ class Chosen:
     dofs: tuple[str, ...] = ()
 
     def of(self, trials: Sequence[Trial]) -> tuple[Trial, ...]:
-        """Return the selected trials in their original order."""
+        """Return the selected *trials* in their original order."""
         return tuple(t for t in trials if self._means(t))
 
     def _means(self, trial: Trial) -> bool:
@@ -117,11 +117,15 @@ class Chosen:
 
 @dataclass(frozen=True, slots=True)
 class PlanStep:
-    """One kind of experiment and the parameters it identifies.
+    """One kind of experiment, and the parameters it identifies.
 
-    ``isolated``, ``shared``, ``local``: the free parameters of ``form``, in this order. ``held``: parameters that an
-    earlier step identified and this step keeps fixed. ``validate``: number of runs kept for local validation.
-    ``delay``: [s].
+    - ``form``: the form to fit. Its free parameters are ``isolated``, ``shared`` and ``local``, in this order.
+    - ``isolated``: parameters that act in this step only.
+    - ``shared``: parameters that act in other steps too.
+    - ``local``: parameters of this step that other steps do not use.
+    - ``held``: parameters that an earlier step identified and this step keeps fixed.
+    - ``validate``: number of runs that are used for validation only.
+    - ``delay`` [s]: known delay.
     """
 
     name: str
@@ -137,9 +141,9 @@ class PlanStep:
     delay: float = 0.0
 
     def global_name(self, name: str) -> str:
-        """Return the name of a parameter among all steps.
+        """Return the name of the parameter *name* among all steps.
 
-        Names of local parameters are prefixed with the name of the step.
+        A local parameter is prefixed with the name of its step.
         """
         return f"{self.name}: {name}" if name in self.local else name
 
@@ -157,7 +161,8 @@ class Final:
 class Plan:
     """A plan with its steps in order.
 
-    ``known``: constants of the craft. ``start``: a-priori values. Both are by name, in SI units.
+    - ``known``: name -> value of constants of the craft, in SI units.
+    - ``start``: name -> a-priori value of a parameter, in SI units.
     """
 
     name: str
@@ -170,16 +175,16 @@ class Plan:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Parameters that the plan identifies, without local ones, in the order of first appearance."""
+        """Names of the parameters that the plan identifies, without local ones, in the order of first appearance."""
         return tuple(dict.fromkeys(n for s in self.steps for n in (*s.isolated, *s.shared)))
 
     def knowing(self, values: Mapping[str, float]) -> Plan:
-        """Return the plan with other constants of the craft (``m``, ``K_phi`` ...)."""
+        """Return the plan with *values* for the constants of the craft (``m``, ``K_phi`` ...)."""
         return plan_from({**self.data, "known": {**self.known, **values}}, f"plan '{self.name}'")
 
 
 def load_plan(path: Path | str) -> Plan:
-    """Return a plan: a shipped one by its name, or one from a TOML file.
+    """Return the plan with the name *path* if it is shipped with this package, else the plan in the TOML file *path*.
 
     Raises
     ------
@@ -195,7 +200,7 @@ def load_plan(path: Path | str) -> Plan:
 
 
 def plan_from(data: Mapping[str, Any], origin: str) -> Plan:
-    """Return the plan defined by *data*, the contents of a plan file.
+    """Return the plan defined by *data*, the contents of the plan file *origin*.
 
     Errors are those of :func:`load_plan`.
     """

@@ -30,9 +30,9 @@ __all__ = ["PlanResult", "StepResult", "plan_doubts", "run_plan"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepResult:
-    """Result of one step.
+    """Result of one step of a plan.
 
-    ``unseen``: whether the validation used runs that were kept out of the fit.
+    ``unseen``: whether the validation used runs that were not fitted.
     """
 
     step: PlanStep
@@ -57,10 +57,13 @@ class StepResult:
 class PlanResult:
     """Result of a plan.
 
-    ``parameters``: after the joint fit of all runs. ``covariance`` (k, k): in their order. ``combined``: values before
-    the joint fit, from the steps' estimates weighted by information. ``agreements``: comparison of the steps per shared
-    parameter. ``model``: final form with the values. ``final``: its free run on runs that were not fitted. ``skipped``:
-    steps without runs.
+    - ``parameters``: estimates from the joint fit of all runs.
+    - ``covariance`` (k, k): covariance of ``parameters``, in the same order.
+    - ``combined``: name -> value before the joint fit, from the steps' estimates weighted by information.
+    - ``agreements``: comparison of the steps' estimates, one per shared parameter.
+    - ``model``: final form with the estimates.
+    - ``final``: free run of ``model`` on runs that were not fitted.
+    - ``skipped``: names of the steps without runs.
     """
 
     plan: Plan
@@ -107,17 +110,20 @@ class PlanResult:
 Array = NDArray[np.float64]
 
 SURE = 1e-3
-"""Probability of a false alarm, over all shared parameters, below which steps are reported to disagree."""
+"""Probability of a false alarm, over all shared parameters, below which steps are reported to disagree.
+
+Project choice.
+"""
 
 TOGETHER = 0.98
-"""Correlation above which two parameters are reported as correlated."""
+"""Correlation above which two parameters are reported as correlated. Project choice."""
 
 MISFIT = 1.3
-"""Misfit per sample of the joint fit above which the steps' equations are reported as contradictory."""
+"""Misfit per sample of the joint fit above which the steps' equations are reported as contradictory. Project choice."""
 
 
 def plan_doubts(result: PlanResult, joint: Joint | None, unused: Sequence[str] = ()) -> tuple[Doubt, ...]:
-    """Return the doubts about a whole plan. Doubts about a step are in its fit.
+    """Return the doubts about the whole plan. Doubts about a single step are in the fit of that step.
 
     joint : the fit of all runs. unused : names of runs that belong to no step.
     """
@@ -210,18 +216,15 @@ def _together(parameters: Mapping[str, Parameter], covariance: Array) -> list[Do
 
 
 def run_plan(plan: Plan, trials: Sequence[Trial]) -> PlanResult:
-    """Identify all parameters of the plan from *trials*.
+    """Identify all parameters of *plan* from *trials*, and return the result.
 
-    Each step starts at the earlier steps' estimates, combined by information. Held parameters are fixed at these
-    values. Then all steps' runs are fitted at once, and the whole model is simulated on the final runs.
+    Each step starts at the estimates of the earlier steps, combined by information. Parameters in ``held`` are fixed at
+    these values. Then all steps' runs are fitted at once, and the whole model is simulated on the final runs.
 
     Raises
-    ------
-    NotInformative
-        There is no run for any step, or a held parameter has no value. It has none if its step had no runs and the plan
-        contains no a-priori value.
-    MissingChannel, BadFile
-        A run of a step lacks a channel that its form needs.
+    ------ NotInformative There is no run for any step, or a parameter in ``held`` has no value. It has no value if its
+    step had no runs and the plan contains no a-priori value. MissingChannel, BadFile A run of a step lacks a channel
+    that its form needs.
     """
     done: list[StepResult] = []
     used: list[tuple[PlanStep, tuple[Trial, ...]]] = []

@@ -3,7 +3,7 @@
 A :class:`Problem` consists of segments and a form. ``Problem.fit`` fits its free parameters together with any effects
 and returns a :class:`Fitted`. Costs of fits with different effects can be compared. :func:`fit_base` fits the base
 model of a diagnosis. :func:`fitted_model_of` converts a ``Fit`` to a model on its runs. :func:`information_on` returns
-the Fisher information of this model. :class:`MostLikely` returns its likelihood with one parameter fixed.
+the Fisher information of this model. :class:`MostLikely` refits this model with one parameter fixed.
 
 ================  ===============================================================================
 free_numbers      the free parameters, their order and limits

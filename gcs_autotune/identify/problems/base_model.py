@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 STEERED_BY_ANGLE = "delta"
 
 RUDDER = "rad"
-"""Unit of an input by which a rudder angle is recognised."""
+"""Unit that identifies an input as a rudder angle."""
 
 THRUSTERS = ("force_left", "force_right")
 """Input channels of a boat with two fixed thrusters, as in the form ``twin-thruster``."""
@@ -51,10 +51,10 @@ TRACK = {"x", "y", "psi"}
 
 
 def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
-    """Return the base model: the recorded degrees of freedom, uncoupled, with linear damping.
+    """Return the base model of a diagnosis: the recorded degrees of freedom, uncoupled, with linear damping.
 
-    dof : names joined by commas, or a shipped form (``horizontal``) for all of its degrees of freedom. None takes those
-        that the records declare as oscillated, otherwise all recorded ones.
+    dof : names joined by commas, or a shipped form (``horizontal``) for all of its degrees of freedom. None takes the
+        one that all runs declare as oscillated, otherwise all recorded ones.
 
     A track (x, y and the heading) without speeds shows surge and sway too, if an input drives the heading. Steady
     thrust counts as a surge input if sway can be determined, from a track or from speeds ahead and sideways.
@@ -107,12 +107,10 @@ def plain_form(runs: Sequence[Trial], dof: str | None = None) -> Form:
 
 
 def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
-    """Return the requested degrees of freedom, or None for all recorded ones; see :func:`plain_form`.
+    """Return the names of the requested degrees of freedom, or None for all recorded ones; see :func:`plain_form`.
 
     Raises
-    ------
-    MissingChannel
-        A name that is neither a degree of freedom nor a shipped form.
+    ------ MissingChannel *dof* contains a name that is neither a degree of freedom nor a shipped form.
     """
     if dof is None:
         return swung(runs)
@@ -129,7 +127,7 @@ def asked_for(runs: Sequence[Trial], dof: str | None) -> list[str] | None:
 def overlooked(
     runs: Sequence[Trial], form: Form, dof: str | None, use: Sequence[str] | None, segments: Sequence[Segment]
 ) -> list[Doubt]:
-    """Return doubts about requested or recorded motion that could not be examined."""
+    """Return doubts about requested or recorded motion that *form* could not include."""
     asked = asked_for(runs, dof)
     found = []
     missing = [d for d in asked or () if d not in form.dofs] if dof is not None else []
@@ -162,10 +160,11 @@ def overlooked(
 
 
 def swung(runs: Sequence[Trial]) -> list[str] | None:
-    """Return the degree of freedom that the records of all *runs* declare as oscillated, or None if they differ.
+    """Return the degree of freedom that all *runs* declare as oscillated, or None if they declare none or different
+    ones.
 
-    A controller held the other degrees of freedom still during the run. Their motion shows the controller's performance
-    only.
+    During such a run a controller held the other degrees of freedom still. Their motion shows the controller's
+    performance only.
     """
     stated = {run.meta.get("dof") for run in runs}
     return [str(d) for d in stated] if len(stated) == 1 and stated <= set(DOFS) else None
@@ -205,7 +204,7 @@ def _twin_thruster(asked: Sequence[str] | None, there: Collection[str]) -> Form:
 def data_summary_of(form: Form, segments: Sequence[Segment], base: Mapping[str, float] | None = None) -> DataSummary:
     """Return a summary of the runs before any effect is fitted.
 
-    base : parameter values of the base model, if known.
+    base : name -> value of the parameters of the base model, if known.
     """
     signals = {n: SIGNALS[n][0] for r in segments for n in r.signals}
     given = dict(
@@ -260,8 +259,10 @@ def _is_still(velocity: Array) -> bool:
 
 
 APART = 0.1
-"""Limit of the rms difference between two thrusters' commands, relative to their rms. Below it the commands count as
-alike."""
+"""Limit of the rms difference between two thrusters' commands, relative to their rms. Project choice.
+
+Below it the commands count as equal.
+"""
 
 
 def _twins(form: Form, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
@@ -292,9 +293,9 @@ def base_limits(form: Form) -> Limits:
 
 
 def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tuple[Problem, Fitted]:
-    """Fit *form* from several starts, and return the problem and the best fit.
+    """Return *form* as a problem on *segments*, and the best fit from several starts.
 
-    trials : steps per start.
+    trials : maximum number of steps per start.
 
     If an :class:`.Effort` is used up, return the best fit so far or, without any, the best start.
 
@@ -320,11 +321,12 @@ def fit_base(form: Form, segments: Sequence[Segment], *, trials: int = 30) -> tu
 def given_base(
     model: CoupledModel, effects: Sequence[EffectInstance], segments: Sequence[Segment]
 ) -> tuple[Problem, Fitted | None, Fitted]:
-    """Return the problem, the fit of a supplied model, and the refitted model.
+    """Return the problem, the fit of a supplied *model* with its own parameters, and its refit with all parameters
+    free.
 
-    The fit of the supplied model has only its initial states fitted. It is None if the model diverges on these runs.
-    The refit starts at the supplied parameters and at the usual starts. One wrong parameter then cannot hold the others
-    in a local minimum.
+    The first fit has only its initial states fitted. It is None if the model diverges on these runs. The refit starts
+    at the supplied parameters and at the usual starts. One wrong parameter therefore cannot keep the others in a local
+    minimum.
 
     Raises
     ------

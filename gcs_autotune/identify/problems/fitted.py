@@ -23,14 +23,18 @@ Array = NDArray[np.float64]
 class Fitted(ModelFit):
     """A model fitted by least squares.
 
-    ``initial`` (n,): initial states per segment. ``cost``: minus twice the log-likelihood, up to a constant of the
-    data. ``levels``: noise level per signal. ``rests``: residuals. ``samples``: number of samples used. ``jacobian``
-    (n, q): derivatives of the predictions, divided by the noise levels. Its rows are those of the finite ``judged``
-    values of ``rests``. ``converged``: whether the fit converged.
-
-    ``shift`` [s]: time by which input stamps are too early, if they were dated midway between two messages. It is the
-    last column of ``jacobian`` if there is one. Its prior is 0 +- ``shift_std`` (0 for exact stamps). ``learnt``: noise
-    per signal at the last update of disturbances from the residuals, empty without disturbances.
+    - ``initial``: initial states (n,) per segment.
+    - ``cost``: minus twice the log-likelihood, up to a constant of the data.
+    - ``levels``: name of the signal -> noise level.
+    - ``rests``: residuals per signal and segment.
+    - ``samples``: number of samples used.
+    - ``jacobian`` (n, q): derivatives of the predictions, divided by the noise levels. Its rows are those of the finite
+      ``judged`` values of ``rests``.
+    - ``converged``: whether the fit converged.
+    - ``shift`` [s]: time by which input stamps are too early, if they were set midway between two messages. It is the
+      last column of ``jacobian`` if there is one.
+    - ``shift_std`` [s]: standard deviation of the prior of ``shift`` about zero, 0 for exact stamps.
+    - ``learnt``: noise per signal at the last update of disturbances from the residuals, empty without disturbances.
     """
 
     initial: tuple[Array, ...]
@@ -55,18 +59,18 @@ class Fitted(ModelFit):
         return ExtendedModel(self.base, self.effects)
 
     def value(self, name: str) -> float:
-        """Return the value of a base parameter."""
+        """Return the value of the base parameter *name*."""
         return float(self.theta[self.form.parameters.index(name)])
 
     @property
     def shared(self) -> Array:
-        """Fitted values (f,): base parameters, then those of the effects."""
+        """Fitted values (f,) of the free base parameters, then of the free parameters of effects."""
         places = [self.form.parameters.index(n) for n in self.free]
         return np.concatenate([self.theta[places], [self.effects[i].values[n] for i, n in self.free_effects]])
 
     @property
     def parameters(self) -> int:
-        """Number of fitted parameters, without initial states."""
+        """Number of fitted parameters of the base and of effects, without initial states."""
         return len(self.free) + len(self.free_effects)
 
     @property
@@ -75,11 +79,11 @@ class Fitted(ModelFit):
         return np.concatenate([r.judged[np.isfinite(r.judged)] / self.levels[r.signal] for r in self.rests])
 
     def covariance(self, raised: float = 1.0) -> Array:
-        """Return the covariance of the fitted values, multiplied by *raised* for coloured residuals."""
+        """Return the covariance (q, q) of the fitted values, multiplied by *raised* for coloured residuals."""
         return raised * inverse_of(self.information(raised))
 
     def information(self, raised: float = 1.0) -> Array:
-        """Return the information matrix (q, q).
+        """Return the information matrix (q, q) of the fitted values.
 
         raised : factor of the prior information on the shift of stamps.
         """

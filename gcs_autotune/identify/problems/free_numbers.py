@@ -34,8 +34,10 @@ class ModelProblem:
 
     Parameters
     ----------
-    data_summary : summary of the runs for effects; None if no effects are fitted. limits : of the base parameters.
-    free : base parameters to fit (None: all free ones). held : parameters of effects that stay fixed.
+    data_summary : summary of the runs for effects; None if no effects are fitted.
+    limits : lower and upper limits of the base parameters.
+    free : names of the base parameters to fit; None for all free ones of the form.
+    held : parameters of effects that stay fixed, as (slug, place, name).
     """
 
     def __init__(
@@ -56,7 +58,7 @@ class ModelProblem:
 
     @property
     def data_summary(self) -> DataSummary:
-        """Data summary passed to the effects."""
+        """Summary of the runs that is passed to the effects."""
         assert self.summary is not None, "effects cannot be fitted without it"
         return self.summary
 
@@ -71,7 +73,7 @@ class ModelProblem:
         return fingerprint(*self.known)
 
     def edges(self, effects: Sequence[EffectInstance], free_effects: Sequence[tuple[int, str]]) -> tuple[Array, Array]:
-        """Return the limits (f,) of the fitted parameters: those of the base, then those of *free_effects*."""
+        """Return the lower and upper limits (f,) of the free base parameters, then of the parameters *free_effects*."""
         low, high = self.limits.of(self.free)
         if not free_effects:
             return low, high
@@ -82,9 +84,10 @@ class ModelProblem:
 
 @dataclass(frozen=True, slots=True)
 class StampPrior:
-    """Prior for the shift of stamps.
+    """Prior for the common shift of input stamps.
 
-    ``std``: standard deviation. ``reach``: largest shift. Both are in units of ``Segment.dating``.
+    - ``std``: standard deviation, in units of ``Segment.dating``.
+    - ``reach``: largest shift, in units of ``Segment.dating``.
     """
 
     std: float
@@ -94,12 +97,13 @@ class StampPrior:
 WEAK = StampPrior(2.0, 8.0)
 """Prior of an identification: twice the range that the stamps allow, because the true shift may be at its limit.
 
-This prior is weak. It moves the shift by less than a tenth of its standard error.
+Project choice: the prior changes the shift by less than a tenth of its standard error.
 """
 
 DIAGNOSTIC = StampPrior(1.0, 1.5)
-"""Prior of a diagnosis: just above the range that the stamps allow. It assumes that the autopilot acts on its next
-loop.
+"""Prior of a diagnosis: just above the range that the stamps allow.
+
+Project choice. It assumes that the autopilot acts on its next loop.
 
 A delay is among the possible causes, so the shift must not absorb it.
 """
@@ -109,8 +113,7 @@ class StampedProblem(ModelProblem):
     """A problem in which the stamps of all inputs may have a common shift.
 
     Parameters
-    ----------
-    As for :class:`ModelProblem`, and
+    ---------- As for :class:`ModelProblem`, and
 
     stamps : prior of the shift of input stamps. The default with a *data_summary* is that of a diagnosis.
         If the delay is free, there is no shift, because both have the same effect.
@@ -150,7 +153,7 @@ class FreeNumbers:
     theta : all base parameters, with values for those not free.
     places : indices of the free ones in *theta*.
     effects : in the order in which they act.
-    held : parameters of effects that stay fixed, in addition to those of the problem.
+    held : further parameters of effects that stay fixed, in addition to those of the problem.
     fixed_effects : whether all parameters of effects stay fixed.
     """
 
@@ -179,7 +182,7 @@ class FreeNumbers:
         return np.concatenate([self.theta[self.places], [self.effects[i].values[n] for i, n in self.free_effects]])
 
     def unpack_shared(self, x: Array) -> tuple[Array, tuple[EffectInstance, ...]]:
-        """Return all base parameters, and the effects, for a vector *x* that begins with the free parameters."""
+        """Return all base parameters (p,) and the effects for a vector *x* that begins with the free parameters."""
         p = len(self.places)
         theta = self.theta.copy()
         theta[self.places] = x[:p]
@@ -193,9 +196,11 @@ class FreeNumbers:
 class ModelFit:
     """A model fitted to a problem: :class:`.Fitted` by least squares, or :class:`.NoisyFit` with process noise.
 
-    ``theta`` (p,): base parameters. ``free``: names of the fitted ones. ``effects``: effects with their values.
-    ``free_effects``: (index of the effect, name) of each fitted parameter of an effect. The order is that of
-    :class:`FreeNumbers`.
+    - ``theta`` (p,): base parameters.
+    - ``free``: names of the fitted base parameters.
+    - ``effects``: effects with their values.
+    - ``free_effects``: (index of the effect, name) of each fitted parameter of an effect. Their order is that of
+      :class:`FreeNumbers`.
     """
 
     form: Form
@@ -206,21 +211,21 @@ class ModelFit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names (f,) of the fitted parameters: those of the base, then the labels of those of the effects."""
+        """Names (f,) of the fitted base parameters, then labels of the fitted parameters of effects."""
         return (*self.free, *(self.effects[i].label_of(n) for i, n in self.free_effects))
 
     def own(self, effect: EffectInstance) -> EffectInstance:
-        """Return the effect with the slug and place of *effect* and the values of this fit."""
+        """Return the effect of this fit that has the slug and place of *effect*."""
         return next(e for e in self.effects if (e.slug, e.place) == (effect.slug, effect.place))
 
     def without(self, effect: EffectInstance) -> tuple[EffectInstance, ...]:
-        """Return all effects except the one with the slug and place of *effect*."""
+        """Return all effects of this fit except the one with the slug and place of *effect*."""
         return tuple(e for e in self.effects if (e.slug, e.place) != (effect.slug, effect.place))
 
     def errors_in(self, covariance: Array, effect: EffectInstance) -> dict[str, float]:
-        """Return the standard errors of the fitted parameters of *effect*.
+        """Return name -> standard error of the fitted parameters of *effect*.
 
-        covariance : (q, q), of the fit.
+        covariance : (q, q) covariance of the fitted values.
         """
         i = self.effects.index(self.own(effect))
         variances = np.diag(covariance)[len(self.free) :]

@@ -38,9 +38,12 @@ Array = NDArray[np.float64]
 class FittedModel:
     """A fitted model together with its runs.
 
-    ``theta`` (q,): all parameters in the order of ``form.parameters``. ``free``: names in the form of the fitted ones.
-    ``names``: their names in the fit (``alpha_r`` for ``N_rdot``). ``signs`` (p,): value in the fit = sign * value in
-    the form. ``initial`` (n,): fitted states per record. ``noise``: standard deviation per signal, SI units.
+    - ``theta`` (q,): all parameters, in the order of ``form.parameters``.
+    - ``free``: names of the fitted parameters in the form.
+    - ``names``: their names in the fit (``alpha_r`` for ``N_rdot``).
+    - ``signs`` (p,): value in the fit = sign * value in the form.
+    - ``initial``: fitted initial states (n,) per record.
+    - ``noise``: name of the signal -> standard deviation of its noise, in SI units.
     """
 
     form: Form
@@ -66,13 +69,13 @@ class FittedModel:
     def objective(self, free: Sequence[str] | None = None) -> Objective:
         """Return the output-error cost as a function of *free* and of the initial states.
 
-        free : names in the form; None takes all fitted parameters.
+        free : names of parameters in the form; None takes all fitted ones.
         """
         names = self.free if free is None else tuple(free)
         return Objective(Problem(self.form, self.records, None, Limits({}, {}), names), self.theta, self.initial)
 
     def motion(self, record: int) -> tuple[Array, Array]:
-        """Return the stamps (s,) and simulated states (s, n) of one record.
+        """Return the stamps (s,) [s] and the simulated states (s, n) of the record with the index *record*.
 
         Raises
         ------
@@ -89,7 +92,7 @@ class FittedModel:
         return stamps, found[0]
 
     def recorded_motion(self, record: int) -> RecordedMotion:
-        """Return the simulated motion of one record, with its accelerations and the inputs in force.
+        """Return the simulated motion of the record with the index *record*, with accelerations and inputs.
 
         Errors are those of :meth:`motion`.
         """
@@ -104,16 +107,13 @@ class FittedModel:
 
 
 def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedModel:
-    """Return the model of *fit* on *trials*, with its initial states fitted to them.
+    """Return the model of *fit* on *trials*, with the initial states fitted to *trials*.
 
-    The noise levels are those of the fit. If the fit has none, they are the rms residuals of the free run.
+    The noise levels are those of *fit* or, if it has none, the rms residuals of the free run.
 
     Raises
-    ------
-    UsageError
-        This kind of model cannot be simulated, or none of its parameters was fitted.
-    NotInformative
-        The model diverges on a run, or as for :func:`prepare_form`.
+    ------ UsageError This kind of model cannot be simulated, or none of its parameters was fitted. NotInformative The
+    model diverges on a run, or :func:`prepare_form` raised the error.
     """
     runs = (trials,) if isinstance(trials, Trial) else tuple(trials)
     model = fit.model
@@ -143,7 +143,7 @@ def fitted_model_of(fit: Fit[Model], trials: Trial | Sequence[Trial]) -> FittedM
 
 
 def model_delay(form: Form, theta: Array) -> float:
-    """Return the delay [s] of a model, 0 without one."""
+    """Return the delay [s] of a model with the parameters *theta*, or 0 if *form* has no delay."""
     return float(theta[form.parameters.index("delay")]) if "delay" in form.parameters else 0.0
 
 
@@ -170,10 +170,10 @@ def _signals(fit: Fit[Model], form: Form, run: Trial) -> tuple[str, ...] | None:
 
 
 BLIND = 1e-8
-"""Limit of a singular value below which a direction of the parameters is not observable. It applies after scaling the
-columns to unit length.
+"""Limit of a singular value below which a direction of the parameters is not observable. Project choice.
 
-Sensitivities are exact to about 1e-12. Singular values of practical runs are not between the two limits.
+It applies after scaling the columns to unit length. Sensitivities are exact to about 1e-12. No singular value of a
+practical run is between the two.
 """
 
 
@@ -181,7 +181,9 @@ Sensitivities are exact to about 1e-12. Singular values of practical runs are no
 class Information:
     """Fisher information of runs on parameters.
 
-    ``names``, ``values`` (p,): the parameters. ``root`` (p, p): triangular root of the information, ``F = root' root``.
+    - ``names``: names of the parameters.
+    - ``values`` (p,): their values.
+    - ``root`` (p, p): triangular root of the information, ``F = root' root``.
     """
 
     names: tuple[str, ...]
@@ -196,15 +198,15 @@ class Information:
 
     @property
     def alone(self) -> Array:
-        """Standard errors (p,) if all other parameters were known, infinite without information."""
+        """Standard error (p,) of each parameter if all other parameters were known, infinite without information."""
         lengths = np.linalg.norm(self.root, axis=0)
         return np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), math.inf)
 
     def modes(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the observable and unobservable directions of the parameters.
+        """Return the observable and unobservable directions of the parameters: ``sigma``, ``vectors`` and ``seen``.
 
-        These are the singular values (k,) and vectors (p, k) of the root with columns scaled to unit length. The third
-        value ``seen`` (p,) marks the parameters with information. The others have zero rows in the vectors.
+        ``sigma`` (k,) and ``vectors`` (p, k) are singular values and vectors of the root with columns scaled to unit
+        length. ``seen`` (p,) marks the parameters with information. The others have zero rows in the vectors.
         """
         seen = np.isfinite(self.alone)
         scaled = self.root[:, seen] * self.alone[seen]
@@ -216,7 +218,7 @@ class Information:
 
     @property
     def std(self) -> Array:
-        """Cramer-Rao bounds (p,), infinite for parameters that contribute to an unobservable direction."""
+        """Cramer-Rao bound (p,) of each parameter, infinite if it contributes to an unobservable direction."""
         sigma, vectors, seen = self.modes()
         shares = vectors**2
         lost = sigma <= BLIND
@@ -228,12 +230,12 @@ class Information:
 
     @property
     def bounds(self) -> dict[str, float]:
-        """Cramer-Rao bound of each parameter by name."""
+        """Name of the parameter -> Cramer-Rao bound."""
         return dict(zip(self.names, self.std.tolist(), strict=True))
 
     @property
     def correlation(self) -> Array:
-        """Correlation (p, p) of an efficient estimate.
+        """Correlation matrix (p, p) of an efficient estimate.
 
         Unobservable directions count as if their singular value were :data:`BLIND`.
         """
@@ -247,7 +249,7 @@ class Information:
     def log_determinant(self) -> float:
         """Natural logarithm of det F, or minus infinity if a direction has no information.
 
-        The units cancel in differences between two results for the same model.
+        The unit cancels in the difference of two values for the same model.
         """
         sign, value = np.linalg.slogdet(self.root)
         return 2.0 * float(value) if sign != 0.0 else -math.inf

@@ -52,48 +52,59 @@ __all__ = [
 Array = NDArray[np.float64]
 
 WIDTHS = (5, 11, 25, 61)
-"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal."""
+"""Numbers of samples that a local polynomial may cover. The best one is chosen for each signal. Project choice."""
 
 MOST = 400
-"""Maximum number of stamps per record at which the equations are evaluated."""
+"""Maximum number of stamps per record at which the equations are evaluated. Project choice."""
 
 RIDGE = 1e-6
-"""Ridge added to each regressor, as a fraction of its power. It keeps the parameters of weakly excited terms small."""
+"""Ridge added to each regressor, as a fraction of its power.
+
+It keeps the parameters of weakly excited terms small. Project choice.
+"""
 
 ROUNDS = 3
-"""Number of rounds in which each driven equation is weighted by its residual.
+"""Number of rounds in which each driven equation is weighted by its residual. Project choice.
 
 An equation without inputs keeps its weight, because zero parameters would satisfy it best.
 """
 
 LEAST = 1e-3
-"""Smallest residual that is used to weight an equation, relative to the largest known force."""
+"""Smallest residual that is used to weight an equation, relative to the largest known force. Project choice."""
 
 PIECES = 15
-"""Maximum number of pieces of a record in the search for a start. Each piece starts at the measured state, so that none
-diverges."""
+"""Maximum number of pieces of a record in the search for a start. Project choice.
+
+Each piece starts at the measured state, so that the simulation of no piece diverges.
+"""
 
 SHORTEST = 12
-"""Smallest number of stamps in a piece."""
+"""Smallest number of stamps in a piece of a record. Project choice."""
 
 TRIALS, ROUGH = 25, 1e-4
-"""Number of trials on the pieces, and relative decrease of the cost that ends them. A start need not be exact."""
+"""Number of trials on the pieces, and relative decrease of the cost that ends them. Project choice.
+
+A start need not be exact.
+"""
 
 FEW = 2
-"""Number of trials on the pieces after which the misfits of different forms are compared."""
+"""Number of trials on the pieces after which the misfits of different forms are compared. Project choice."""
 
 LIGHTEST = 0.02
-"""Smallest inertia of a start, relative to the inertia at which the measured acceleration would need all known forces.
+"""Smallest inertia of a start. Project choice.
+
+The unit is the inertia at which the measured acceleration would need all known forces.
 """
 
 SHARE = 0.1
-"""Initial noise level of a signal, as a fraction of its standard deviation."""
+"""Initial noise level of a signal, as a fraction of its standard deviation. Project choice."""
 
 
 class SpecialStart(NamedTuple):
-    """Start value of a parameter, and how far the true value may be from it.
+    """Start value of a parameter that the regression cannot determine.
 
-    ``spread``: standard deviation. Both are in the parameter's unit.
+    - ``value``: start value, in the parameter's unit.
+    - ``spread``: standard deviation of the true value about ``value``, in the parameter's unit.
     """
 
     value: float
@@ -112,17 +123,21 @@ SPECIAL_START: Mapping[str, SpecialStart] = {
 }
 """Name in ``derivatives.SPECIAL`` -> start value and spread.
 
-Most start at zero: no delay, no current, no compass error, a sensor amidships, no wall. The lag starts at a typical
-value for a thruster [s]. The reach of the bottom effect starts at 1 m, because the effect cannot be computed for zero.
+Most parameters start at zero: no delay, no current, no compass error, a sensor amidships, no wall. The lag starts at a
+typical value for a thruster [s]. Project choice. The reach of the bottom effect starts at 1 m, because the effect
+cannot be computed for zero.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedMotion:
-    """States of a record at some of its stamps.
+    """Smoothed or simulated states of a record at some of its stamps.
 
-    ``t`` (s,): stamps. ``X`` (s, n): states in the order of ``states_of(form)``, 0 if not measured. ``nu_dot`` (s, k):
-    accelerations. ``inputs`` (s, m). ``known`` (k,): whether a velocity was measured or derived.
+    - ``t`` (s,): stamps.
+    - ``X`` (s, n): states in the order of ``states_of(form)``, 0 if not measured.
+    - ``nu_dot`` (s, k): accelerations, in the order of the form's degrees of freedom. ``inputs`` (s, m): values of the
+      inputs.
+    - ``known`` (k,): whether each velocity was measured or derived.
     """
 
     t: Array
@@ -192,11 +207,13 @@ def _local(signal: Signal, t: Array, order: int) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regression:
-    """Linear equations for the start values: ``base + J @ values`` are the force imbalances (s, k).
+    """Linear equations for the start values: the force imbalances (s, k) are ``base + J @ values``.
 
-    ``names`` (f,): parameters to regress. ``theta`` (p,): all parameters, with known and start values, and 0 for those
-    to regress. ``usable`` (k,): equations whose velocity was measured. ``driven`` (k,): usable equations with a known
-    force. ``force`` (k,): rms of the known forces; for equations without any, that of the largest.
+    - ``names`` (f,): parameters to regress.
+    - ``theta`` (p,): all parameters, with known and start values, and 0 for those to regress.
+    - ``usable`` (k,): equations whose velocity was measured.
+    - ``driven`` (k,): usable equations with a known force.
+    - ``force`` (k,): rms of the known forces in each equation; for equations without any, the largest rms.
     """
 
     form: Form
@@ -210,9 +227,9 @@ class Regression:
 
     @property
     def scales(self) -> Array:
-        """Scale (f,) of each parameter: its value at which its term is as large as the known forces.
+        """Scale (f,) of each parameter: the value at which its term is as large as the known forces.
 
-        0 for a parameter whose term is always zero.
+        The scale is 0 for a parameter whose term is always zero.
         """
         rms = np.sqrt(np.mean(self.J**2, axis=0)) / self.force[:, None]
         share = rms.max(axis=0)
@@ -220,7 +237,7 @@ class Regression:
         return scales
 
     def with_values(self, values: Array) -> Array:
-        """Return all parameters (p,), with the regressed ones at *values* (f,)."""
+        """Return all parameters (p,), with the regressed ones set to *values* (f,)."""
         theta = self.theta.copy()
         theta[[self.form.parameters.index(n) for n in self.names]] = values
         return theta
@@ -253,7 +270,7 @@ def _known_theta(form: Form) -> Array:
 
 
 def regression_of(form: Form, motions: Sequence[RecordedMotion], delay: float | None = None) -> Regression:
-    """Return the regression equations for *motions*.
+    """Return the regression equations of *form* for *motions*.
 
     Parameters with start values, delay, lag and current are not regressed.
     """
@@ -292,9 +309,9 @@ def _bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
 class InitialGuess:
     """Information available before any simulation: smoothed motions, regression and initial states.
 
-    ``rough``: scatter of each signal about its neighbours, which is the smallest noise a fit can reach. ``levels``:
-    initial noise levels, as a fraction of the motion. They are larger because an inexact model leaves far more than
-    scatter.
+    - ``rough``: scatter of each signal about its neighbours, which is the smallest noise a fit can reach.
+    - ``levels``: initial noise level of each signal, as a fraction of the motion. It is larger than ``rough``, because
+      the residual of an inexact model is far larger than the scatter.
     """
 
     form: Form
@@ -319,7 +336,7 @@ class InitialGuess:
                 yield better[0]
 
     def misfit(self, limits: Limits) -> float:
-        """Return the cost of the form on short pieces after a few trials.
+        """Return the cost of the form on short pieces after a few trials, infinite if the simulation diverges.
 
         Costs for records of the same size can be compared.
         """
@@ -328,7 +345,7 @@ class InitialGuess:
         return math.inf if end is None else end[1]
 
     def sturdy(self, limits: Limits) -> Limits:
-        """Return *limits* narrowed to models that can be simulated: damping drag, and inertia not near zero."""
+        """Return *limits* restricted to models that can be simulated: drag that damps, and inertia not near zero."""
         high = {}
         for name, scale in zip(self.regression.names, self.regression.scales.tolist(), strict=True):
             inertia = inertia_of(name) if name.endswith("dot") else None
@@ -337,7 +354,7 @@ class InitialGuess:
         return limits.within(Limits({}, high)).within(Limits.physical(self.form))
 
     def pieces(self) -> tuple[tuple[Segment, ...], tuple[Array, ...]]:
-        """Return the records cut into short pieces, and the smoothed initial state of each piece."""
+        """Return the records cut into short pieces, and the smoothed initial state (n,) of each piece."""
         pieces, initial = [], []
         for record, motion in zip(self.records, self.motions, strict=True):
             for piece in _pieces(record):
@@ -347,9 +364,9 @@ class InitialGuess:
         return tuple(pieces), tuple(initial)
 
     def on_pieces(self, theta: Array, limits: Limits, trials: int = TRIALS) -> tuple[Array, float] | None:
-        """Fit the parameters, from *theta*, to short pieces, and return them with the cost.
+        """Fit the parameters to short pieces, starting at *theta*, and return them (p,) with the cost.
 
-        The pieces start at smoothed states. Return None if even these simulations diverge.
+        The pieces start at smoothed states. The result is None if a simulation of the pieces diverges.
         """
         pieces, initial = self.pieces()
         objective = Objective(StampedProblem(self.form, pieces, None, limits), theta, initial, fixed_states=True)

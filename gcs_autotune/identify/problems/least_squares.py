@@ -21,7 +21,12 @@ Array = NDArray[np.float64]
 
 
 class Local(NamedTuple):
-    """Value of a cost at one point, half its gradient (p,), and half its approximate Hessian (p, p)."""
+    """Value of a cost at one point, with its derivatives there.
+
+    - ``cost``: the value.
+    - ``gradient`` (p,): half the gradient.
+    - ``curvature`` (p, p): half the approximate Hessian.
+    """
 
     cost: float
     gradient: Array
@@ -29,10 +34,10 @@ class Local(NamedTuple):
 
 
 ITERATIONS = 60
-"""Default maximum number of trials of a descent. From a usable start, five to ten suffice."""
+"""Default maximum number of trials of a descent. From a usable start, five to ten suffice. Project choice."""
 
 TOLERANCE = 1e-9
-"""Relative decrease of the cost below which a descent ends. It is far below statistical significance."""
+"""Relative decrease of the cost below which a descent ends. Project choice: far below statistical significance."""
 
 
 class Place(Protocol):
@@ -58,9 +63,10 @@ class Place(Protocol):
 class Rules:
     """Rules for the damping of steps and for the end of a descent.
 
-    With ``tolerance`` the descent ends at that relative decrease of the cost. Damping then depends on how well the last
-    decrease was predicted (Nielsen1999). With ``enough`` the descent ends when a step lowers the cost by less than
-    this. Damping then changes by fixed factors, because derivatives are expensive.
+    - ``tolerance``: relative decrease of the cost at which the descent ends. Damping then depends on how well the last
+      decrease was predicted (Nielsen1999).
+    - ``enough``: decrease of the cost below which the descent ends, used instead of ``tolerance`` if it is not 0.
+      Damping then changes by fixed factors, because derivatives are expensive.
     """
 
     tolerance: float = TOLERANCE
@@ -72,7 +78,7 @@ class Rules:
         return (1e-3, 1e8) if self.enough else (1e-6, 1e12)
 
     def eased(self, damping: float, foretold: float) -> float:
-        """Return the damping after a decrease of the cost.
+        """Return the damping after a step that decreased the cost.
 
         foretold : ratio of the actual to the predicted decrease.
         """
@@ -81,14 +87,16 @@ class Rules:
         return max(1e-12, damping * max(0.1, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3))
 
     def raised(self, damping: float, refused: int) -> float:
-        """Return the damping after a step without a decrease.
+        """Return the damping after a step that did not decrease the cost.
 
-        refused : number of such steps in a row before it.
+        refused : number of such steps in a row before this step.
         """
         return max(6.0 * damping, 1e-3) if self.enough else max(1e-6, damping * 4.0 * 2.0**refused)
 
     def is_there(self, gain: float, expected: float, cost: float) -> bool:
-        """Return whether the descent has converged after a decrease by *gain* from *cost*."""
+        """Return whether the descent has converged after the cost decreased by *gain* from *cost*.
+
+        expected : predicted decrease."""
         if self.enough:
             return gain < self.enough
         return gain <= self.tolerance * cost and expected <= max(self.tolerance, 1e-6) * cost + 1e-300
@@ -96,7 +104,7 @@ class Rules:
     def is_in_vain(self, expected: float, here: Place, step: Array) -> bool:
         """Return whether the descent has converged although *step* brought no decrease.
 
-        It has if the expected decrease is negligible.
+        The descent has converged if the expected decrease is negligible.
         """
         if self.enough:
             # By size: one coordinate cut short may turn the sum, and shorter steps are still to be tried.
@@ -112,10 +120,13 @@ PlaceT = TypeVar("PlaceT", bound=Place)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum(Generic[PlaceT]):
-    """End of a search.
+    """Result of a search.
 
-    ``x`` (p,): parameters. ``cost``: cost there. ``iterations``: number of trials. ``converged``: whether the search
-    converged. ``place``: cost and derivatives there.
+    - ``x`` (p,): parameters.
+    - ``cost``: cost at ``x``.
+    - ``iterations``: number of trials.
+    - ``converged``: whether the search converged.
+    - ``place``: cost and derivatives at ``x``.
     """
 
     x: Array
@@ -136,15 +147,15 @@ def descend(
     rounds: float = math.inf,
     reach: Array | None = None,
 ) -> Minimum[PlaceT] | None:
-    """Minimise a cost within ``low <= x <= high``; return None if *start* has no value.
+    """Minimise a cost within ``low <= x <= high``, and return the minimum, or None if the cost has no value at *start*.
 
-    A parameter on its bound whose gradient points outwards is held for that step.
+    A parameter on its bound stays fixed for a step if the cost decreases outwards.
 
     local : returns the cost at a point, or None if it has no value there.
     trials : largest number of steps tried.
     rules : for damping and convergence.
     rounds : largest number of steps that lower the cost.
-    reach : (p,) longest steps.
+    reach : (p,) longest step of each parameter.
 
     Raises
     ------
@@ -183,7 +194,7 @@ def descend(
 def step_of(
     here: Place, x: Array, low: Array, high: Array, damping: float, reach: Array | None = None
 ) -> tuple[Array, float]:
-    """Return the damped Gauss-Newton step and the expected decrease of the cost."""
+    """Return the damped Gauss-Newton step (p,) from *x*, and the expected decrease of the cost."""
     gradient = here.gradient
     free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
     scale = np.sqrt(np.maximum(np.diag(here.curvature), 1e-300))[free]
@@ -198,7 +209,7 @@ def step_of(
 
 
 def inverse_of(information: Array) -> Array:
-    """Return the inverse of an information matrix, scaled against badly chosen units.
+    """Return the inverse (p, p) of an information matrix. Scaling makes it insensitive to the choice of units.
 
     Directions without information get a variance of 1e13 in scaled units.
     """

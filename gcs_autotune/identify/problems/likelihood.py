@@ -1,12 +1,12 @@
 """Likelihood of any fit: of parameters, effects, initial states and the shift of stamps.
 
-The vector contains the free base parameters, the free parameters of effects, and every segment's free initial states.
-If input changes are dated midway between two messages (decision 3), a common shift of all their stamps comes last. The
-shift must not be fitted as an effect or as inertia. It differs from a delay only by its small size, which its prior
-expresses (:class:`.StampPrior`).
+The vector of unknowns contains the free base parameters, the free parameters of effects, and the free initial states of
+every segment. If input changes are time-stamped midway between two messages (decision 3), a common shift of all their
+stamps comes last. The shift must not be fitted as an effect or as inertia. It differs from a delay only by its small
+size, which its prior expresses (:class:`.StampPrior`).
 
-There are two ways to treat noise. :meth:`Objective.at` uses supplied noise models (:class:`.noise.NoiseModel`:
-Gaussian, robust or rounded). It is for fits that estimate noise and vector in turn (:mod:`.reweighting`).
+Noise is treated in one of two ways. :meth:`Objective.at` uses supplied noise models (:class:`.noise.NoiseModel`:
+Gaussian, robust or rounded). They are for fits that estimate noise and vector in turn (:mod:`.reweighting`).
 :meth:`Objective.concentrated` sets Gaussian levels to their optimum at every step. The cost is then ``sum_s n_s
 log(RSS_s / n_s)``. Its Gauss-Newton step is that of least squares weighted with ``n_s / RSS_s``. Costs of models with
 different effects can then be compared.
@@ -41,22 +41,29 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 REMEMBERED = 3
-"""Number of vectors whose residuals are cached. Each round of noise estimation starts at the vector where the last one
-ended."""
+"""Number of vectors whose residuals are cached. Project choice.
+
+Each round of noise estimation starts at the vector where the last one ended.
+"""
 
 LAGGED = 1.0
-"""Prior standard deviation of the first value of a lagged input. The unit is the range of that input."""
+"""Prior standard deviation of the first value of a lagged input, in units of the range of that input.
+
+Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residual:
     """Residual of one signal in one segment.
 
-    ``t``, ``measured``, ``predicted`` (n,): stamps and values. ``judged`` (n,): measured minus predicted. A disturbance
-    among the effects may explain part of it; NaN marks samples that it explains completely. ``jacobian`` (n, k):
-    derivatives of the prediction in the segment's own columns, empty without sensitivities. ``step``: resolution of the
-    sensor. ``penalty``: contribution of a disturbance to minus twice the log-likelihood. ``fold``: which part of the
-    data was left out.
+    - ``t``, ``measured``, ``predicted`` (n,): stamps [s], measured values and predicted values.
+    - ``judged`` (n,): measured minus predicted. If a disturbance among the effects explains a fraction of this
+      difference, that fraction is subtracted. NaN marks samples that the disturbance explains completely.
+    - ``jacobian`` (n, k): derivatives of the prediction in the segment's own columns, empty without sensitivities.
+    - ``step``: resolution of the sensor, 0 if negligible.
+    - ``penalty``: contribution of a disturbance to minus twice the log-likelihood.
+    - ``fold``: index of the block of data that is left out.
     """
 
     segment: int
@@ -72,17 +79,17 @@ class Residual:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Mask (n,) of the samples that are used."""
+        """Mask (n,) of the samples that the cost includes."""
         return np.isfinite(self.judged)
 
 
 class Objective(FreeNumbers):
-    """Cost of the free parameters, as a function of one packed vector.
+    """Cost of a fit as a function of one packed vector of all unknowns.
 
     Parameters
     ----------
     theta : (p,) all base parameters in the form's order, with values for those not free.
-    initial : (n,) states per segment, with values for those not free.
+    initial : initial states (n,) per segment, with values for those not free.
     effects : in the order in which they act.
     shift : start value of the shift of stamps [s].
     fixed_effects, fixed_states : whether the parameters of effects, and the initial states, are not fitted.
@@ -160,7 +167,7 @@ class Objective(FreeNumbers):
         return theta, effects, tuple(initial), float(x[-1]) if self.dated else 0.0
 
     def limits(self) -> tuple[Array, Array]:
-        """Return the lower and the upper limits of the vector."""
+        """Return the lower and the upper limits (q,) of the vector."""
         low, high = self.problem.edges(self.effects, self.free_effects)
         rest = np.full(self.size - self.shared, np.inf)
         if self.dated:
@@ -168,7 +175,7 @@ class Objective(FreeNumbers):
         return np.concatenate([low, -rest]), np.concatenate([high, rest])
 
     def residuals(self, x: Array) -> tuple[Residual, ...] | None:
-        """Return the residuals at *x* with Jacobians, or None if a simulation diverges.
+        """Return the residuals at *x* (q,) with Jacobians, or None if a simulation diverges.
 
         Results of the last vectors are cached.
         """
@@ -180,7 +187,7 @@ class Objective(FreeNumbers):
         return self._recent[key]
 
     def predicted(self, x: Array, *, sensitivities: bool) -> tuple[Residual, ...] | None:
-        """Return the residuals at *x*, or None if a simulation diverges.
+        """Return the residuals at *x* (q,), or None if a simulation diverges.
 
         sensitivities : whether to calculate the Jacobians.
         """
@@ -204,7 +211,7 @@ class Objective(FreeNumbers):
         return self.levels.get(name, known)
 
     def at(self, x: Array, noise: Mapping[str, NoiseModel]) -> Local | None:
-        """Return cost, gradient and curvature at *x*, or None if a simulation diverges.
+        """Return cost, half the gradient and curvature at *x* (q,), or None if a simulation diverges.
 
         noise : noise model per signal.
         """
@@ -225,7 +232,8 @@ class Objective(FreeNumbers):
         return Local(cost, gradient, curvature)
 
     def concentrated(self, x: Array, floors: Mapping[str, float]) -> Local | None:
-        """Return cost, gradient and curvature at *x* with optimal noise levels, or None if a simulation diverges.
+        """Return cost, half the gradient and curvature at *x* with optimal noise levels, or None if a simulation
+        diverges.
 
         floors : smallest noise level per signal.
         """
@@ -253,10 +261,7 @@ class Objective(FreeNumbers):
         return Local(float(cost), gradient, curvature)
 
     def learn(self, x: Array, floors: Mapping[str, float]) -> None:
-        """Update disturbances from the residuals at *x*.
-
-        The values at *x* become the current values of this objective.
-        """
+        """Update the disturbances from the residuals at *x*, and set the values of this objective to those at *x*."""
         theta, effects, initial, shift = self.unpack(x)
         craft = tuple(e for e in effects if not EFFECTS[e.slug].is_disturbance)
         plain = Objective(self.problem, theta, initial, craft, shift=shift, fixed_effects=True)
@@ -274,7 +279,7 @@ class Objective(FreeNumbers):
         self.theta, self.initial, self.shift, self.levels = theta, initial, shift, levels
 
     def known(self) -> tuple[Array, Array]:
-        """Return the prior of each element of the vector: expected value and information.
+        """Return the expected value (q,) and the information (q,) of the prior of each element of the vector.
 
         The shift of stamps is expected to be zero. A lagged input is expected to equal the input in force.
         """
@@ -291,7 +296,7 @@ class Objective(FreeNumbers):
         return prior, weight
 
     def wide(self, residual: Residual) -> Array:
-        """Return the Jacobian (n, size) of a residual in the columns of the whole vector, for the samples used."""
+        """Return the Jacobian (n, q) of *residual* by the whole vector, with one row for each sample used."""
         good = residual.known
         table = np.zeros((int(good.sum()), self.size))
         table[:, self.columns[residual.segment]] = residual.jacobian[good]
@@ -299,7 +304,7 @@ class Objective(FreeNumbers):
 
 
 def sums_of(residuals: Sequence[Residual]) -> tuple[dict[str, float], dict[str, int]]:
-    """Return the sum of squares and the number of the samples used, per signal."""
+    """Return the sum of squared residuals and the number of samples used, each per signal."""
     sums: dict[str, float] = {}
     counts: dict[str, int] = {}
     for residual in residuals:
@@ -310,7 +315,9 @@ def sums_of(residuals: Sequence[Residual]) -> tuple[dict[str, float], dict[str, 
 
 
 def judged_by(effects: Sequence[EffectInstance], left: EffectResidual, columns: Array) -> tuple[Array, Array, float]:
-    """Return the residual (n,), its derivatives (n, k) and the penalty after all disturbances among *effects*."""
+    """Return the residual (n,), its derivatives (n, k) and the penalty after subtracting all disturbances among
+    *effects*.
+    """
     fee = 0.0
     for own in effects:
         if EFFECTS[own.slug].is_disturbance:
@@ -333,7 +340,7 @@ def first_input(segment: Segment) -> Array:
 def information_of(residuals: Sequence[Residual], columns: Sequence[Array], noise: Mapping[str, NoiseModel]) -> Array:
     """Return the expected information (p, p) on parameters whose Jacobians are *columns* (n, p) each.
 
-    The noise levels are unknown too. The information they take, ``I_ps I_ss^-1 I_sp``, is subtracted.
+    The noise levels are unknown too. The information lost by estimating them, ``I_ps I_ss^-1 I_sp``, is subtracted.
     """
     p = columns[0].shape[1]
     total = np.zeros((p, p))

@@ -17,14 +17,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Lower and upper limit per parameter name; parameters not listed are unlimited."""
+    """Lower and upper limits of parameters.
+
+    - ``low``: name -> lower limit. Parameters that are not listed have none.
+    - ``high``: name -> upper limit. Parameters that are not listed have none.
+    """
 
     low: Mapping[str, float]
     high: Mapping[str, float]
 
     @classmethod
     def physical(cls, form: Form) -> Limits:
-        """Return the limits that keep inertia positive and drag damping."""
+        """Return the limits of *form* that keep inertia positive and drag damping."""
         sides = {n: _physical_side(n) for n in form.free}
         return cls({n: 0.0 for n, s in sides.items() if s > 0}, {n: 0.0 for n, s in sides.items() if s < 0})
 
@@ -34,9 +38,9 @@ class Limits:
         return low, np.array([self.high.get(n, np.inf) for n in names])
 
     def within(self, other: Limits) -> Limits:
-        """Return limits that satisfy these and *other*.
+        """Return limits that satisfy both these limits and *other*.
 
-        Where they contradict each other, these limits apply.
+        If the two contradict each other, these limits apply.
         """
         low, high = dict(self.low), dict(self.high)
         for name in {*other.low, *other.high}:

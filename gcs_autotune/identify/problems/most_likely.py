@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 class MostLikely:
     """A fitted model at its maximum of likelihood.
 
-    ``subject``: the model and its runs. ``noise_models``: noise model per signal. ``cost``: minus twice the
-    log-likelihood at the maximum.
+    - ``subject``: the model and its runs.
+    - ``noise_models``: name of the signal -> noise model.
+    - ``cost``: minus twice the log-likelihood at the maximum.
     """
 
     subject: FittedModel
@@ -34,7 +35,7 @@ class MostLikely:
 
     @classmethod
     def of(cls, subject: FittedModel, rounds: int) -> MostLikely:
-        """Return the maximum of the likelihood of *subject*.
+        """Return *subject* at the maximum of its likelihood.
 
         The model and the noise of its signals are fitted in turn, for at most *rounds*.
 

@@ -30,26 +30,31 @@ __all__ = ["FINEST", "STRAY", "Gaussian", "NoiseModel", "Rounded", "Terms", "gau
 Array = NDArray[np.float64]
 
 STRAY = 1e-3
-"""Fraction of a rounding sensor's samples that may have any value. It reduces the information by 0.1 %."""
+"""Fraction of a rounding sensor's samples that may have any value.
+
+Project choice: the information decreases by 0.1 %.
+"""
 
 FINEST = 0.05
-"""Smallest noise accepted, in steps of the sensor.
+"""Smallest noise accepted, in steps of the sensor. Project choice.
 
-If no sample falls near the edge of a cell, the noise estimate would go to zero, and so would the standard errors.
-Stamps are not that accurate.
+If no sample is near the edge of a cell, the noise estimate would go to zero, and so would the standard errors. Stamps
+are not that accurate.
 """
 
 TAIL = 6.0
-"""Number of standard deviations beyond which cells are ignored in the expected information."""
+"""Number of standard deviations beyond which cells are ignored in the expected information. Project choice."""
 
 SMALLEST = 1e-250
-"""Probability of a cell below which it is ignored, because its ratios would be 0/0."""
+"""Probability of a cell below which it is ignored, because its ratios would be 0/0. Project choice."""
 
 
 class Terms(NamedTuple):
-    """Values per sample, each (n,), for a descent.
+    """Values per sample for a descent, each (n,).
 
-    ``deviance``: ``-2 log p``. ``slope``: derivative of ``log p`` by the true value. ``curvature``: >= 0.
+    - ``deviance``: ``-2 log p``.
+    - ``slope``: derivative of ``log p`` by the true value.
+    - ``curvature``: approximate minus second derivative of ``log p``, 0 or more.
     """
 
     deviance: Array
@@ -58,7 +63,7 @@ class Terms(NamedTuple):
 
 
 class NoiseModel(Protocol):
-    """Distribution of the measurement error of one kind of signal."""
+    """Interface of the distribution of the measurement error of one kind of signal."""
 
     @property
     def sigma(self) -> float:
@@ -70,23 +75,24 @@ class NoiseModel(Protocol):
 
     @property
     def robust(self) -> bool:
-        """Whether outliers have less weight, in the fit and in the noise level."""
+        """Whether outliers have a lower weight in the fit and in the noise level."""
 
     @property
     def std(self) -> float:
         """Standard deviation of measured minus true value, including rounding."""
 
     def terms(self, error: Array) -> Terms:
-        """Return deviance, slope and curvature at *error* (measured minus simulated)."""
+        """Return deviance, slope and curvature at *error* (n,), which is measured minus simulated."""
 
     def information(self, error: Array) -> Array:
-        """Return the expected information (n, 3).
+        """Return the expected information (n, 3) per sample.
 
-        The columns are that on the true value, the mixed term of true value and log sigma, and that on log sigma.
+        The columns are the information on the true value, the mixed term of true value and log sigma, and the
+        information on log sigma.
         """
 
     def log_likelihood(self, error: Array) -> float:
-        """Return the logarithm of the density of *error*; with rounding, of its probability."""
+        """Return the logarithm of the density of *error* or, with rounding, of its probability."""
 
     def likeliest(self, error: Array, level: float) -> NoiseModel:
         """Return the noise model with the highest likelihood for *error*.
@@ -116,10 +122,7 @@ class Gaussian:
         return self.sigma
 
     def terms(self, error: Array) -> Terms:
-        """Return deviance, slope and curvature at *error*.
-
-        The constant of the density is left out.
-        """
+        """Return deviance, slope and curvature at *error* (n,). The constant of the density is left out."""
         weight = np.full(len(error), self.sigma**-2)
         if self.robust:
             weight /= np.sqrt(1.0 + (error / (2.0 * self.sigma)) ** 2)
@@ -152,12 +155,12 @@ class Rounded:
 
     @property
     def robust(self) -> bool:
-        """Whether outliers have less weight: False, because they have their own probability."""
+        """Whether outliers have a lower weight: False, because they have a probability of their own."""
         return False
 
     @property
     def std(self) -> float:
-        """Standard deviation ``sqrt(sigma**2 + quantum**2/12)`` (Sheppard)."""
+        """Standard deviation of measured minus true value, ``sqrt(sigma**2 + quantum**2/12)`` (Sheppard)."""
         return math.hypot(self.sigma, self.quantum / math.sqrt(12.0))
 
     @property
@@ -168,8 +171,8 @@ class Rounded:
     def terms(self, error: Array) -> Terms:
         """Return deviance, slope and curvature at *error*.
 
-        The curvature is that of the cell's own probability, times its fraction of the total probability. This is the
-        weight in an EM step. The curvature is therefore never negative, even for outliers.
+        The curvature is that of the cell's own probability, times its fraction of the total probability. This product
+        is the weight in an EM step. The curvature is therefore never negative, even for outliers.
         """
         low, high, cell = self._cell(error)
         near = cell > SMALLEST

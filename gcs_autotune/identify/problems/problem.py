@@ -28,24 +28,29 @@ __all__ = ["Problem"]
 Array = NDArray[np.float64]
 
 FLOOR = 1e-3
-"""Smallest noise level, relative to a signal's standard deviation. Smaller errors do not matter in practice."""
+"""Smallest noise level, relative to a signal's standard deviation.
+
+Project choice: smaller errors do not matter in practice.
+"""
 
 ANGLES, TURN = ("phi", "theta", "psi"), 2.0
-"""Names of the angles, and largest spread [rad] of them that is used for the noise floor.
+"""Names of the angles, and the largest spread of an angle [rad] that is used for the noise floor. Project choice.
 
 The spread is limited because an angle that turns several times is not measured less accurately.
 """
 
 WAYS = {"x": ("u", "v"), "y": ("u", "v"), "z": ("w",)}
 STRIDE = 20
-"""Number of samples over which a position's change counts as its spread for the noise floor. The whole distance covered
-would be too large."""
+"""Number of samples over which a position's change counts as its spread for the noise floor. Project choice.
+
+The whole distance covered would be too large a spread.
+"""
 
 TOLERANCE = 1e-8
 """Relative decrease of the cost that ends a search. The cost is about ten times the number of samples."""
 
 LESSONS = 3
-"""Number of rounds of fitting and updating, if a disturbance is learnt from the residuals."""
+"""Number of rounds of fitting and updating, if a disturbance is learnt from the residuals. Project choice."""
 
 
 class Problem(StampedProblem):
@@ -56,17 +61,17 @@ class Problem(StampedProblem):
 
     @cached_property
     def motion(self) -> Mapping[str, float]:
-        """Spread of every signal, with the limits for the noise floor."""
+        """Name of the signal -> spread that is used for its noise floor."""
         spread = {} if self.summary is None else self.summary.spread
         return {name: min(s, _way(name, self.data_summary)) for name, s in spread.items()}
 
     @cached_property
     def floors(self) -> Mapping[str, float]:
-        """Smallest noise level of every signal."""
+        """Name of the signal -> smallest noise level."""
         return {name: FLOOR * s for name, s in self.motion.items()}
 
     def on(self, segments: Sequence[Segment], free: Sequence[str] | None = None) -> Problem:
-        """Return the same problem on other segments, or with other base parameters free."""
+        """Return the same problem on other *segments*, or with only the base parameters *free* fitted."""
         chosen = self.free if free is None else free
         return Problem(self.form, segments, self.summary, self.limits, chosen, self.held, self.stamps)
 
@@ -88,7 +93,7 @@ class Problem(StampedProblem):
         learn: bool = True,
         shift: float = 0.0,
     ) -> Fitted | None:
-        """Fit from these start values; return None if the motion diverges there.
+        """Return the fit from these start values, or None if the motion diverges at them.
 
         Within :func:`.keeping` the result of a known fit is reused and only evaluated.
         """
@@ -148,22 +153,22 @@ class Problem(StampedProblem):
         return _fitted(self, objective, minimum.x, minimum.converged)
 
     def moved(self, fitted: Fitted, by: Array) -> tuple[Array, tuple[EffectInstance, ...], tuple[Array, ...]]:
-        """Return parameters, effects and initial states of a fit, changed by *by* (q,).
+        """Return the parameters, effects and initial states of *fitted*, changed by *by* (q,).
 
-        The order of *by* is that of the fit's Jacobian.
+        The order of *by* is that of the columns of the Jacobian.
         """
         objective = Objective(self, fitted.theta, fitted.initial, fitted.effects, shift=fitted.shift)
         theta, effects, initial, _ = objective.unpack(np.clip(objective.pack() + by, *objective.limits()))
         return theta, effects, initial
 
     def first_states(self, segments: Sequence[Segment]) -> tuple[Array, ...]:
-        """Return initial states of *segments*, estimated from their first samples."""
+        """Return the initial states (n,) of each of *segments*, estimated from the first samples."""
         return initial_guess_of(self.form, segments).initial
 
     def states(
         self, theta: Array, effects: Sequence[EffectInstance], initial: Sequence[Array], shift: float = 0.0
     ) -> Fitted | None:
-        """Fit only the initial states and the shift of input stamps.
+        """Return a fit of only the initial states and the shift of input stamps, or None if the motion diverges.
 
         The result shows how well a model predicts these segments.
         """

@@ -15,19 +15,23 @@ __all__ = ["first_levels", "first_states", "quanta_of", "roughness"]
 Array = NDArray[np.float64]
 
 SAME_GRID = 0.02
-"""Largest deviation between the grids of sensor values in two segments, in sensor steps, for both to count as one grid.
+"""Largest deviation between the grids of sensor values in two segments that count as one grid [sensor steps].
+
+Project choice.
 """
 
 
 def first_levels(segments: Sequence[Segment]) -> dict[str, float]:
-    """Return initial noise levels per signal: the scatter about a parabola through neighbouring samples."""
+    """Return name of the signal -> initial noise level, which is the scatter about a parabola through neighbouring
+    samples.
+    """
     names = dict.fromkeys(n for s in segments for n in s.signals)
     rough = {n: [roughness(s.signals[n]) for s in segments if n in s.signals] for n in names}
     return {n: max(float(np.mean(levels)), 1e-9) for n, levels in rough.items()}
 
 
 def quanta_of(segments: Sequence[Segment]) -> dict[str, float]:
-    """Return the steps of signals whose rounding is too coarse to be treated as Gaussian noise.
+    """Return name -> step for the signals whose rounding is too coarse to be treated as Gaussian noise.
 
     Coarse means a step above the signal's roughness ``sqrt(sigma**2 + q**2/12)``, that is, ``q > 1.04 sigma``. Below
     this, mean and variance of the rounding error equal those of independent noise to 1e-7, whatever the true value
@@ -43,7 +47,9 @@ def quanta_of(segments: Sequence[Segment]) -> dict[str, float]:
 
 
 def roughness(signal: Signal) -> float:
-    """Return the scatter of *signal* about a parabola through neighbouring samples."""
+    """Return the scatter of *signal* about a parabola through neighbouring samples, at least the rounding error of the
+    sensor.
+    """
     third = np.diff(signal.values, n=3)
     return max(
         float(np.sqrt(np.mean(third**2) / 20.0)),

@@ -23,28 +23,32 @@ __all__ = ["NOISE_ROUNDS", "Effort", "alternate", "errors_of", "likeliest", "rou
 Array = NDArray[np.float64]
 
 NOISE_ROUNDS = 4
-"""Number of rounds of noise estimation if two kinds of signal are weighted against each other."""
+"""Number of rounds of noise estimation if two kinds of signal are weighted against each other. Project choice."""
 
 SETTLED = 0.01
-"""Relative change of the noise levels below which the rounds of estimation end."""
+"""Relative change of the noise levels below which the rounds of estimation end. Project choice."""
 
 MAD = 1.4826
-"""Ratio of standard deviation to median magnitude for a Gaussian. The median magnitude hardly depends on outliers."""
+"""Ratio of standard deviation to median magnitude of a normal distribution.
+
+The median magnitude hardly depends on outliers.
+"""
 
 LEAST = 1e-100
 """Smallest noise level, for a signal that never changes. The inverse of its square is still finite."""
 
 LOOSE = 1e-4
-"""Relative decrease of the cost that ends a round, except the last."""
+"""Relative decrease of the cost that ends a round, except the last. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
     """Limits for a fit with an expensive cost.
 
-    ``trials``: maximum per round. These rounds end with low accuracy. ``exact``: whether the last round has no such
-    limit and continues to convergence. ``astray``: multiple of its start value that the noise of a signal may have
-    after two rounds. Above it the fit ends.
+    - ``trials``: maximum number of trials per round. These rounds end with low accuracy.
+    - ``exact``: whether the last round has no limit of trials and continues to convergence.
+    - ``astray``: multiple of its start value that the noise of a signal may have after two rounds. Above it the fit
+      ends.
     """
 
     trials: int
@@ -56,7 +60,7 @@ class Cost(Protocol):
     """Interface of the cost that :func:`alternate` minimises: minus twice a log-likelihood, for known noise."""
 
     def at(self, x: Array, noise: Mapping[str, NoiseModel]) -> Local | None:
-        """Return cost, gradient and curvature at *x*, or None if it has no value there."""
+        """Return cost, half the gradient and curvature at *x*, or None if the cost has no value at *x*."""
 
     def residuals(self, x: Array) -> Sequence[Residual] | None:
         """Return the residuals at *x*, or None if there are none."""
@@ -71,9 +75,11 @@ def alternate(
     rounds: int,
     effort: Effort | None = None,
 ) -> tuple[Minimum[Local], dict[str, NoiseModel]] | None:
-    """Fit *x* within its limits, then the noise, at most *rounds* times; return None if *x* has no value.
+    """Fit *x* within its limits, then the noise, at most *rounds* times, and return the minimum and the noise models.
 
-    laws : noise model per signal.
+    The result is None if the cost has no value at *x*.
+
+    laws : name of the signal -> noise model at the start.
     """
     found: Minimum[Local] | None = None
     first = laws
@@ -99,16 +105,17 @@ def alternate(
 
 
 def errors_of(residuals: Sequence[Residual], name: str) -> Array:
-    """Return measured minus simulated values of all signals called *name*, joined."""
+    """Return measured minus simulated values (n,) of the signal *name*, joined over all segments."""
     return np.concatenate([r.judged[r.known] for r in residuals if r.signal == name])
 
 
 def likeliest(
     residuals: Sequence[Residual], laws: Mapping[str, NoiseModel], spent: float = 0.0
 ) -> dict[str, NoiseModel]:
-    """Return the noise models with levels estimated from the residuals.
+    """Return name of the signal -> noise model with the level estimated from the residuals.
 
-    spent : degrees of freedom of the fit. They are distributed over the signals by numbers of samples.
+    spent : degrees of freedom of the fit. They are distributed over the signals in proportion to their numbers of
+        samples.
     """
     total = sum(int(r.known.sum()) for r in residuals)
     found = {}
@@ -127,5 +134,5 @@ def likeliest(
 
 
 def rounding_error(residuals: Sequence[Residual], name: str) -> float:
-    """Return the rounding error ``step/sqrt(12)`` of the coarsest sensor called *name*."""
+    """Return the rounding error ``step/sqrt(12)`` of the signal *name*, for its coarsest segment."""
     return max((r.step for r in residuals if r.signal == name), default=0.0) / math.sqrt(12.0)

@@ -1,7 +1,7 @@
 """Simulate the signals of a segment for a likelihood, with derivatives by all parameters that may be fitted.
 
-There are three kernels: one degree of freedom (exact), coupled forms, and forms with effects. A likelihood uses each as
-a form (names of parameters and states) and a :class:`SegmentSimulator`.
+There are three kernels: one degree of freedom (exact), coupled forms, and forms with effects. A likelihood uses each
+kernel as a form (names of parameters and states) and a :class:`SegmentSimulator`.
 """
 
 from __future__ import annotations
@@ -35,14 +35,16 @@ Array = NDArray[np.float64]
 Predicted = dict[str, tuple[Array, Array]]
 
 PATIENCE = 30
-"""Maximum number of integration steps per stamp, without effects. Models that need more are too stiff for the sampling.
+"""Maximum number of integration steps per stamp for models without effects.
+
+Project choice. Models that need more are too stiff for the sampling.
 """
 
 _POSITIONS = ("x", "y", "z", "phi", "theta", "psi")
 
 
 class SegmentSimulator(Protocol):
-    """Interface of a simulator for a form, with or without effects, and one choice of free parameters."""
+    """Interface of a simulator for one form, with or without effects, and one selection of free parameters."""
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -62,7 +64,7 @@ class SegmentSimulator(Protocol):
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """Return every signal at its own stamps (n,) with its Jacobian, or None if the motion diverges.
+        """Return name of the signal -> values at its stamps (n,) and their Jacobian, or None if the motion diverges.
 
         The columns of the Jacobian are the free base parameters, the free parameters of effects, and the free initial
         states. The shift [s] of the inputs relative to their stamps comes last, if it is fitted.
@@ -94,9 +96,9 @@ class AxisSimulator:
         *,
         sensitivities: bool,
     ) -> Predicted | None:
-        """Return every signal with its Jacobian; see :class:`SegmentSimulator`.
+        """Return name of the signal -> values and their Jacobian; see :class:`SegmentSimulator`.
 
-        The Jacobian is calculated in any case.
+        The Jacobian is always calculated.
         """
         numbers = np.concatenate([theta, x_0])
         if segment.dating:
@@ -218,7 +220,7 @@ def simulator_of(
 ) -> SegmentSimulator:
     """Return the simulator for *form* with *effects*.
 
-    With a *data_summary* it always supports effects, even if there are none.
+    With a *data_summary* the simulator supports effects, even if *effects* is empty.
     """
     if isinstance(form, ExplicitForm):
         return AxisSimulator(form, free, states, dated=dated)
@@ -230,7 +232,9 @@ def simulator_of(
 
 
 def free_states(form: Form, effects: Sequence[EffectInstance], segment: Segment) -> tuple[str, ...]:
-    """Return the initial states to fit: all that a measured signal depends on."""
+    """Return the names of the initial states to fit, which are all states that a measured signal of *segment* depends
+    on.
+    """
     if isinstance(form, ExplicitForm):
         dof = DOFS[form.dofs[0]]
         return (dof.position, dof.velocity) if dof.position in segment.signals else (dof.velocity,)
@@ -257,9 +261,9 @@ def free_states(form: Form, effects: Sequence[EffectInstance], segment: Segment)
 
 
 def typical_of(own: EffectInstance, data_summary: DataSummary) -> dict[str, float]:
-    """Return the typical size of each parameter of an effect.
+    """Return name -> typical size of each parameter of the effect *own*.
 
-    It is the largest of its start values and its present value.
+    It is the largest magnitude of its start values and its present value.
     """
     entry = EFFECTS[own.slug]
     starts = entry.starts(own.place, data_summary)

@@ -55,12 +55,16 @@ AT_BOUND = 1e-6
 class Solution(Fitted):
     """A fitted model with its uncertainty.
 
-    ``noise_models``: noise model per signal. ``whole`` (q, q): covariance of the packed vector, from the expected
-    information. The parameters ``names`` come first, the shift of stamps last. ``raised`` (q,): factors by which
-    coloured residuals raise standard errors. ``at_bound``: those of ``names`` on a limit. ``blind``: those of ``names``
-    on which the runs contain no information. ``rests``: residuals of all signals with samples that are used. ``rows``:
-    their Jacobians (n, q), divided by the noise. ``scores``: derivative of the log-likelihood by the prediction, times
-    the noise. For Gaussian noise this is the error divided by the noise.
+    - ``noise_models``: noise model per signal.
+    - ``whole`` (q, q): covariance of the packed vector, from the expected information. The parameters ``names`` come
+      first, the shift of stamps last.
+    - ``raised`` (q,): factors by which coloured residuals raise standard errors.
+    - ``at_bound``: those of ``names`` on a limit.
+    - ``blind``: those of ``names`` on which the runs contain no information.
+    - ``rests``: residuals of all signals with samples that are used.
+    - ``rows``: their Jacobians (n, q), divided by the noise.
+    - ``scores``: derivative of the log-likelihood by the prediction, times the noise. For Gaussian noise this is the
+      error divided by the noise.
     """
 
     noise_models: Mapping[str, NoiseModel]

@@ -53,7 +53,8 @@ rounding."""
 class Switches:
     """Response of the signals of a segment to a later stamp of each uncertain change.
 
-    ``by``: derivatives (n, k) per signal. ``which`` (k,): indices of the changes.
+    - ``by``: derivatives (n, k) per signal.
+    - ``which`` (k,): indices of the changes.
     """
 
     by: dict[str, Array]

@@ -34,9 +34,11 @@ MOST_POINTS = 20_000
 class GriddedMotion:
     """A stretch of motion on an even grid.
 
-    ``t`` (n,): times, with interval ``step`` [s]. ``nu``, ``nu_dot`` (n, 6): velocity through the water and its rate.
-    ``eta`` (n, 6): position and angles. All three are 0 for an absent degree of freedom. ``noise``, ``settings``: noise
-    and setting of the smoother, per signal. ``reach`` [s]: largest half-width of a smoother.
+    - ``t`` (n,): times, with interval ``step`` [s].
+    - ``nu``, ``nu_dot`` (n, 6): velocity through the water and its rate.
+    - ``eta`` (n, 6): position and angles. All three are 0 for an absent degree of freedom.
+    - ``noise``, ``settings``: noise and setting of the smoother, per signal.
+    - ``reach`` [s]: largest half-width of a smoother.
     """
 
     run: str

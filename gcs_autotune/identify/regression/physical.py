@@ -36,8 +36,10 @@ POWERLESS = 0.1
 class Check:
     """Result of one check.
 
-    ``what``: its subject. ``holds``: whether it is passed. ``margin``: distance from the limit, which is 0. ``told``:
-    description.
+    - ``what``: its subject.
+    - ``holds``: whether it is passed.
+    - ``margin``: distance from the limit, which is 0.
+    - ``told``: description.
     """
 
     what: str

@@ -48,8 +48,9 @@ LONGEST = 0.125
 class Recipe:
     """Settings that convert records to equations.
 
-    ``equation``, ``derivative``: as in the options. ``window``: [s]. ``settings``: of the smoothers, one mapping per
-    record, empty until chosen.
+    - ``equation``, ``derivative``: as in the options.
+    - ``window``: [s].
+    - ``settings``: of the smoothers, one mapping per record, empty until chosen.
     """
 
     form: Form

@@ -38,8 +38,8 @@ EDGE = 2
 class Rows:
     """Equations of one stretch.
 
-    ``E`` (n, k, p + 1): coefficients of the parameters; the last column is the constant part. ``t`` (n,): times of the
-    rows.
+    - ``E`` (n, k, p + 1): coefficients of the parameters; the last column is the constant part.
+    - ``t`` (n,): times of the rows.
     """
 
     run: str

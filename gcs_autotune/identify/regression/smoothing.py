@@ -50,10 +50,12 @@ about ``1/sqrt(PROBES * splines)``."""
 class Smooth:
     """A smoothed signal.
 
-    ``at(t, order)``: its derivative of that order at the times *t*. ``noise``: standard deviation of what was removed,
-    per sample. ``setting``: number of samples or penalty chosen, to smooth another signal in the same way. ``reach``
-    [s]: half-width of the neighbourhood that affects a value. ``noise`` and ``reach`` may be NaN if the setting was
-    supplied.
+    ``at(t, order)``: its derivative of that order at the times *t*.
+
+    - ``noise``: standard deviation of what was removed, per sample.
+    - ``setting``: number of samples or penalty chosen, to smooth another signal in the same way.
+    - ``reach`` [s]: half-width of the neighbourhood that affects a value. ``noise`` and ``reach`` may be NaN if the
+      setting was supplied.
     """
 
     at: Callable[[Array, int], Array]

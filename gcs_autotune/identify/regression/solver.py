@@ -42,8 +42,10 @@ Barrier = Callable[[Array], "Local | None"]
 class Equations:
     """Rows of all stretches for one form.
 
-    ``E`` (n, k, p + 1): coefficients of the parameters and the constant part. ``ends``: end of each stretch. ``free``:
-    indices of the free parameters. ``by_inertia`` (f, k, k): derivative of M by each free parameter.
+    - ``E`` (n, k, p + 1): coefficients of the parameters and the constant part.
+    - ``ends``: end of each stretch.
+    - ``free``: indices of the free parameters.
+    - ``by_inertia`` (f, k, k): derivative of M by each free parameter.
     """
 
     form: Form
@@ -122,10 +124,12 @@ def _check_scale(form: Form, E: Array) -> None:
 class Estimate:
     """Result of least squares.
 
-    ``theta`` (p,): all parameters. ``errors`` (n, k), ``jacobian`` (n, k, f): of the accelerations. ``weights`` (n, k):
-    inverse variance, lower for outliers. ``covariance`` (f, f): of the free parameters, robust to coloured residuals.
-    ``converged``: whether the iteration converged. ``excess`` (k,): rms of the errors relative to that caused by the
-    noise of the signals, if known.
+    - ``theta`` (p,): all parameters.
+    - ``errors`` (n, k), ``jacobian`` (n, k, f): of the accelerations.
+    - ``weights`` (n, k): inverse variance, lower for outliers.
+    - ``covariance`` (f, f): of the free parameters, robust to coloured residuals.
+    - ``converged``: whether the iteration converged.
+    - ``excess`` (k,): rms of the errors relative to that caused by the noise of the signals, if known.
     """
 
     equations: Equations

@@ -46,8 +46,10 @@ SCATTER = 0.10
 class HalfPeriod:
     """Readings of one half period, from one switching to the next.
 
-    ``start``, ``end``: times [s]. ``at_switch``: position at the start. ``low``, ``high``: its extremes. ``level``:
-    level of the input.
+    - ``start``, ``end``: times [s].
+    - ``at_switch``: position at the start.
+    - ``low``, ``high``: its extremes.
+    - ``level``: level of the input.
     """
 
     start: float
@@ -116,9 +118,11 @@ def _is_proper(pair: Sequence[HalfPeriod], middle: float) -> bool:
 class MonitorState:
     """State of the monitor.
 
-    ``switchings``: total number. ``periods``: number of consecutive periods that satisfy (7.12); a period that violates
-    it sets the count to 0. ``settled``: whether the stop rule is satisfied. ``proper``: whether the last full period
-    satisfied (7.12), True before the first. ``cycle``: mean of the latest periods, None before the first.
+    - ``switchings``: total number.
+    - ``periods``: number of consecutive periods that satisfy (7.12); a period that violates it sets the count to 0.
+    - ``settled``: whether the stop rule is satisfied.
+    - ``proper``: whether the last full period satisfied (7.12), True before the first.
+    - ``cycle``: mean of the latest periods, None before the first.
     """
 
     switchings: int

@@ -31,7 +31,9 @@ MIN_SAMPLES = 20
 class Signal:
     """A measured output.
 
-    ``t``: stamps [s]. ``values``: samples, with continuous angles. ``step``: resolution of the sensor, 0 if none.
+    - ``t``: stamps [s].
+    - ``values``: samples, with continuous angles.
+    - ``step``: resolution of the sensor, 0 if none.
     """
 
     name: str
@@ -54,14 +56,17 @@ class Signal:
 class Segment:
     """One uninterrupted stretch of a run.
 
-    ``run``: name of the run. ``name``: the same, with ``#`` and a number if the run was cut. ``t_in`` (j,) [s]: times
-    at which an input changes. ``inputs`` (j, m): all inputs ``input_names`` from then on, held until the next change.
-    ``signals``: measured outputs by name. For one degree of freedom the position comes first.
+    - ``run``: name of the run.
+    - ``name``: the same, with ``#`` and a number if the run was cut.
+    - ``t_in`` (j,) [s]: times at which an input changes.
+    - ``inputs`` (j, m): all inputs ``input_names`` from then on, held until the next change.
+    - ``signals``: measured outputs by name. For one degree of freedom the position comes first.
 
-    ``dating`` [s]: possible common error of all input stamps (decision 3), 0 if they are exact. ``loop`` [s]: loop time
-    of the autopilot. ``slack`` (j,) [s]: shift of each change if it happened in another loop, 0 if only one is
-    possible. ``lags`` [s]: signal -> delay of an onboard filter, for which its stamps are corrected. ``measured``:
-    unprocessed channels of the run.
+    - ``dating`` [s]: possible common error of all input stamps (decision 3), 0 if they are exact.
+    - ``loop`` [s]: loop time of the autopilot.
+    - ``slack`` (j,) [s]: shift of each change if it happened in another loop, 0 if only one is possible.
+    - ``lags`` [s]: signal -> delay of an onboard filter, for which its stamps are corrected.
+    - ``measured``: unprocessed channels of the run.
     """
 
     name: str

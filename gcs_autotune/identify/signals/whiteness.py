@@ -39,8 +39,9 @@ NOISE_SHARE = 0.9
 class Remainder:
     """Residual of a signal (SI), and the part of it that is noise.
 
-    ``rms``: of the whole residual. ``noise``: rms of the part that changes from sample to sample, as sensor noise does.
-    The rest is correlated. It is motion that the model does not explain.
+    - ``rms``: of the whole residual.
+    - ``noise``: rms of the part that changes from sample to sample, as sensor noise does. The rest is correlated. It is
+      motion that the model does not explain.
     """
 
     rms: float

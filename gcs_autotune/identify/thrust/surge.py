@@ -283,7 +283,8 @@ scatter.
 class AlongTrack:
     """Speeds over ground [m/s] out and back, at the same throttles.
 
-    ``error`` [m/s]: standard error of the current :attr:`set`. ``heading`` [rad]: that of the outward run.
+    - ``error`` [m/s]: standard error of the current :attr:`set`.
+    - ``heading`` [rad]: that of the outward run.
     """
 
     out: float

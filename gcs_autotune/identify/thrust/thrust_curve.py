@@ -157,7 +157,8 @@ def _with_neutral_band(
 class _Band:
     """A neutral band of the actuator of *force*.
 
-    ``width``: half-width [fraction of full]. ``std``: its standard error.
+    - ``width``: half-width [fraction of full].
+    - ``std``: its standard error.
     """
 
     force: str

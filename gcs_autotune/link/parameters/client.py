@@ -102,7 +102,7 @@ class Parameters:
 
     Attributes
     ----------
-    session : the session they are read and written through.
+    session : the session through which parameters are read and written.
     known : last value received of every name; ``types`` : their MAV_PARAM_TYPE.
     intrusions : monitored parameters that another station changed.
     """
@@ -245,7 +245,7 @@ class Parameters:
         return checked_all({name: heard.fresh[name] for name in found if name is not None})
 
     def read_full(self, timeout: float = 120.0) -> dict[str, float]:
-        """Return all parameters from the parameter list; missing ones are requested by index.
+        """Return name -> value of all parameters, from the parameter list. Missing entries are requested by index.
 
         Raises
         ------
@@ -255,7 +255,7 @@ class Parameters:
         return read_list(self.session, self._exchange, timeout)
 
     def read_whole(self) -> PackedParameters:
-        """Return all parameters and their defaults, read by MAVLink FTP within a second; if that fails, as
+        """Return all parameters and their defaults, read by MAVLink FTP. If that fails, return those of
         :meth:`read_full`.
 
         Raises
@@ -332,9 +332,11 @@ class Parameters:
     # --- watching -----------------------------------------------------------------------------------------
 
     def watch(self, values: Mapping[str, float]) -> None:
-        """Monitor these parameters: record in :attr:`intrusions` when another station changes one."""
+        """Monitor the parameters *values* (name -> value). A change by another station is recorded in
+        :attr:`intrusions`.
+        """
         self._watch.add(values)
 
     def unwatch(self, names: Collection[str]) -> None:
-        """Stop monitoring these parameters."""
+        """Stop monitoring the parameters *names*."""
         self._watch.drop(names)

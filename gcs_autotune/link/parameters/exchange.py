@@ -45,7 +45,7 @@ def encoded(name: str) -> bytes:
     Raises
     ------
     UsageError
-        It is not a valid parameter name.
+        *name* is not a valid parameter name.
     """
     if not (0 < len(name) <= _NAME and name.isascii()):
         raise UsageError(f"'{name}' is not a parameter name. Use 1 to {_NAME} plain characters")
@@ -58,7 +58,7 @@ def as_float32(name: str, value: float) -> float:
     Raises
     ------
     UsageError
-        It is not a finite number a 32-bit float can hold.
+        *value* is not a finite number that a 32-bit float can represent.
     """
     try:
         wanted = float(struct.unpack("<f", struct.pack("<f", value))[0])
@@ -70,9 +70,11 @@ def as_float32(name: str, value: float) -> float:
 
 
 REPLY = 1.0
-"""Seconds to wait for one answer. Project choice."""
+"""Time to wait for an answer to a parameter request [s]. Project choice."""
 IN_FLIGHT = 10
-"""Number of requests outstanding at once, about what the buffer of a slow radio can store. Project choice."""
+"""Number of parameter requests sent before waiting for answers, about what the buffer of a slow radio can store.
+Project choice.
+"""
 _NO_INDEX = 65535
 
 
@@ -115,15 +117,15 @@ class ParamExchange:
             self.refused.discard(name)
 
     def settled(self, name: str) -> bool:
-        """Return whether *name* was answered, by a value or an error."""
+        """Return whether a value or an error was received for *name*."""
         return name in self.fresh or name in self.refused
 
     def any_settled(self, group: Sequence[str]) -> bool:
-        """Return whether one of several alternative names has a value, or all have errors."""
+        """Return whether, of the alternative names in *group*, one has a value or all have errors."""
         return any(n in self.fresh for n in group) or all(n in self.refused for n in group)
 
     def first(self, names: Iterable[str]) -> str | None:
-        """Return the first of *names* that has a value."""
+        """Return the first of *names* for which a value was received, or None."""
         return next((name for name in names if name in self.fresh), None)
 
     def ask(self, names: Sequence[str]) -> None:
@@ -135,7 +137,9 @@ class ParamExchange:
             self._session.wait_for(partial(self._all_settled, group), REPLY)
 
     def ask_any(self, groups: Sequence[Sequence[str]]) -> None:
-        """Request one name of each of *groups* of alternative names, a few at a time."""
+        """Request the alternative names of all *groups*, a few groups at a time, until each has a value or only
+        errors.
+        """
         for start in range(0, len(groups), IN_FLIGHT // 2):
             batch = groups[start : start + IN_FLIGHT // 2]
             for name in (name for group in batch for name in group):
@@ -157,7 +161,7 @@ class ParamExchange:
         self._request(b"", index)
 
     def request_list(self) -> None:
-        """Request the whole list without waiting for it."""
+        """Request the whole parameter list without waiting for it."""
         self._session.send(mavlink.MAVLink_param_request_list_message(*self._vehicle()))
 
     def set(self, name: str, value: float) -> None:
@@ -183,7 +187,7 @@ _QUIET = 1.5
 
 
 def read_list(session: Session, exchange: ParamExchange, timeout: float) -> dict[str, float]:
-    """Return every parameter by name; errors as for ``Parameters.read_full``."""
+    """Return name -> value of all parameters. It raises the errors of ``Parameters.read_full``."""
     exchange.fresh, exchange.indices, exchange.count = {}, {}, 0
     deadline = Deadline.after(session.liveness, timeout)
     exchange.request_list()
@@ -218,7 +222,7 @@ def _fill_gaps(exchange: ParamExchange) -> None:
 
 
 Intrusion = tuple[str, float, float]
-"""A changed parameter: (name, value that we wrote, value written by another station)."""
+"""A monitored parameter that another station changed: (name, value that we wrote, value written by another station)."""
 
 
 class ParamWatch:
@@ -233,7 +237,9 @@ class ParamWatch:
         session.listen("PARAM_VALUE", self._on_value)
 
     def add(self, values: Mapping[str, float]) -> None:
-        """Monitor these values. A parameter that is already monitored with another value counts as changed."""
+        """Monitor the parameters *values* (name -> value). A parameter that is already monitored with another value
+        counts as changed.
+        """
         for name, value in values.items():
             before = self._watched.get(name, value)
             if not same_float32(before, value):
@@ -241,7 +247,7 @@ class ParamWatch:
         self._watched.update(values)
 
     def drop(self, names: Collection[str]) -> None:
-        """Stop monitoring these parameters."""
+        """Stop monitoring the parameters *names*."""
         for name in names:
             self._watched.pop(name, None)
             self._suspected.pop(name, None)
@@ -256,7 +262,7 @@ class ParamWatch:
             self._busy.discard(name)
 
     def wrote(self, name: str, value: float) -> None:
-        """Record that this program wrote *name*. If it is monitored, this is its new expected value."""
+        """Record that this program wrote *name*. If *name* is monitored, *value* is its new expected value."""
         if name in self._watched:
             self._watched[name] = value
 

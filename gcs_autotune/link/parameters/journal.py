@@ -40,13 +40,13 @@ class JournalState:
     """The state recorded in a journal.
 
     ``vehicle``, ``link``, ``mode``, ``armed``, ``fingerprint`` : the original state. ``debts`` : name -> old value of
-    parameters written and neither restored nor kept. ``written`` : name -> the values written there. ``opened`` is
-    False if not even the first line reached the disk; then nothing was changed.
+    parameters written and neither restored nor kept. ``written`` : name -> the values that this program wrote.
+    ``opened`` is False if not even the first line reached the disk; then nothing was changed.
 
     ``left_in`` : modes that this program may have left the vehicle in: the last one commanded, and the previous one if
     that is not confirmed. It is empty once another operator has commanded a mode. ``armed_by_us`` : whether a command
-    of this program may have armed it. ``boot`` [s] and ``stamp`` : the vehicle's time since boot and our time at the
-    last command; None and empty if unknown.
+    of this program may have armed the vehicle. ``boot`` [s] and ``stamp`` : the vehicle's time since boot and our time
+    at the last command; None and empty if unknown.
     ``mission`` : the vehicle's own ``items`` and ``current`` item, and ``ours`` that replaced them; None once restored.
     """
 
@@ -77,7 +77,7 @@ def read_journal(path: Path) -> JournalState:
     Raises
     ------
     BadFile
-        It cannot be read, or is damaged before its end.
+        The file cannot be read, or is damaged before its end.
     """
     try:
         data = path.read_bytes()
@@ -96,7 +96,7 @@ def read_journal(path: Path) -> JournalState:
 
 
 def good_length(data: bytes) -> int:
-    """Return the number of bytes in complete lines; the last line may have no line end."""
+    """Return the number of bytes of *data* up to the end of its last complete line."""
     good = position = 0
     for line in data.split(b"\n"):
         position += len(line)
@@ -217,7 +217,7 @@ class _Orders:
     stamp: str = ""
 
     def take(self, event: _Ordering | _Ordered | _Yielded) -> None:
-        """Process *event*."""
+        """Update the recorded state with *event*."""
         match event:
             case _Ordering():
                 self.boot, self.stamp = event.boot, event.time
@@ -361,7 +361,7 @@ class Journal:
         PreconditionFailed
             The run is still going on in another program, or the file cannot be written.
         BadFile
-            It is damaged before its end.
+            The file is damaged before its end.
         """
         read_journal(path)
         journal = cls.__new__(cls)
@@ -418,7 +418,7 @@ class Journal:
         Raises
         ------
         PreconditionFailed
-            It cannot be written (e.g. the disk is full).
+            The event cannot be written (e.g. the disk is full).
         """
         line = json.dumps({"event": event, "time": self._stamp(), **details}) + "\n"
         data = line.encode()
@@ -469,7 +469,7 @@ class Journal:
         Raises
         ------
         BadFile
-            It cannot be read, or is damaged before its end.
+            The file cannot be read, or is damaged before its end.
         """
         return read_journal(path)
 

@@ -37,7 +37,7 @@ class ParameterTransaction:
 
     Attributes
     ----------
-    old : name -> original value of every parameter lent.
+    old : name -> original value of every parameter that may be changed.
     written : names written and not yet kept or restored, in order.
     """
 
@@ -50,12 +50,12 @@ class ParameterTransaction:
         self._left: dict[str, float] = {}
 
     def lend(self, names: Iterable[str]) -> dict[str, float]:
-        """Read and journal the original values of *names*; return them.
+        """Read the original values of *names*, record them in the journal, and return name -> value.
 
         Raises
         ------
         ParameterMissing, TelemetryFault
-            One of them does not exist, or the answers contradict each other. Then none is lent.
+            One of them does not exist, or the answers contradict each other. Then none may be changed.
         PreconditionFailed
             The value of one could not be restored later (not a number), or the journal cannot be written.
         """
@@ -68,7 +68,7 @@ class ParameterTransaction:
         return {name: self.old[name] for name in wanted}
 
     def set(self, values: Mapping[str, float]) -> None:
-        """Write all of *values*; on any failure restore everything and raise.
+        """Write all of *values* (name -> value). On any failure restore everything and raise the error.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class ParameterTransaction:
             raise NotAsFound(f"{error}; and {failure}", differences=failure.differences) from error
 
     def keep(self) -> dict[str, float]:
-        """Keep the new values, after verifying them once more; return them.
+        """Keep the new values after verifying them once more. Return name -> value.
 
         Raises
         ------
@@ -129,14 +129,14 @@ class ParameterTransaction:
         return kept
 
     def give_back(self) -> None:
-        """Restore every written parameter, last first, and read them all again. The operator cannot interrupt.
+        """Restore every written parameter, last first, and verify the restored values. The operator cannot interrupt.
 
         If the vehicle has fallen silent, wait for it once. Values that another station has written since are kept.
 
         Raises
         ------
         NotAsFound
-            Some could not be restored; ``differences`` lists them with the reasons. The others are restored.
+            Some values could not be restored; ``differences`` lists them with the reasons. The others are restored.
         """
         with self._session.operator.shielded():
             self._leave_overwritten()

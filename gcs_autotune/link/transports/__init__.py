@@ -97,10 +97,10 @@ TRANSPORTS: Mapping[str, Opener] = {
     "serial_flowcontrol": lambda rest, options: SerialPort(_flow_controlled(rest, options)),
     "sitl": _sitl,
 }
-"""Scheme -> function that opens it with this package's own sockets and ports."""
+"""Scheme of a connection string -> function that opens the link with this package's own sockets and serial ports."""
 
 OFFERED = "gcs_autotune.transports"
-"""Group of entry points by which other packages provide further schemes."""
+"""Name of the entry-point group by which other packages provide further schemes."""
 
 MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "udpin": lambda rest, _: MavsdkLink("udpin", parse_host_port(rest)),
@@ -111,7 +111,7 @@ MAVSDK_TRANSPORTS: Mapping[str, Opener] = {
     "serial_flowcontrol": lambda rest, options: MavsdkLink("serial", _flow_controlled(rest, options)),
     "sitl": _no_lockstep,
 }
-"""Scheme -> function that opens it with MAVSDK."""
+"""Scheme of a connection string -> function that opens the link with MAVSDK."""
 
 BACKENDS: Mapping[str, Mapping[str, Opener]] = {"pymavlink": TRANSPORTS, "mavsdk": MAVSDK_TRANSPORTS}
 """Libraries that can carry the frames: our own sockets and ports with pymavlink's messages, or MAVSDK."""
@@ -120,7 +120,7 @@ _BARE_DEVICE = re.compile(r"(/|COM\d|\\\\)", re.IGNORECASE)
 
 
 def open_link(uri: str, *, baud: int = 115200, seed: int | None = None, backend: str = "pymavlink") -> Transport:
-    """Open the connection that *uri* describes.
+    """Return the open connection that *uri* describes.
 
     * UDP: ``udpin:HOST:PORT`` (or ``udp:``) listens, ``udpout:HOST:PORT`` sends first.
     * TCP: ``tcp:HOST:PORT`` (or ``tcpout:``) connects, ``tcpin:HOST:PORT`` listens.

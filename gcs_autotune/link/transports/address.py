@@ -25,7 +25,7 @@ class HostPort:
 
 
 def parse_host_port(text: str, *, default_host: str = "0.0.0.0", default_port: int = 14550) -> HostPort:
-    """Parse ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
+    """Return host and port of a text ``HOST:PORT``, ``HOST``, ``:PORT`` or ``PORT``.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class SerialName:
 
 
 def parse_serial(text: str, *, default_baud: int, flow_control: bool = False) -> SerialName:
-    """Parse ``PATH``, ``PATH:BAUD`` or ``PATH,BAUD``.
+    """Return path and speed of a serial port from a text ``PATH``, ``PATH:BAUD`` or ``PATH,BAUD``.
 
     Raises
     ------

@@ -41,7 +41,9 @@ Complain = Callable[[str], None]
 
 
 class MavsdkHost:
-    """Counts the open links. The first one sets up the process, the last one restores it."""
+    """Counts the open MAVSDK links of this process. The first one sets up the process, and closing the last one
+    restores it.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -58,7 +60,7 @@ class MavsdkHost:
                 module.log_subscribe(self._take)
 
     def leave(self, module: Any, complain: Complain) -> None:
-        """Undo :meth:`join`."""
+        """Stop calling *complain*, and restore the process after the last link."""
         with self._lock:
             self._listeners.remove(complain)
             if not self._listeners:
@@ -73,10 +75,10 @@ class MavsdkHost:
 
 
 HOST = MavsdkHost()
-"""The only instance in this process."""
+"""The only :class:`MavsdkHost` in this process."""
 
 _SYSTEM, _COMPONENT = 245, 190
-"""MAVSDK's usual ids for a ground station."""
+"""MAVSDK's usual MAVLink system and component id for a ground station."""
 _HEADS = {0xFD: 5, 0xFE: 3}
 """Start byte -> index of the system id in the frame."""
 _CONNECT_PATIENCE = 0.3
@@ -136,12 +138,12 @@ class MavsdkLink(Transport):
 
     @property
     def carrier(self) -> str:
-        """``MAVSDK`` and its version."""
+        """The text ``MAVSDK`` and its version."""
         return f"MAVSDK {self._mavsdk.__version__}"
 
     @property
     def trouble(self) -> str:
-        """Recent warnings of MAVSDK."""
+        """Recent warnings of MAVSDK as text; empty if there are none."""
         while not self._complaints.empty():
             self._trouble, self._troubled_at = self._complaints.get_nowait(), self._clock.now()
         if self._clock.now() - self._troubled_at > _FRESH:

@@ -16,15 +16,16 @@ __all__ = ["MemoryLink", "Peer"]
 
 
 class Peer(Protocol):
-    """The other end. It receives bytes at its present time, runs to a given time, and returns the bytes sent until
-    then."""
+    """The simulated vehicle at the other end of a link. It receives bytes, runs to a time, and returns the bytes sent
+    until then.
+    """
 
     def receive(self, data: bytes) -> object:
-        """Receive bytes that arrive at the present time."""
+        """Receive *data*, which arrives at the peer's present time."""
         ...
 
     def advance_to(self, t: float) -> bytes:
-        """Run to *t* [s] and return everything sent until then."""
+        """Run to time *t* [s] and return the bytes sent until then."""
         ...
 
 

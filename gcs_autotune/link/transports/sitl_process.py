@@ -33,10 +33,12 @@ _USAGE = 2
 class SitlArguments:
     """Arguments of the embedded simulator, in the notation of its command line.
 
-    *name*: the vehicle. *seed*: of its noise; None: the vehicle's own. ``effects``: effects added to the simulated
-    vehicle (each ``SLUG[@PLACE].PARAM=VALUE,...``). ``parameters``: set before boot (``NAME=VALUE``). ``model``: path
-    of a model file instead of the vehicle's own hull. ``names``: the firmware generation whose parameter names are
-    used.
+    ``name``: the vehicle.
+    ``seed``: seed of its noise; None: the vehicle's own.
+    ``effects``: effects added to the simulated vehicle (each ``SLUG[@PLACE].PARAM=VALUE,...``).
+    ``parameters``: autopilot parameters set before boot (``NAME=VALUE``).
+    ``model``: path of a model file to fly instead of the vehicle's own hull.
+    ``names``: the firmware generation whose parameter names are used.
     """
 
     name: str
@@ -48,7 +50,7 @@ class SitlArguments:
 
     @property
     def arguments(self) -> list[str]:
-        """The simulator's command line."""
+        """Arguments of the simulator's command line."""
         line = [self.name, "--lockstep"]
         if self.seed is not None:
             line += ["--seed", str(self.seed)]
@@ -70,15 +72,14 @@ class SitlArguments:
 
 
 class SitlProcess(SteppedTransport):
-    """Start *command* and let it run in portions of simulated time.
+    """A link to a simulator started by *command*, which runs in steps of simulated time.
 
     It has its own session, so Ctrl-C at the terminal does not reach it.
     """
 
     repeat_period = 0.1
-    """Repeat period of commands [s].
-
-    Nothing is lost or late on this link, and every repetition needs a step of the simulator.
+    """Period [s] after which a command is repeated. It is long, because nothing is lost or late on this link, and every
+    repetition needs a step of the simulator.
     """
 
     def __init__(self, command: Sequence[str], description: str, *, quantum: float = 0.1) -> None:

@@ -1,4 +1,4 @@
-"""Common part of all connections: read bytes with a deadline, write bytes, and provide a clock.
+"""Base class of all connections: read bytes with a deadline, write bytes, and provide a clock.
 
 A backend supplies three small methods; deadlines, closing and error texts are here. The clock belongs to the transport
 because only the transport determines whether time is real or simulated. There are two subclasses: streams that
@@ -20,7 +20,7 @@ __all__ = ["ReconnectingTransport", "SteppedTransport", "Transport", "idle"]
 
 
 def idle(seconds: float) -> None:
-    """Wait in real time on a link without a file descriptor to wait on."""
+    """Wait *seconds* [s] of real time, on a link without a file descriptor to wait on."""
     time.sleep(seconds)
 
 
@@ -52,22 +52,24 @@ class Transport(ABC):
 
     @property
     def clock(self) -> Clock:
-        """The link's clock."""
+        """The clock for time-outs on this link, in real or simulated time."""
         return self._clock
 
     @property
     def description(self) -> str:
-        """The connection in the usual notation."""
+        """Text that identifies this connection, e.g. ``udpin:0.0.0.0:14550``."""
         return self._description
 
     @property
     def carrier(self) -> str:
-        """The library that transports the bytes if it is not this package, e.g. ``MAVSDK 4.1.0``; else empty."""
+        """Name and version of the library that transports the bytes, if it is not this package, e.g. ``MAVSDK 4.1.0``;
+        else empty.
+        """
         return ""
 
     @property
     def trouble(self) -> str:
-        """The library's last warning, for the error about a silence; empty if there is none."""
+        """Last problem of the link or its library as text, for the error about a silence; empty if there is none."""
         return ""
 
     def read(self, timeout: float) -> bytes:
@@ -88,9 +90,7 @@ class Transport(ABC):
                 return data
 
     def write(self, data: bytes) -> None:
-        """Send *data*.
-
-        Raises
+        """Send *data* to the other end. Raises
         ------
         LinkLost
             The other end is permanently lost, or this end was closed.
@@ -100,13 +100,14 @@ class Transport(ABC):
             self._write(data)
 
     def follow_tick(self, at: float, period: float) -> None:  # noqa: B027 - real time needs no telling
-        """Receive the instants at which control decisions are made: ``at + k * period`` [s of the link's clock].
-
-        Real links ignore it. A simulated link advances time in these steps.
+        """Announce that control decisions are made at ``at + k * period`` [s of the link's clock]. Real links ignore
+        this. A simulated link advances time in these steps.
         """
 
     def hold(self, origin: str) -> None:  # noqa: B027 - a link with one other end has nobody else to talk to
-        """Send only to *origin* from now on, while it sends; if empty, send to all peers again."""
+        """Send only to the address *origin* from now on, while it sends. If *origin* is empty, send to all
+        peers again.
+        """
 
     def close(self) -> None:
         """Close the port, socket or process. It may be called twice."""
@@ -220,8 +221,8 @@ _ROUNDING = 1e-6
 class SteppedTransport(Transport):
     """A transport that advances simulated time in steps.
 
-    ``quantum`` [s] is the control period. One time step never passes its next multiple, counted from ``phase``. So a
-    decision based on a message reaches the vehicle in the tick in which that message was sent.
+    ``quantum`` [s] is the control period. A time step never goes beyond the next multiple of ``quantum`` after
+    ``phase`` [s]. So a decision based on a message reaches the vehicle in the tick in which that message was sent.
     """
 
     is_simulated = True
@@ -234,7 +235,7 @@ class SteppedTransport(Transport):
         self._outgoing = bytearray()
 
     def follow_tick(self, at: float, period: float) -> None:
-        """Advance time up to ``at + k * period`` [s] per step from now on."""
+        """Let each time step end at the next ``at + k * period`` [s], at the latest."""
         self.phase, self.quantum = at, period
 
     def _read_available(self, timeout: float) -> bytes:

@@ -89,7 +89,9 @@ class UdpIn(_UdpSocket):
         return int(self._socket.getsockname()[1])
 
     def hold(self, origin: str) -> None:
-        """Send only to *origin* from now on, while it sends; if empty, send to all peers again."""
+        """Send only to the address *origin* from now on, while it sends. If *origin* is empty, send to all
+        peers again.
+        """
         self._held = next((peer for peer in self._peers if _named(peer) == origin), None)
 
     def _read_available(self, timeout: float) -> bytes:

@@ -2,8 +2,8 @@
 required.
 
 MAVLink reports none of the possible faults: a wrong system id, an option bit, a switch, another station's stream, a
-safety button. So the path is checked in two parts, from override to RC input and from there to the output. The cause of
-a failure is read from the vehicle and reported.
+safety button. So the path is checked in two sections: from override to RC input, and from RC input to output. The cause
+of a failure is read from the vehicle and reported.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ choice."""
 
 
 def read_outputs(session: Session, servos: ServoMap) -> dict[str, float]:
-    """Return the measured force fractions; empty if no SERVO_OUTPUT_RAW arrives within 5 s of a request."""
+    """Return force -> measured fraction of full output (-1 to 1); empty if no SERVO_OUTPUT_RAW arrives within 5 s of a
+    request.
+    """
     heard: list[Message] = []
     stop = session.listen("SERVO_OUTPUT_RAW", lambda m: heard.append(m) if m.port == 0 else None)
     try:
@@ -60,12 +62,12 @@ _SERVO_OUTPUT_RAW = message_number("SERVO_OUTPUT_RAW")
 
 
 def await_neutral(session: Session, telemetry: Telemetry) -> None:
-    """Wait for neutral outputs. After a restart the autopilot must be asked for them again.
+    """Wait for neutral outputs. After a restart of the autopilot, SERVO_OUTPUT_RAW is requested again.
 
     Raises
     ------
     NotAsFound
-        They did not become neutral, or are no longer received.
+        The outputs did not become neutral, or are no longer received.
     """
     begun, deadline = telemetry.output_ticks, Deadline.after(session.liveness, _TIMEOUT)
     while not deadline.expired:
@@ -93,8 +95,9 @@ def _is_neutral(telemetry: Telemetry, begun: int) -> bool | None:
 
 
 TWITCH = 0.05
-"""Fraction of full output by which the steering is moved, without forward thrust, to verify that it follows. Project
-choice."""
+"""Fraction of full output by which the steering is moved, without forward thrust, to verify that the output follows the
+command. Project choice.
+"""
 _LEVELS = (TWITCH, -TWITCH, TWITCH, -TWITCH, 0.0)
 
 
@@ -124,7 +127,7 @@ def check_overrides_taken(
 def check_outputs_follow(
     streamer: SetpointStreamer, telemetry: Telemetry, observe: Callable[[], object], mode: str
 ) -> None:
-    """Twitch the steering by 5 % each way, without thrust, and verify that SERVO_OUTPUT_RAW follows.
+    """Move the steering by 5 % to each side, without thrust, and verify that SERVO_OUTPUT_RAW follows.
 
     observe : waits for the next control tick. Commands are sent on ticks, so that the loop is timed as in later use.
 
@@ -144,9 +147,12 @@ def check_outputs_follow(
 
 def _deaf_outputs(level: float, streamer: SetpointStreamer, telemetry: Telemetry, mode: str) -> PreconditionFailed:
     output = telemetry.outputs.get("N", math.nan)
-    what = "RC_CHANNELS shows the overrides, but" if streamer.is_obeyed else "neither RC_CHANNELS nor"
+    seen = f"{output:+.0%} in {mode}"
+    if streamer.is_obeyed:
+        what = f"RC_CHANNELS shows the overrides, but SERVO_OUTPUT_RAW shows {seen}"
+    else:
+        what = f"neither RC_CHANNELS nor SERVO_OUTPUT_RAW shows it ({seen})"
     return PreconditionFailed(
-        f"the steering output does not follow: {level:+.0%} was sent, {what} SERVO_OUTPUT_RAW shows it "
-        f"({output:+.0%} in {mode}). Check SERVOn_FUNCTION and the motor directions, the safety switch "
-        "(BRD_SAFETY_DEFLT), and that no failsafe is active"
+        f"the steering output does not follow: {level:+.0%} was sent, {what}. Check SERVOn_FUNCTION and the "
+        "motor directions, the safety switch (BRD_SAFETY_DEFLT), and that no failsafe is active"
     )

@@ -1,7 +1,7 @@
 """Share the capacity of a link among the requested messages, in order of need.
 
 A 57600 baud telemetry radio carries three to four kilobytes a second at best, or half of that in poor conditions. A
-full link loses messages at random. This module decides which ones to reduce.
+full link loses messages at random. This module decides which messages to reduce.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ CHATTER = frozenset(
         "VIBRATION",
     }
 )
-"""Messages that ArduPilot streams by default and that a tune does not need for a few minutes."""
+"""Messages that ArduPilot streams by default and that a tuning run does not need."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,12 +94,14 @@ class Demand:
 
     @property
     def floor(self) -> float:
-        """Rate [Hz] granted before any other message gets more."""
+        """Rate [Hz] granted to this message before any other message gets more than its minimum."""
         return min(self.rate, max(self.needed, _FLOORS.get(self.name, _FLOOR)))
 
 
 def least(demands: Sequence[Demand]) -> float:
-    """Return the bytes per second for the minimum rates of *demands*. With less capacity nothing can be flown."""
+    """Return the capacity [bytes/s] that the minimum rates of *demands* need. With less capacity nothing can be
+    flown.
+    """
     return sum(d.floor * d.size for d in demands)
 
 
@@ -123,7 +125,7 @@ def shortfall(carried: float, demands: Sequence[Demand], about: str = "") -> str
 def plan(
     demands: Sequence[Demand], chatter: Mapping[str, float], capacity: float
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return the rates [Hz] that fit, and which messages of the *chatter* have to be switched off for them.
+    """Return (message -> rate [Hz] that fits, names of the *chatter* messages that have to be switched off).
 
     chatter : message -> bytes per second of messages streamed without a request. capacity : bytes per second.
 

@@ -75,7 +75,7 @@ class Commands:
 
     @property
     def mode(self) -> str:
-        """The vehicle's present mode, by name."""
+        """Name of the vehicle's present flight mode."""
         return self._firmware.mode_name(self._session.custom_mode)
 
     def command_long(
@@ -86,7 +86,7 @@ class Commands:
         tries: int = _TRIES,
         is_done: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Send COMMAND_LONG until it is answered. After ``IN_PROGRESS``, wait for the final answer.
+        """Send COMMAND_LONG, repeated until it is answered. After ``IN_PROGRESS``, wait for the final answer.
 
         is_done : called before each repetition; True prevents it.
 
@@ -145,7 +145,7 @@ class Commands:
     # --- modes --------------------------------------------------------------------------------------------
 
     def set_mode(self, mode: str) -> None:
-        """Change the flight mode and wait until a HEARTBEAT shows it.
+        """Change the flight mode and wait until a HEARTBEAT shows the new mode.
 
         Raises
         ------
@@ -191,12 +191,12 @@ class Commands:
     # --- arming -------------------------------------------------------------------------------------------
 
     def arm(self) -> None:
-        """Arm and wait until a HEARTBEAT shows it.
+        """Arm the vehicle and wait until a HEARTBEAT shows it as armed.
 
         Raises
         ------
         ArmingRefused
-            The vehicle rejected it; the message contains its reasons.
+            The vehicle rejected the command; the message contains its reasons.
         """
         begun, count = self._session.clock.now(), self._session.texts.count
         try:
@@ -211,7 +211,7 @@ class Commands:
             raise self._arming_refused(count, begun)
 
     def arm_patiently(self, patience: float, pause: float, check: Callable[[], None] = lambda: None) -> None:
-        """Arm, retrying for *patience* [s] every *pause* [s] while the pre-arm checks settle.
+        """Arm the vehicle. On rejection retry every *pause* [s] for *patience* [s], until the pre-arm checks pass.
 
         check : called before every attempt; an exception ends the attempts.
 
@@ -232,12 +232,12 @@ class Commands:
                 self._session.pause(pause)
 
     def disarm(self) -> None:
-        """Disarm and wait until a HEARTBEAT shows it.
+        """Disarm the vehicle and wait until a HEARTBEAT shows it as disarmed.
 
         Raises
         ------
         CommandDenied
-            The vehicle refused to disarm (it may be moving).
+            The vehicle rejected the command (it may be moving).
         """
         try:
             self.command_long(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, is_done=lambda: not self._session.armed)

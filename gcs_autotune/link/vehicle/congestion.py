@@ -33,8 +33,7 @@ DRAIN = 10.0
 
 
 def is_queueing(latency: Latency, since: float) -> bool:
-    """Return whether all requests since *since* [s of link time] were answered later than they would be without a
-    queue."""
+    """Return whether the answers to all TIMESYNC requests since *since* [s of link time] show a queue on the link."""
     trips = [trip for _, trip in latency.trips(since)]
     return bool(trips) and min(trips) - latency.quickest > QUEUE
 
@@ -66,7 +65,7 @@ _PATIENCE = 20.0
 def check_answers_come(
     session: Session, wanted: Mapping[str, float], first: Mapping[str, float], error: AutotuneError
 ) -> None:
-    """Check that the link has capacity for answers. Return if it has, or if this cannot be determined.
+    """Check that the link has capacity for answers. Raise only if it is certain that it has not.
 
     Parameters
     ----------
@@ -115,10 +114,11 @@ _LATE_HALF = 0.5
 
 @dataclass(frozen=True, slots=True)
 class UplinkLoad:
-    """Result of the rehearsal on the way up.
+    """Result of the capacity test of the link towards the vehicle.
 
-    ``sent``: bytes per second that were sent. ``grown`` [s]: increase of the round trip towards the end, compared with
-    no queue. ``carried`` [bytes/s]: what the link carried, computed from the growth rate.
+    ``sent``: bytes per second that were sent.
+    ``grown`` [s]: increase of the round trip towards the end, compared with no queue.
+    ``carried`` [bytes/s]: what the link carried, computed from the growth rate.
     """
 
     sent: float
@@ -127,17 +127,19 @@ class UplinkLoad:
 
     @property
     def is_enough(self) -> bool:
-        """Whether no queue remained at the end."""
+        """Whether the link carried the whole load: no queue remained at the end of the test."""
         return not self.grown > QUEUE
 
 
 def check_uplink(session: Session, streamer: SetpointStreamer, latency: Latency) -> None:
-    """Test the link with neutral overrides. If they do not fit, send fewer from now on.
+    """Test the capacity towards the vehicle with neutral overrides. If it is too small, send fewer overrides from now
+    on.
 
     Raises
     ------
     TelemetryFault
-        Not even the reduced rate fits. The message states what was sent, carried and needed, and what to do.
+        Not even the reduced rate fits. The message states the bytes per second sent, carried and needed, and what to
+        do.
     """
     first = _load_uplink(session, streamer, latency)
     if first.is_enough:

@@ -40,13 +40,12 @@ class FenceItem:
 
 
 def read_fence(session: Session, values: Mapping[str, float]) -> Sequence[FenceItem] | None:
-    """Return the fence of a vehicle with the parameter *values* (:data:`FENCE_PARAMETERS`); None if it does not
-    answer.
+    """Return the items of the fence of a vehicle with the parameter *values* (:data:`FENCE_PARAMETERS`). Empty without
+    a fence; None if the vehicle does not answer.
 
     Raises
     ------
-    LinkLost, OperatorStopped
-        From the session.
+    LinkLost, OperatorStopped Raised by the session.
     """
     if not values.get("FENCE_ENABLE", 0.0):
         return ()

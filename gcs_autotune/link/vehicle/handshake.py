@@ -49,14 +49,17 @@ FINGERPRINT = (
     "SERVO3_FUNCTION",
     "BATT_CAPACITY",
 )
-"""Parameters to recognise a vehicle by: accelerometer calibration and device ids of the board, then settings made once
-by its owner. Project choice."""
+"""Names of the parameters by which a vehicle is recognised: accelerometer calibration and device ids of the board, then
+settings made once by its owner. Project choice.
+"""
 
 _SAME_KIND = ("system", "autopilot", "vehicle_type")
 
 
 def fingerprint_of(parameters: Parameters) -> dict[str, float]:
-    """Return the parameters to recognise this vehicle by. It is empty if its board reports a unique id."""
+    """Return name -> value of the parameters by which the vehicle is recognised. Empty if its board reports a
+    unique id.
+    """
     vehicle = parameters.session.vehicle
     return {} if vehicle is not None and vehicle.uid else parameters.read_existing(FINGERPRINT, as_is=True)
 
@@ -66,7 +69,7 @@ def difference(
 ) -> str:
     """Return a sentence on why the vehicle on this link is not the *known* one; empty if no difference was detected.
 
-    known : identity as in a journal. fingerprint : its parameters, as from :func:`fingerprint_of`.
+    known : identity as in a journal. fingerprint : parameters of the known vehicle, as from :func:`fingerprint_of`.
     """
     here = found.to_dict()
     kinds = [
@@ -96,10 +99,10 @@ WANTED_RATES: Mapping[str, float] = {
     "VFR_HUD": 5.0,
     "SYS_STATUS": 1.0,
 }
-"""Message -> requested rate [Hz]. ATTITUDE sets the control period."""
+"""Message -> rate [Hz] requested for a run. ATTITUDE sets the control period."""
 
 NEEDED_RATES: Mapping[str, float] = {"ATTITUDE": 5.0, "SERVO_OUTPUT_RAW": 5.0}
-"""Message -> rate [Hz] below which no relay can be flown."""
+"""Message -> lowest rate [Hz] at which a relay can be flown."""
 
 _FINE_STEP = 0.01
 """Time step [s] that divides the loop period of every autopilot loop from 50 to 100 Hz, so that message ticks are met
@@ -131,7 +134,7 @@ def open_craft(
     Raises
     ------
     NoVehicle, WrongVehicle
-        No vehicle is there, or it cannot be tuned.
+        There is no vehicle on the link, or it cannot be tuned.
     PreconditionFailed, ParameterMissing
         Its wiring or configuration is not supported.
     TelemetryFault

@@ -1,8 +1,8 @@
 """Detect interference by others during a run, find its cause, and release the vehicle at once.
 
 A change of mode or armed state that this program did not command ends the manoeuvre and is not undone. It counts as a
-command of another operator unless there is evidence of another cause. A missing acknowledgement is no evidence, because
-the vehicle sends it only to the station that gave the command. Evidence is:
+command of another operator unless something shows another cause. A missing acknowledgement shows nothing, because the
+vehicle sends it only to the station that sent the command. Other causes and their signs are:
 
 * of a restart: the vehicle's clock,
 * of a late copy of our own order: a second acknowledgement,
@@ -74,7 +74,9 @@ class _Change:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """Evidence on what changed the vehicle: other stations, the RC sticks, gaps in our sending, and restarts."""
+    """Observations that show what changed the vehicle: other stations, the RC sticks, gaps in our sending, and
+    restarts.
+    """
 
     other_stations: OtherStations
     rc_monitor: RcMonitor
@@ -94,8 +96,9 @@ class InterferenceMonitor:
     failsafes : the failsafes for loss of our messages, as set by this vehicle's parameters.
     lateness : present delay of the link's answers [s].
     on_yield : called with the mode or armed state that another operator has commanded.
-    modes : custom mode numbers to expect: the one commanded last, and the previous one until that is confirmed.
-    armed : whether it is expected to be armed; None while we are changing this.
+    modes : custom mode numbers to expect: that of the last command, and the previous mode until the command is
+    confirmed.
+    armed : whether the vehicle is expected to be armed; None while we are arming or disarming.
     is_ours : whether we control the vehicle.
     found : the first change not commanded by us; None if there is none.
     """
@@ -134,11 +137,11 @@ class InterferenceMonitor:
             self.accept()
 
     def accept(self) -> None:
-        """Accept the present state, whatever caused it."""
+        """Accept the present mode and armed state as the expected ones, whatever changed them."""
         self.modes, self.armed, self.found = frozenset({self._session.custom_mode}), self._session.armed, None
 
     def give_back(self) -> None:
-        """Stop monitoring."""
+        """Stop monitoring mode and armed state."""
         self.is_ours, self.modes, self.armed, self.found = False, frozenset(), None, None
 
     def order_mode(self, number: int) -> None:
@@ -146,13 +149,13 @@ class InterferenceMonitor:
         self.modes = frozenset({*self.modes, number}) if self.is_ours else frozenset()
 
     def doubt_mode(self, number: int, before: frozenset[int]) -> None:
-        """Our command of mode *number* was not answered: keep expecting the mode *before* too."""
+        """Expect mode *number* and the mode *before*, because our command of *number* was not answered."""
         if self.is_ours:
             self.modes = before
             self._unanswered.add(number)
 
     def confirm_mode(self, number: int) -> None:
-        """Our command of mode *number* was accepted: expect only that mode."""
+        """Expect only mode *number*, because our command of it was accepted."""
         self._unanswered.clear()
         self.modes = frozenset({number}) if self.is_ours else frozenset()
 
@@ -165,7 +168,7 @@ class InterferenceMonitor:
         Raises
         ------
         TelemetryFault
-            Its heartbeats contradict each other. LinkLost: no heartbeat arrived.
+            The vehicle's heartbeats contradict each other. LinkLost: no heartbeat arrived.
         """
         if self.is_ours and self.found is None and self._changes():
             self._let_go()
@@ -191,7 +194,7 @@ class InterferenceMonitor:
             self.on_yield({**mode, **({"armed": self._session.armed} if self.found.armed_stands else {})})
 
     def check_state(self) -> None:
-        """Raise the result of :meth:`look`.
+        """Raise an error for the change that :meth:`look` detects, if any.
 
         Raises
         ------
@@ -207,7 +210,7 @@ class InterferenceMonitor:
             raise GuardTripped(found.what, guard=self._guard)
 
     def check(self) -> None:
-        """Check mode and armed state, and the sticks and parameters that we control."""
+        """Raise an error if mode or armed state, or sticks or parameters that we control, were changed by others."""
         self._check_parameters()
         self.check_state()
         self._check_sticks()
@@ -418,7 +421,7 @@ _RATES_LOOK_BACK = 10.0
 class RateKeeper:
     """Monitors the rates of essential messages and requests them again after a drop.
 
-    Call :meth:`start` once they are known.
+    Call :meth:`start` once the rates are known.
     """
 
     def __init__(self, session: Session, rates: Rates, other_stations: OtherStations) -> None:
@@ -430,7 +433,7 @@ class RateKeeper:
         self._noted: set[str] = set()
 
     def start(self) -> None:
-        """Start to monitor the rates measured last."""
+        """Start monitoring the message rates measured last."""
         for name in _VITAL:
             self._session.listen(name, partial(self._on_message, name))
         self._session.every(1.0, self._look)

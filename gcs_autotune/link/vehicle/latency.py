@@ -34,7 +34,7 @@ It is above the corrections of hold loops. Project choice.
 _MOVED_SHARE, _MOVED_MOST = 0.3, 0.03
 """Fraction of a commanded change, and its upper limit, after which an output counts as moved.
 
-So the start of a slew-limited throttle change counts too. Project choice.
+So the start of a slew-limited change of throttle counts, too. Project choice.
 """
 _NEVER = 2.0
 """Time [s] after which a command without effect counts as lost or limited and is not timed. Project choice."""
@@ -52,11 +52,14 @@ _SAMPLES = 8.0
 
 @dataclass(frozen=True, slots=True)
 class LinkTimes:
-    """Medians and 90 % quantiles [s of the vehicle's time; the round trip: of link time]; NaN when not measured.
+    """Delays of a link as medians and 90 % quantiles (``_90``) [s of the vehicle's time]; NaN if not measured.
 
-    Command to servo needs both clocks, so it is not measured on a simulator that runs at another speed.
-
-    ``samples``: number of command changes timed. ``override_rate`` [Hz]: rate of the overrides while commanding.
+    ``round_trip``: of TIMESYNC [s of link time].
+    ``command_to_servo``: from sending an override to the change of an output. It needs both clocks, so it is not
+    measured on a simulator that runs at another speed.
+    ``loop``: from the stamp of an attitude to the output that reacts to it.
+    ``samples``: number of command changes timed.
+    ``override_rate`` [Hz]: rate of the overrides while commanding.
     ``override_gap`` [s]: the longest pause between two of them.
     """
 
@@ -122,7 +125,7 @@ class Latency:
     # --- there and back -----------------------------------------------------------------------------------
 
     def ask(self) -> None:
-        """Send one TIMESYNC. Its answer is processed on arrival."""
+        """Send one TIMESYNC request. Its answer is processed on arrival."""
         now = self._session.clock.now()
         stamp = round(now * 1e9) + 1
         if stamp not in self._open:
@@ -142,7 +145,7 @@ class Latency:
 
     @property
     def lateness(self) -> float:
-        """Return the delay of the last answer, or of a missing one if longer [s]; 0 before any request."""
+        """Delay [s] of the last TIMESYNC answer, or of a missing answer if that is longer; 0 before any request."""
         waiting = [self._session.clock.now() - asked for asked in self._open.values()]
         answered = max((sent for sent, _, _ in self._trips), default=-math.inf)
         unanswered = [age for age in waiting if self._session.clock.now() - age > answered]
@@ -151,8 +154,8 @@ class Latency:
     def vehicle_time(self, t: float) -> float:
         """Return the vehicle's time [s since boot] at link time *t* [s]; NaN before any answer.
 
-        The fastest of the last few answers is used, since it has the smallest error. Older ones are ignored, because a
-        simulator on a busy computer falls behind.
+        The fastest of the last few TIMESYNC answers is used, since it has the smallest error. Older answers are
+        ignored, because a simulator on a busy computer falls behind.
         """
         if not self._trips:
             return math.nan
@@ -189,12 +192,14 @@ class Latency:
                 self._pending[force] = _Pending(measured, value, seen, self.vehicle_time(now), seen)
 
     def forget(self) -> None:
-        """Stop attributing output changes to the last command."""
+        """Do not time later output changes as reactions to the last command."""
         self._pending.clear()
         self._wanted.clear()
 
     def moved(self, t: float, outputs: Mapping[str, float]) -> None:
-        """Record measured outputs. *t* [s] is the time of the change by the vehicle's clock."""
+        """Record measured outputs (fractions of full output). *t* [s] is the time of the change on the
+        vehicle's clock.
+        """
         for force, pending in list(self._pending.items()):
             change = pending.wanted - pending.before
             gone = math.copysign(1.0, change) * (outputs.get(force, pending.before) - pending.before)
@@ -211,27 +216,33 @@ class Latency:
 
     @property
     def loop(self) -> float:
-        """Median time [s] from an attitude's stamp to the output that reacts to it; NaN if not measured."""
+        """Median delay of the control loop [s]: from an attitude's stamp to the output that reacts to it. NaN if not
+        measured.
+        """
         return _quantile(self._round, 0.5)
 
     def trips(self, since: float) -> tuple[tuple[float, float], ...]:
-        """Return (link time of request, round trip), both [s], for every answer to requests since *since* [s]."""
+        """Return (link time of the request, round trip), both [s], of every TIMESYNC request answered since link time
+        *since* [s].
+        """
         return tuple((sent, trip) for sent, trip, _ in self._trips if sent >= since)
 
     @property
     def quickest(self) -> float:
-        """Shortest round trip so far [s of link time]; NaN before any answer."""
+        """Shortest TIMESYNC round trip so far [s of link time]; NaN before any answer."""
         return self._quickest
 
     @property
     def round_trip(self) -> float:
-        """Median round trip [s of link time]; NaN when not measured."""
+        """Median TIMESYNC round trip [s of link time]; NaN if not measured."""
         if math.isnan(self._middle):
             self._middle = _quantile([trip for _, trip, _ in self._trips], 0.5)
         return self._middle
 
     def times(self, override_rate: float = math.nan, override_gap: float = math.nan) -> LinkTimes:
-        """Return all measured delays."""
+        """Return the medians and 90 % quantiles of the measured delays [s], with the supplied override rate [Hz] and
+        longest gap [s].
+        """
         trips = [trip for _, trip, _ in self._trips]
         loop, late = _quantile(self._round, 0.5), _quantile(self._round, 0.9)
         return LinkTimes(

@@ -49,7 +49,7 @@ class MavlinkCraft:
 
     Attributes
     ----------
-    session, parameters, commands, rates, latency, other_stations : its parts.
+    session, parameters, commands, rates, latency, other_stations : the objects that it consists of.
     arm_patience : seconds of link time for which :meth:`arm` retries while the pre-arm checks settle.
     on_order : called with ``ordering``, ``ordered`` or ``yielded`` and the command, for the journal. It must not raise
         an exception or block the link.
@@ -96,33 +96,35 @@ class MavlinkCraft:
         self._mode_is_changing = False
 
     def keep_rates(self) -> None:
-        """Maintain the fitted message rates against requests of other stations. Send less on a full link."""
+        """Keep the fitted message rates: request them again after changes by other stations, and reduce them on a full
+        link.
+        """
         RateKeeper(self.session, self.rates, self.other_stations).start()
         if math.isfinite(self.rates.capacity):
             self._streamer.spare_the_link()
 
     def learn_failsafes(self) -> None:
-        """Read which failsafes act without a ground station, after what time, and how."""
+        """Read from the parameters which failsafes act without a ground station, after what time, and how."""
         self._interference.failsafes = read_failsafes(self.parameters, self._firmware)
 
     @property
     def firmware(self) -> Firmware:
-        """The autopilot's firmware."""
+        """The firmware of the vehicle's autopilot."""
         return self._firmware
 
     @property
     def servos(self) -> ServoMap:
-        """Relation between servo outputs and forces."""
+        """Relation between the servo outputs and the forces of the vehicle."""
         return self._config.servos
 
     @property
     def clock(self) -> Clock:
-        """The link's clock."""
+        """The clock of the link, in real or simulated time."""
         return self.session.clock
 
     @property
     def mode(self) -> str:
-        """The present flight mode, by name."""
+        """Name of the present flight mode."""
         return self.commands.mode
 
     @property
@@ -141,7 +143,7 @@ class MavlinkCraft:
         self._interference.take_over()
 
     def give_back(self) -> None:
-        """Stop monitoring."""
+        """Stop monitoring changes of mode and armed state."""
         self._is_taken_over = False
         self._interference.give_back()
 
@@ -156,7 +158,7 @@ class MavlinkCraft:
         return self._interference.look()
 
     def check_restart(self) -> None:
-        """Request the vehicle's time since boot, for a second; the watchdog then detects a restart."""
+        """Request the vehicle's time since boot for a second, so that the watchdog can detect a restart."""
         watchdog = self.telemetry.watchdog
         seen = watchdog.stamps
         self.session.request_message(message_number("SYSTEM_TIME"))
@@ -168,14 +170,14 @@ class MavlinkCraft:
 
     @property
     def steered_by(self) -> SteeredBy:
-        """Type of steering, used for assumptions about similar craft."""
+        """Name of the type of steering, used for assumptions about similar craft."""
         if not self.firmware.needs_way:
             return "rov"
         return "thrusters" if self.skid else "rudder"
 
     @property
     def skid(self) -> bool:
-        """Whether it steers by the difference of two thrusters."""
+        """Whether the craft steers by the difference of two thrusters."""
         return self._config.servos.skid
 
     # --- watching -----------------------------------------------------------------------------------------
@@ -185,8 +187,7 @@ class MavlinkCraft:
 
         Raises
         ------
-        LinkLost, OperatorStopped
-            From the session.
+        LinkLost, OperatorStopped Raised by the session.
         TelemetryFault
             NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
         GuardTripped
@@ -202,7 +203,7 @@ class MavlinkCraft:
 
     @property
     def link_times(self) -> LinkTimes:
-        """Delays of this link measured so far."""
+        """Delays of the link measured so far, with the rate and longest gap of the overrides."""
         return self.latency.times(self._streamer.send_rate.rate, self._streamer.send_rate.longest)
 
     def longest_pause(self, since: float) -> float:
@@ -243,7 +244,7 @@ class MavlinkCraft:
         Raises
         ------
         GuardTripped, TelemetryFault
-            They were changed, but not by us. Nothing was commanded.
+            Mode or armed state was changed, but not by us. Nothing was commanded.
         LinkLost
             No heartbeat arrived.
         """
@@ -458,11 +459,11 @@ class MavlinkCraft:
     # --- recording ----------------------------------------------------------------------------------------
 
     def start_recording(self, name: str) -> None:
-        """Begin a new trial. All later messages belong to it."""
+        """Begin a new trial. All telemetry received from now on belongs to it."""
         self._recorder.start(name)
 
     def mark(self, mark: Mark) -> None:
-        """Attach an event to the running trial."""
+        """Add an event at the present time to the running trial."""
         self._recorder.mark(mark)
 
     def stop_recording(self, ending: str, reason: str = "") -> Trial:
@@ -489,7 +490,7 @@ class MavlinkCraft:
 
 
 def read_failsafes(parameters: Parameters, firmware: Firmware) -> tuple[SetFailsafe, ...]:
-    """Return the failsafes that act without a ground station, as set by *parameters*."""
+    """Return the failsafes that act on the loss of a ground station, as set by *parameters*."""
     values = parameters.read_existing(dict.fromkeys(name for f in firmware.failsafes for name in f.parameters))
     found = (failsafe.set_by(values) for failsafe in firmware.failsafes)
     return tuple(failsafe for failsafe in found if failsafe is not None)

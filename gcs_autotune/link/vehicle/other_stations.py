@@ -55,7 +55,7 @@ ORDERS = frozenset(
         "SET_POSITION_TARGET_LOCAL_NED",
     }
 )
-"""Messages with which a station commands a vehicle."""
+"""Names of the messages with which a station commands a vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,9 @@ class OtherStations:
         session.listen("COMMAND_ACK", self._on_acknowledgement)
 
     def culprit(self, kinds: Collection[str], since: float, name: str = "") -> str:
-        """Return a sentence on who commanded any of *kinds* (of parameter *name*) since link time *since* [s]."""
+        """Return a sentence that identifies the station that sent a command of any of *kinds* (for parameter *name*)
+        since link time *since* [s].
+        """
         steered = self._steered_by() if _STICKS & set(kinds) else ""
         return self._suspect(kinds, since, name) + self._own_word() + steered
 

@@ -39,7 +39,9 @@ _ASKED = 2
 
 @dataclass(frozen=True, slots=True)
 class Granted:
-    """One request: rates [Hz] requested and granted (0: rejected), and the previous interval [us] (0: default)."""
+    """Result of one rate request: rates [Hz] requested and granted (0: rejected), and the previous interval [us] (0:
+    default).
+    """
 
     asked: float
     granted: float
@@ -77,7 +79,7 @@ class Rates:
         self._chatter: dict[str, float] = {}
 
     def request(self, wanted: Mapping[str, float]) -> dict[str, float]:
-        """Request messages at rates [Hz]; return what was granted, 0 for a rejection.
+        """Request messages at *rates* [Hz]. Return message -> rate granted [Hz], 0 for a rejection.
 
         Raises
         ------
@@ -115,7 +117,7 @@ class Rates:
 
         Parameters
         ----------
-        needed : message -> rate [Hz] required for any flight.
+        needed : message -> lowest rate [Hz] that every run requires.
         loop_period : loop period of the autopilot [s]; it may round a message interval up to whole loops.
         latency : detects messages queued on the link.
 
@@ -295,8 +297,8 @@ class Rates:
     def measure(
         self, required: Mapping[str, float], duration: float = 2.0, *, tolerance: float = 0.6
     ) -> dict[str, float]:
-        """Count for *duration* [s of the vehicle's time]. Return the rate [Hz] of all messages requested and
-        required.
+        """Count messages for *duration* [s of the vehicle's time]. Return message -> rate [Hz] of all requested and
+        required messages.
 
         Parameters
         ----------
@@ -305,7 +307,8 @@ class Rates:
         Raises
         ------
         TelemetryFault
-            One arrives too slowly; the message contains the numbers. Or no ATTITUDE arrives, which is needed to measure
+            A required message arrives too slowly; the message contains the numbers. Or no ATTITUDE arrives, which is
+            needed to measure
                 time.
         """
         rates = self._count(duration, required)
@@ -365,7 +368,9 @@ class Rates:
             raise TelemetryFault(f"{lossy}. Nothing was armed") from error
 
     def restore(self) -> None:
-        """Restore every message interval. The operator cannot interrupt this. A failure is noted but not raised."""
+        """Restore all message intervals changed on the vehicle. The operator cannot interrupt this. A failure is noted
+        but not raised.
+        """
         with self._session.operator.shielded():
             for name, request in reversed(list(self.granted.items())):
                 self._restore(name, request)

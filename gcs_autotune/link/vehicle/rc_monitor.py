@@ -25,7 +25,7 @@ Project choice."""
 _NO_PULSE = 800
 """Pulse length [us] below which a channel carries no signal."""
 _JUDGED, _TOO_MANY = 12, 3
-"""Number of recent messages judged, and how many of them must disagree. Project choice.
+"""Number of recent RC_CHANNELS messages compared, and how many of them must disagree for a fault. Project choice.
 
 One or two may disagree because they crossed our commands on the link. Another joystick is seen only in the gaps between
 our overrides. If it is in step with them, it appears in one message of three.
@@ -70,7 +70,9 @@ class RcMonitor:
         session.listen("RC_CHANNELS", self._on_rc_channels)
 
     def sent(self, values: Mapping[int, int], slack: float = 0.0) -> None:
-        """Record an override sent now: channel -> PWM [us]. *slack*: round trip of the link [s]."""
+        """Record an override sent now: channel -> PWM [us]. *slack*: round trip of the link [s], added to the time for
+        which a sent value may still arrive.
+        """
         now = self._session.liveness.listened
         self.memory = _MEMORY + slack
         if not self._sent:
@@ -85,7 +87,7 @@ class RcMonitor:
             self._sent.popleft()
 
     def forget(self) -> None:
-        """Forget the overrides sent, because commanding has ended."""
+        """Discard the overrides sent, because commanding has ended."""
         self._sent.clear()
         self._history.clear()
         self._verdicts.clear()
@@ -94,12 +96,12 @@ class RcMonitor:
         self._moved, self.obeyed = None, False
 
     def show(self, values: Mapping[int, int]) -> bool:
-        """Return whether the last RC_CHANNELS shows these values [us]."""
+        """Return whether the last RC_CHANNELS shows *values* (channel -> PWM [us])."""
         return bool(self.shown) and all(abs(self.shown[n] - pwm) <= _SAME for n, pwm in values.items())
 
     @property
     def moved_by_hand(self) -> tuple[int, int, int] | None:
-        """Return (channel, PWM [us] before, now) of a channel that we do not drive and that has moved; None if none
+        """(channel, PWM [us] before, PWM now) of a channel that we do not drive and that has moved; None if none
         has.
 
         Without a receiver a channel keeps its value, so an override must have moved it.
@@ -108,7 +110,7 @@ class RcMonitor:
 
     @property
     def departed(self) -> tuple[int, int, int] | None:
-        """Return (channel, PWM [us] sent, PWM shown) if the vehicle keeps showing other values than ours."""
+        """(channel, PWM [us] sent, PWM shown) if RC_CHANNELS keeps showing other values than ours; else None."""
         if not self._sent:
             return None
         wrong = [v for v in self._verdicts if v is not None]

@@ -43,7 +43,7 @@ def _share(speed: float, full_speed: float) -> float:
 
 
 def turn_rate_target(ids: tuple[int, int], target: TurnRateTarget, full_speed: float) -> Message:
-    """Return the message that commands a Rover in GUIDED to a turn rate and a speed."""
+    """Return the message that commands a turn rate [rad/s] and a speed [m/s] to a Rover in GUIDED."""
     thrust = _share(target.speed, full_speed)
     nothing = _quaternion(0.0)
     return mavlink.MAVLink_set_attitude_target_message(0, *ids, _YAW_RATE_ONLY, nothing, 0.0, 0.0, target.r, thrust)
@@ -65,11 +65,11 @@ ATTITUDE_TARGETS: Mapping[str, Callable[[tuple[int, int], HeadingTarget, float],
     "boat": _boat,
     "rov": _rov,
 }
-"""Type of vehicle (``Firmware.kind``) -> function that returns the message for a heading."""
+"""Type of vehicle (``Firmware.kind``) -> function that returns the message that commands a heading."""
 
 
 def depth_target(ids: tuple[int, int], target: DepthTarget) -> Message:
-    """Return SET_POSITION_TARGET_GLOBAL_INT for a depth below the estimator's origin, as ArduSub interprets it.
+    """Return SET_POSITION_TARGET_GLOBAL_INT for a depth [m] below the estimator's origin, as ArduSub interprets it.
 
     In ALT_HOLD, ArduSub reads only the altitude, relative to its origin, whatever frame the message contains.
     """
@@ -91,7 +91,7 @@ class SendRate:
 
     Attributes
     ----------
-    longest : longest pause between two commands [s]; NaN before the second.
+    longest : longest pause between two commands [s]; NaN before the second command.
     pace : seconds of vehicle time per second of link time; 1 until known; above 1 in a simulation faster than real
         time.
     """
@@ -108,11 +108,11 @@ class SendRate:
 
     @property
     def rate(self) -> float:
-        """Mean rate [Hz]; NaN before the second."""
+        """Mean rate of the commands [Hz]; NaN before the second command."""
         return self._count / self._time if self._time > 0.0 else math.nan
 
     def pause_since(self, t: float) -> float:
-        """Return the longest pause [s] that ended after link time *t* [s]; 0 if there was none."""
+        """Return the longest pause between commands [s] that ended after link time *t* [s]; 0 if there was none."""
         return max((pause for end, pause in self._pauses if end >= t), default=0.0)
 
     def count(self, vehicle_time: float = math.nan) -> None:
@@ -136,7 +136,7 @@ class SendRate:
             self.pace = (vehicle_time - then) / (now - begun)
 
     def suspend(self) -> None:
-        """Stop counting until the next command."""
+        """Stop measuring pauses until the next command."""
         self._last = math.nan
 
 
@@ -157,18 +157,18 @@ An override and a target together are smaller than three overrides (30 and at mo
 _REPEATS = 5
 """Number of release messages sent at once. Losing five in a row is rare even if every second one is lost."""
 FOLLOW_TIMEOUT = 3.0
-"""Longest time to wait for an effect [s].
+"""Longest time to wait for the effect of a command [s].
 
 It is longer than on any healthy link and short enough for an operator. Project choice.
 """
 
 
 class SetpointStreamer:
-    """Sends overrides and targets, repeats them, and returns the sticks.
+    """Sends overrides and targets, repeats them, and returns the sticks to the RC receiver.
 
     Attributes
     ----------
-    clock : the link's.
+    clock : the link's clock.
     active : the command in force; None if we do not control the sticks.
     send_rate : the measured rate and pauses of the overrides.
     """
@@ -209,15 +209,15 @@ class SetpointStreamer:
         self._task.period, self._sparing = _NARROW_REFRESH, True
 
     def crowd(self) -> None:
-        """Start a rehearsal: send overrides at the byte rate that overrides and targets will need together."""
+        """Start a capacity test: send overrides at the byte rate that overrides and targets will need together."""
         self._copies = _CROWD
 
     def thin_out(self) -> None:
-        """End the rehearsal."""
+        """End the capacity test: send each override once again."""
         self._copies = 1
 
     def command(self, command: Command) -> None:
-        """Send *command* and keep it in force. On a narrow link it is not repeated if it was just sent."""
+        """Send *command* and repeat it until the next one. On a slow link a command just sent is not sent again."""
         if self._sparing and command == self.active and self.clock.now() - self._sent < 0.5 * _NARROW_REFRESH:
             return
         self.active = command
@@ -234,7 +234,7 @@ class SetpointStreamer:
             self._transmit(self.active)
 
     def probe_override(self) -> bool:
-        """Send nearly neutral overrides until RC_CHANNELS shows them; return whether it did."""
+        """Send nearly neutral overrides until RC_CHANNELS shows them. Return whether it shows them in time."""
         self._probing, self.active = True, Actuate()
         try:
             self._transmit(self.active)
@@ -270,7 +270,7 @@ class SetpointStreamer:
             self._release()
 
     def let_go_visibly(self) -> bool:
-        """Return the sticks, verify by RC_CHANNELS that the receiver has them, and return whether it has.
+        """Release the overrides. Return whether RC_CHANNELS shows that the RC receiver has the sticks.
 
         Without a receiver RC_CHANNELS shows nothing: the vehicle keeps the last value, which is neutral.
         """

@@ -32,7 +32,7 @@ UNITS: Mapping[str, str] = {
     "battery_remaining": "1",
     "pressure": "Pa",
 }
-"""Channel -> unit. Forces are fractions of full actuator output."""
+"""Recorded channel -> its unit. Forces are fractions of full actuator output."""
 
 
 class Recorder:
@@ -50,7 +50,7 @@ class Recorder:
         self._samples, self._marks, self.late = {}, [], 0
 
     def take(self, t: float, values: Mapping[str, float]) -> None:
-        """Add samples stamped *t* [s]. One older than the last of its channel counts as late and is discarded."""
+        """Add samples stamped *t* [s]. A sample older than the last of its channel counts as late and is discarded."""
         if self._name is None:
             return
         for name, value in values.items():
@@ -67,7 +67,7 @@ class Recorder:
             self._marks.append(mark)
 
     def so_far(self, ending: str, reason: str, meta: Mapping[str, Any]) -> Trial:
-        """Return the trial so far; an empty one if none is running."""
+        """Return the trial recorded so far; an empty trial if none is running."""
         channels = {
             name: Channel(name, UNITS.get(name, "1"), np.array(times), np.array(column))
             for name, (times, column) in self._samples.items()
@@ -76,7 +76,7 @@ class Recorder:
         return Trial(self._name or "", channels, tuple(self._marks), ending, reason, details)
 
     def stop(self, ending: str, reason: str, meta: Mapping[str, Any]) -> Trial:
-        """End the trial and return it; an empty one when none was running."""
+        """End the trial and return it; an empty trial if none was running."""
         trial = self.so_far(ending, reason, meta)
         self._name = None
         return trial
@@ -101,12 +101,12 @@ class Telemetry:
     of LOCAL_POSITION_NED.
 
     The autopilot's gyro filter delays turn rates by ``rate_lag`` [s]. They are recorded at the time they apply to, so
-    that they match the angles, which are not delayed. ``loop_period`` [s] is that of the autopilot.
+    that they match the angles, which are not delayed. ``loop_period`` [s] is the period of the autopilot's main loop.
 
     Attributes
     ----------
     latest : signal -> last value (names of ``sname.SIGNALS``, ``battery``, ``battery_remaining``, ``pressure``).
-    t : stamp [s] of the last ATTITUDE. ticks : number of them received.
+    t : stamp [s] of the last ATTITUDE. ticks : number of ATTITUDE messages received.
     outputs, output_t : measured force fractions and their stamp. output_ticks : number of output messages received.
     output_since : estimated time of their last change [s].
     fix : last latitude and longitude [deg], None before any.
@@ -164,7 +164,7 @@ class Telemetry:
         return self._clock.now
 
     def value(self, name: str) -> float:
-        """Return the latest value of a signal, or NaN."""
+        """Return the latest value of the signal *name* [SI], or NaN if none was received."""
         return self.latest.get(name, math.nan)
 
     def _take(self, t: float, values: Mapping[str, float]) -> None:
@@ -347,8 +347,7 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
 
     Raises
     ------
-    LinkLost, OperatorStopped
-        From the session.
+    LinkLost, OperatorStopped Raised by the session.
     TelemetryFault
         NaN, frozen or jumping telemetry; or no attitude although other messages arrive.
     """
@@ -372,7 +371,7 @@ def await_tick(session: Session, telemetry: Telemetry) -> None:
 
 
 def observation(session: Session, telemetry: Telemetry, mode: str) -> Observation:
-    """Return all known values of a craft in *mode*."""
+    """Return the latest values of all signals as the observation of a craft in *mode*."""
     value = telemetry.value
     return Observation(
         t=telemetry.t,

@@ -66,7 +66,11 @@ class RcChannel:
 
 @dataclass(frozen=True, slots=True)
 class OverrideMap:
-    """Which RC channel (1-based) drives which force, and how. ``held``: channel -> PWM [us] at which it is kept."""
+    """Relation between forces and RC channels (1-based).
+
+    ``channels``: force -> (channel that drives it, scaling of the channel).
+    ``held``: other channel -> PWM [us] at which it is kept.
+    """
 
     channels: Mapping[str, tuple[int, RcChannel]]
     held: Mapping[int, int] = field(default_factory=dict)
@@ -78,7 +82,7 @@ class OverrideMap:
 
     @property
     def probe(self) -> dict[int, int]:
-        """Return channel -> PWM [us] of a nearly neutral but recognisable override."""
+        """Channel -> PWM [us] of a nearly neutral but recognisable override."""
         return {n: pwm + _PROBE for n, pwm in self.values(Actuate()).items()}
 
     def message(self, values: Mapping[int, int], system: int, component: int) -> Message:
@@ -87,12 +91,13 @@ class OverrideMap:
         return mavlink.MAVLink_rc_channels_override_message(system, component, *fields)
 
     def release(self, system: int, component: int) -> Message:
-        """Return the override that returns our channels to the RC receiver."""
+        """Return the message that returns the overridden channels to the RC receiver."""
         return self.message(dict.fromkeys(self.values(Actuate()), _RELEASE), system, component)
 
 
 def read_override_map(parameters: Parameters, firmware: Firmware) -> OverrideMap:
-    """Read how the vehicle scales its RC inputs and return the map.
+    """Read from the parameters how the vehicle scales its RC inputs, and return the relation between forces and
+    channels.
 
     Raises
     ------
@@ -199,7 +204,7 @@ _NAMES = ("ACRO_YAW_P", "RC4_DZ", "RC4_MAX", "RC4_TRIM", "JS_GAIN_DEFAULT")
 
 @dataclass(frozen=True, slots=True)
 class RateStick:
-    """Scaling of the yaw stick.
+    """Scaling of the yaw stick in ArduSub's stabilised modes.
 
     ``full_rate`` [rad/s]: turn rate of a full stick. ``dead_zone``: fraction of the stick's travel at joystick gain 1.
     ``usual_gain``: the joystick gain assumed until the vehicle reports another.
@@ -210,7 +215,7 @@ class RateStick:
     usual_gain: float = _USUAL_GAIN
 
     def deflection(self, rate: float, gain: float) -> float:
-        """Return the stick [-1, 1] that commands *rate* [rad/s] at joystick *gain* (NaN: unknown)."""
+        """Return the stick position (-1 to 1) that commands *rate* [rad/s] at joystick *gain* (NaN: unknown)."""
         if rate == 0.0:
             return 0.0
         dead = self.dead_zone * (gain if math.isfinite(gain) else self.usual_gain)
@@ -219,7 +224,9 @@ class RateStick:
 
 
 def read_rate_stick(parameters: Parameters, firmware: Firmware) -> RateStick | None:
-    """Read the scaling of the yaw stick; None for a vehicle that takes turn rates as targets."""
+    """Return the scaling of the yaw stick, read from the parameters. None for a vehicle that takes turn rates
+    as targets.
+    """
     if not firmware.turns_by_stick:
         return None
     known = parameters.read_existing(_NAMES)

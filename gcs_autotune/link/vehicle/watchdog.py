@@ -28,7 +28,7 @@ def gyro_lag(cutoff: float) -> float:
 
 
 class BootClock:
-    """Seconds since boot from the 32-bit counters in messages.
+    """Converts the 32-bit time counters in messages to seconds since boot.
 
     ``time_boot_ms`` wraps after 49.7 days, SERVO_OUTPUT_RAW's microseconds after 71.6 minutes; both are unwrapped to
     the value nearest to the last stamp.
@@ -69,7 +69,7 @@ class Unwrapper:
         self._last = math.nan
 
     def unwrap(self, angle: float) -> float:
-        """Return *angle* plus the full turns that bring it nearest to the last one."""
+        """Return *angle* [rad] plus the number of full turns that brings it nearest to the last result."""
         if not math.isnan(self._last):
             angle += 2.0 * math.pi * round((self._last - angle) / (2.0 * math.pi))
         self._last = angle
@@ -99,12 +99,12 @@ _BOOT_SLACK = 2.0
 
 
 class Watchdog:
-    """Checks every ATTITUDE and the measured outputs.
+    """Checks every ATTITUDE and the measured outputs for faults of the telemetry.
 
     Attributes
     ----------
     fault : the first fault detected; None if there is none.
-    has_restarted : whether that fault is a restart of the autopilot. stamps : number of its time stamps checked.
+    has_restarted : whether the fault is a restart of the autopilot. stamps : number of ATTITUDE time stamps checked.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -128,7 +128,7 @@ class Watchdog:
             self._pace = max((t - begun) / (now - heard), 1.0)
 
     def check(self) -> None:
-        """Raise the stored fault, if there is one."""
+        """Raise the stored fault as ``TelemetryFault``, if there is one."""
         if self.fault is not None:
             raise TelemetryFault(str(self.fault))
 
@@ -174,7 +174,7 @@ class Watchdog:
         self._report(f"its clock jumped back: timestamps went from {before:.1f} s to {t:.1f} s")
 
     def check_attitude(self, t: float, attitude: Sequence[float]) -> None:
-        """Check one ATTITUDE: angles and rates [rad, rad/s], stamped *t* [s]."""
+        """Check one ATTITUDE for NaN and a frozen attitude: angles and rates [rad, rad/s], stamped *t* [s]."""
         if not all(math.isfinite(value) for value in attitude):
             self._report("the attitude is not a number: the autopilot's estimator has failed")
             return

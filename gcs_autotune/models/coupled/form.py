@@ -42,12 +42,16 @@ _ORDER = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 class Form:
     """The structure of a coupled model.
 
-    ``dofs``: in SNAME order. ``free``: the parameters to identify. ``known``: constants. Both have names of
-    :mod:`.derivatives`. ``inputs``: maps a channel to ``(force letter, gain)`` pairs. A gain is a number or a
-    parameter's name, preceded by ``-`` for the opposite sign. ``start``: start values of a search (optional).
-    ``optional``: inputs that are omitted if no run has their channel. ``normalised``: forces are normalised outputs, so
-    inertias and drags contain no newtons. ``per_inertia``: force letters of the equations that are divided by their
-    inertia, because no run determines a force there. Their terms are accelerations.
+    - ``dofs``: in SNAME order.
+    - ``free``: the parameters to identify.
+    - ``known``: constants. Both have names of :mod:`.derivatives`.
+    - ``inputs``: maps a channel to ``(force letter, gain)`` pairs. A gain is a number or a parameter's name, preceded
+      by ``-`` for the opposite sign.
+    - ``start``: start values of a search (optional).
+    - ``optional``: inputs that are omitted if no run has their channel.
+    - ``normalised``: forces are normalised outputs, so inertias and drags contain no newtons.
+    - ``per_inertia``: force letters of the equations that are divided by their inertia, because no run determines a
+      force there. Their terms are accelerations.
     """
 
     name: str

@@ -74,13 +74,19 @@ RUNAWAY = 1e6
 class Program(NamedTuple):
     """A form as arrays.
 
-    ``active`` (k,): degrees of freedom. ``column`` (12,): index of eta and nu in the state, -1 if absent. ``rows``,
-    ``pars``, ``scales``, ``coefs`` (T,), ``factors`` (T, 3): the terms (-1: no parameter, no second parameter, no
-    factor). ``inertia`` (E, 3): row, column, parameter of each entry of M. ``inertia_coefs`` (E,): its coefficients.
+    - ``active`` (k,): degrees of freedom.
+    - ``column`` (12,): index of eta and nu in the state, -1 if absent.
+    - ``rows``, ``pars``, ``scales``, ``coefs`` (T,), ``factors`` (T, 3): the terms (-1: no parameter, no second
+      parameter, no factor).
+    - ``inertia`` (E, 3): row, column, parameter of each entry of M.
+    - ``inertia_coefs`` (E,): its coefficients.
 
     Further fields are parameter indices, -1 if absent. They are those of delay, lag, current, drift (a current not
-    included in measured velocities), reach and bottom. ``payload``: the input that multiplies the inertia. ``depth``:
-    the input that replaces z. Both are -1 if absent. ``m``: number of inputs.
+    included in measured velocities), reach and bottom.
+
+    - ``payload``: the input that multiplies the inertia.
+    - ``depth``: the input that replaces z. Both are -1 if absent.
+    - ``m``: number of inputs.
     """
 
     active: Index

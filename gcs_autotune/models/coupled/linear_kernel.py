@@ -37,9 +37,11 @@ class LinearProgram(NamedTuple):
     """The terms of :class:`.kernel.Program` that act on its only velocity, with the corresponding entries of the
     inertia.
 
-    ``moving`` (T,): 1 if a term is proportional to the velocity. ``factors`` (T, 3): codes of inputs, -1 for none.
-    ``inertia`` (E,): parameters of the inertia. ``inertia_coefs`` (E,): their coefficients. ``delay``: its parameter,
-    or -1.
+    - ``moving`` (T,): 1 if a term is proportional to the velocity.
+    - ``factors`` (T, 3): codes of inputs, -1 for none.
+    - ``inertia`` (E,): parameters of the inertia.
+    - ``inertia_coefs`` (E,): their coefficients.
+    - ``delay``: its parameter, or -1.
     """
 
     pars: Index

@@ -1,1 +1,1 @@
-"""The report of a diagnosis: its page, figures, sentences and tables."""
+"""The report of a diagnosis of a simulation: its page, figures, sentences and tables."""

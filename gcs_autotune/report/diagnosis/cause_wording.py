@@ -1,4 +1,6 @@
-"""Sentences about a cause: name, evidence, alternatives, and effects these runs do not distinguish."""
+"""Sentences about a cause: its name, log-likelihood gain and alternatives, and effects that the runs do not
+distinguish.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ __all__ = ["cause_notes", "cause_title", "evidence_notes", "not_distinguished"]
 
 
 def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
-    """Return the heading of a cause. A hypothesis is marked as such."""
+    """Return the heading of a cause: its effect and place. A hypothesis is marked as such."""
     text = f"{base_words(diagnosis)} lacks {named(cause)}" if cause.is_structural else named(cause)
     if cause.is_slight:
         text = f"slight: {text}"
@@ -23,12 +25,13 @@ def cause_title(diagnosis: Diagnosis, cause: Cause) -> str:
 
 
 STRENGTHS: Mapping[float, str] = {5.0: "very strong", 3.0: "strong", 1.0: "positive"}
-"""Penalised gain in log-likelihood -> text for the strength of evidence (Kass1995, section 3.2: half of their
-table)."""
+"""Least penalised gain in log-likelihood -> adjective for the strength of evidence. Kass1995, section 3.2, state twice
+these values.
+"""
 
 
 def evidence_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
-    """Yield sentences on how much a cause explains, on its evidence, and on the best alternative."""
+    """Yield sentences on how much a cause explains, on its gain in log-likelihood, and on the best alternative."""
     if cause.gain is not None and cause.is_slight:
         text = "The cause is slight: adding it to the model hardly changes the prediction. "
         yield Note(text + gain_sentence(cause.gain), "Effect in practice")
@@ -65,7 +68,9 @@ def _rival_words(rival: Ranked | None, cause: Cause) -> str:
 
 
 def cause_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
-    """Yield sentences on the meaning of the effect, its evidence, and the effects it is easily mistaken for."""
+    """Yield sentences on the meaning of a cause's effect, its gain in log-likelihood, and effects that it is easily
+    mistaken for.
+    """
     yield Note(sentence(cause.meaning), "Meaning")
     yield from evidence_notes(diagnosis, cause)
     entry = EFFECTS.get(cause.effect.slug)
@@ -79,6 +84,6 @@ def cause_notes(diagnosis: Diagnosis, cause: Cause) -> Iterator[Note]:
 
 
 def not_distinguished(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return one sentence per group of effects that these runs do not distinguish."""
+    """Return one sentence per group of effects that the runs of *diagnosis* do not distinguish."""
     groups = (listed([effect_words(s) for s in group]) for group in diagnosis.indistinguishable)
     return tuple(sentence(f"{names} explain these runs about equally well") for names in groups)

@@ -72,13 +72,13 @@ __all__ = ["MODEL_FILE", "diagnosis_document"]
 
 
 MOST_RUNS = 2
-"""Most runs plotted for the main signal. For every other signal one run is plotted. Project choice."""
+"""Largest number of runs plotted for the main signal. For every other signal one run is plotted. Project choice."""
 
 MOST_SIGNALS = 6
-"""Most signals plotted, so that the page stays small. Project choice."""
+"""Largest number of signals plotted, so that the page stays small. Project choice."""
 
 MOST_CURVES = 2
-"""Most curves of the missing force plotted, the most informative first. Project choice."""
+"""Largest number of curves of the missing force plotted, the most informative first. Project choice."""
 
 MODEL_FILE = "model.json"
 
@@ -100,7 +100,8 @@ def diagnosis_document(
 ) -> Document:
     """Return the report of a diagnosis.
 
-    when : ISO 8601 moment. directory : folder of the diagnosis, for commands to copy. runs : the runs examined, whose
+    when : date and time of the diagnosis, ISO 8601. directory : folder of the diagnosis, for commands to copy. runs :
+    the runs examined, whose
         inputs
     and tracks are plotted.
     """
@@ -283,7 +284,7 @@ SECTIONS = (
     _use,
     _basis,
 )
-"""The sections in their order. To add one, add a function here."""
+"""Functions that return the sections of the report, in their order. To add a section, add its function here."""
 
 
 # -- figures

@@ -43,7 +43,9 @@ __all__ = [
 Array = NDArray[np.float64]
 
 BINS = 15
-"""Number of equally filled bins of a residual, enough to show a kink on either side of zero. Project choice."""
+"""Number of bins with equal numbers of samples into which a residual is divided, enough to show a kink on either side
+of zero. Project choice.
+"""
 
 Kind = Literal["against", "cross", "spectrum"]
 
@@ -74,8 +76,11 @@ _WORDS: tuple[tuple[str, Kind, frozenset[str]], ...] = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One view of a signal's residual. ``name``: the channel, empty for a spectrum.
+    """One view of a signal's residual.
 
+    ``kind``: what the residual is plotted as or against.
+    ``portrait``: the residual's analysis.
+    ``name``: the channel, empty for a spectrum.
     ``share``: fraction of the residual's variance that the view accounts for.
     """
 
@@ -86,7 +91,9 @@ class View:
 
 
 def bin_means(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array, Array, Array]:
-    """Return centre, mean, standard error and count (k,) of *y* in equally filled bins of *x*; k <= bins."""
+    """Return (centre of *x*, mean of *y*, standard error of that mean, number of samples), (k,) each, in k <= *bins*
+    equally filled bins of *x*.
+    """
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, bins + 1)))
     place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
     used = np.unique(place)
@@ -99,7 +106,7 @@ def bin_means(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array, Array
 
 
 def views_of(portrait: Portrait) -> Iterator[View]:
-    """Yield every view for which a portrait contains data."""
+    """Yield every view for which *portrait* contains enough data."""
     for name, (x, y, _) in portrait.against.items():
         keep = np.isfinite(x) & np.isfinite(y)
         if np.count_nonzero(keep) > 2 * BINS and np.ptp(x[keep]) > 0.0:
@@ -137,9 +144,8 @@ def _peak(frequency: Array, power: Array) -> float:
 
 
 def most_informative_view(portraits: Sequence[Portrait], effect: Effect | None = None, place: str = "") -> View | None:
-    """Return the most informative view.
-
-    A view in which an effect of this kind at this place usually appears is preferred.
+    """Return the view with the largest fraction of the variance. A view in which the effect usually appears is
+    preferred.
     """
     best: tuple[float, View] | None = None
     for portrait in portraits:
@@ -170,17 +176,17 @@ def _fit(view: View, effect: Effect, place: str) -> float:
 
 
 MOST_POINTS = 400
-"""Most samples in a scatter plot; more cannot be distinguished."""
+"""Largest number of samples in a scatter plot; more cannot be distinguished."""
 
 MOST_DOTS = 250
-"""Most measured samples plotted of one trace, so that the page stays small. Project choice."""
+"""Largest number of measured samples plotted of one trace, so that the page stays small. Project choice."""
 
 _CELLS = 24
 """Points of a spectrum per decade, enough to keep a narrow peak visible. Project choice."""
 
 
 def scaled(values: Array, unit: str) -> tuple[Array, str]:
-    """Return *values* in display units, and the unit."""
+    """Return *values* [*unit*] in display units, and the name of the display unit."""
     shown, factor = to_people(unit)
     return factor * values, pretty_unit(shown) or "1"
 
@@ -217,7 +223,7 @@ def draw_flight(
 
 
 def draw_view(view: View, after: Portrait | None = None) -> Figure:
-    """Plot the residual of a view; *after*: the same signal's residual with the causes."""
+    """Plot the residual of a view; *after*: residual of the same signal with the causes in the model."""
     if view.kind == "against":
         return draw_against(view.portrait, view.name, after)
     figure, (axes,) = new_axes((2.0,))
@@ -233,7 +239,9 @@ def draw_view(view: View, after: Portrait | None = None) -> Figure:
 
 
 def draw_against(portrait: Portrait, name: str, after: Portrait | None = None) -> Figure:
-    """Plot the residual over a channel with samples and bin means; *after*: bin means of the extended model."""
+    """Plot the residual over a channel, as samples and bin means. *after*: residual of the extended model, as
+    bin means.
+    """
     figure, (axes,) = new_axes((2.2,))
     x, y = _cloud(portrait, name)
     x_unit, y_unit = scaled(x, portrait.against[name][2])[1], scaled(y, portrait.unit)[1]
@@ -271,7 +279,7 @@ def _compass(axes: Axes) -> None:
 
 
 def draw_left(portrait: Portrait) -> Figure | None:
-    """Plot autocorrelation and spectrum of a residual; None if neither was computed."""
+    """Return a figure with autocorrelation and spectrum of a residual; None if neither was computed."""
     parts = [p for p in (portrait.correlation, portrait.spectrum) if p is not None and len(p[0]) > 1]
     if not parts:
         return None
@@ -319,9 +327,8 @@ def _spectrum(axes: Axes, portrait: Portrait) -> None:
 
 
 def draw_gains(gains: Sequence[ErrorReduction]) -> Figure | None:
-    """Plot the error after, in percent of that before, for each signal with its 95 % interval.
-
-    None if none is known.
+    """Return a figure with the held-out error with the causes, in percent of the error without, for each signal with
+    its 95 % interval. None if no error is known.
     """
     known = [g for g in gains if np.isfinite(g.ratio)]
     if not known:
@@ -343,7 +350,7 @@ def draw_gains(gains: Sequence[ErrorReduction]) -> Figure | None:
 
 
 def draw_curve(curve: EffectCurve) -> Figure:
-    """Plot the identified effect in the extended model's colour. The plain model's counterpart is dashed."""
+    """Plot the identified effect in the extended model's colour. The same relation in the plain model is dashed."""
     (x, x_label), (y, y_label) = for_people(curve.x, curve.x_label), for_people(curve.y, curve.y_label)
     plain = None if curve.plain is None else for_people(curve.plain, curve.y_label)[0]
     if curve.polar:
@@ -368,7 +375,9 @@ def draw_curve(curve: EffectCurve) -> Figure:
 
 
 def draw_missing(missing: MissingForce, curve: MissingCurve) -> Figure:
-    """Plot the missing force or moment over a candidate variable, with its 95 % band between runs."""
+    """Plot the missing force or moment over a candidate variable, with its 95 % band from the variation between
+    runs.
+    """
     kind = "moment" if DOFS[missing.dof].angular else "force"
     x, x_label = for_people(curve.x, f"{missing_over(curve)} [{curve.unit or '1'}]")
     y, y_label = for_people(curve.force, f"missing {kind} [{missing.unit}]")
@@ -384,7 +393,9 @@ def draw_missing(missing: MissingForce, curve: MissingCurve) -> Figure:
 
 
 def for_people(values: Array, label: str) -> tuple[Array, str]:
-    """Return a curve's values and label ``"heading [rad]"``, radians converted to degrees."""
+    """Return (*values* in display units, *label* with their unit). A label is like ``"heading [rad]"``; radians become
+    degrees.
+    """
     name, unit = parse_header(label)
     shown, factor = to_people(unit)
     return factor * values, f"{name} [{pretty_unit(shown) or unit}]" if unit else name

@@ -15,7 +15,7 @@ from gcs_autotune.sname import DOFS
 __all__ = ["FILLED", "hint_notes", "hint_title", "lead_sentence", "plain_sentence"]
 
 FILLED = frozenset({"craft", "simulation", "motion", "command", "signal"})
-"""Placeholders in braces that the sentence of an effect may contain."""
+"""Names of the placeholders in braces that an effect's sentence for owners may contain."""
 
 MOTIONS: Mapping[str, str] = {
     "surge": "moving ahead",
@@ -38,7 +38,7 @@ COMMANDS: Mapping[str, str] = {
     "force_right": "right thrust",
 }
 OWNERS: Mapping[str, str] = {"u": "speed ahead", "v": "sideways speed", "w": "diving speed", "r": "turn rate"}
-"""Signals with a more common name than in :data:`.SIGNALS`, for the owner of the boat."""
+"""Signal -> common name for the owner of the boat, where it differs from :data:`.SIGNALS`."""
 
 UNITS: Mapping[str, tuple[str, float]] = {
     "rad": ("degrees", 180.0 / math.pi),
@@ -46,7 +46,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("metres", 1.0),
     "m/s": ("metres per second", 1.0),
 }
-"""SI unit -> (unit as text, factor)."""
+"""SI unit -> (unit as text for owners, factor from SI)."""
 
 MORE = ("", "one more", "two more", "three more", "four more", "five more")
 
@@ -158,12 +158,12 @@ LACKS: Mapping[Lack, str] = {
 
 
 def hint_title(hint: Hint) -> str:
-    """Return the effect and its place, with the other effects that these runs do not distinguish from it."""
+    """Return the heading of a hint: its effect and place, and the effects that the runs do not distinguish from it."""
     return _begun(" or ".join([f"{effect_words(hint.cause)} ({hint.place})", *map(effect_words, hint.alike)]))
 
 
 def hint_notes(diagnosis: Diagnosis, hint: Hint) -> tuple[Note, ...]:
-    """Return what a hint would mean, its evidence, and how to decide the question."""
+    """Return notes on a hint: its meaning, its gain in log-likelihood, and the run that would confirm or reject it."""
     numbers = ", ".join(f"{n} {value_words(v, n)}" for n, v in hint.parameters.items())
     means = plain_sentence(diagnosis, hint) + (f" Estimate: {numbers}." if numbers else "")
     return (

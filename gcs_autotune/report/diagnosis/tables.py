@@ -41,7 +41,7 @@ __all__ = [
 
 
 def cause_table(cause: Cause) -> Table:
-    """Return the parameters of a cause with their meanings."""
+    """Return a table of a cause's parameters with their values and meanings."""
     entry = EFFECTS.get(cause.effect.slug)
     meaning = {} if entry is None else {q.name: q.meaning for q in entry.parameters}
     rows = tuple((name, value_words(v, name), meaning.get(name, "")) for name, v in cause.parameters.items())
@@ -49,7 +49,7 @@ def cause_table(cause: Cause) -> Table:
 
 
 def gains_table(gains: Iterable[ErrorReduction]) -> Table:
-    """Return the held-out error per signal, before and after."""
+    """Return a table of the held-out error of each signal, without and with the causes."""
     rows = tuple(
         (
             f"{signal_words(g.signal)} ({g.signal})",
@@ -66,7 +66,7 @@ def gains_table(gains: Iterable[ErrorReduction]) -> Table:
 def numbers_table(numbers: Numbers) -> Table:
     """Return a table of all numbers of a model and their values from the runs.
 
-    It is the user-supplied model, or the plain model fitted to a simulation.
+    The model is the user-supplied one, or the plain model fitted to a simulation.
     """
     explained = numbers.of == "model"
     rows = tuple(
@@ -84,7 +84,7 @@ def numbers_table(numbers: Numbers) -> Table:
 
 
 def ranking_table(ranking: Iterable[Ranked]) -> Table:
-    """Return the table of candidates, best first. All but the best :data:`MOST_RANKED` are folded."""
+    """Return the table of candidate effects, best first. The page folds all but the best :data:`MOST_RANKED`."""
     rows = tuple(
         (
             r.cause,
@@ -106,8 +106,9 @@ def format_p(p: float) -> str:
 
 
 def steps_of(diagnosis: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]:
-    """Return (heading, candidates) per step of the search: added to the base model, then after the first cause, and so
-    on."""
+    """Return (heading, candidates) of each step of the search. The first step adds an effect to the base model, the
+    next one adds an effect after the first cause, and so on.
+    """
     told_steps = []
     for step in sorted({r.step for r in diagnosis.ranking}):
         earlier = ", ".join(effect_words(c.effect.slug) for c in diagnosis.causes[: step - 1])
@@ -117,7 +118,9 @@ def steps_of(diagnosis: Diagnosis) -> tuple[tuple[str, tuple[Ranked, ...]], ...]
 
 
 MOST_RANKED = 5
-"""Candidates shown per step. The page folds the others, and JSON contains all. Project choice."""
+"""Number of candidates shown per step of the search. The page folds the others, and JSON contains all. Project
+choice.
+"""
 
 FAMILIES: Mapping[Family, str] = {
     "data errors": "Data errors (in the file, not the craft)",
@@ -126,11 +129,13 @@ FAMILIES: Mapping[Family, str] = {
     "environment": "Wind, waves, current, tether",
     "sensor": "Sensors",
 }
-"""Family -> heading, in the order of the search."""
+"""Family of effects -> heading, in the order of the search."""
 
 
 def effects_document(effects: Mapping[str, Effect]) -> Document:
-    """Return every effect by family: slug, meaning, parameters with units, similar effects, how to distinguish them."""
+    """Return the list of all effects by family: slug, meaning, parameters with units, similar effects, how to
+    distinguish them.
+    """
     sections: list[Section] = []
     for family, heading in FAMILIES.items():
         rows: list[tuple[str, str]] = []

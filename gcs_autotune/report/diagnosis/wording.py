@@ -63,22 +63,23 @@ __all__ = [
 
 
 MOST_PLACES = 3
-"""Most columns listed in a sentence. Project choice."""
+"""Largest number of columns listed in a sentence. Project choice."""
 
 
 def effect_words(slug: str) -> str:
-    """Return a slug as text: ``dead-zone`` is ``dead zone``."""
+    """Return the slug of an effect as words: ``dead-zone`` is ``dead zone``."""
     return slug.replace("-", " ")
 
 
 def signal_words(signal: str) -> str:
-    """Return the name of a channel: ``psi`` is ``heading``; unknown ones keep theirs."""
+    """Return the name of a channel: ``psi`` is ``heading``; unknown channels keep their name."""
     return SIGNALS[signal][1].split(",")[0] if signal in SIGNALS else signal
 
 
 def place_words(place: str) -> str:
-    """Return the name of the place of an effect: ``N`` is ``yaw moment (N)``, ``yaw`` stays, ``t`` is the file's
-    clock."""
+    """Return the name of the place of an effect: ``N`` is ``yaw moment (N)``, ``yaw`` is unchanged, ``t`` becomes the
+    file's clock.
+    """
     parts = place.split("+")
     if len(parts) > MOST_PLACES:
         return f"{len(parts)} columns ({', '.join(parts)})"
@@ -101,7 +102,7 @@ def named(cause: Cause) -> str:
 
 
 def value_words(value: Value, name: str = "") -> str:
-    """Return a number with its standard error in its own unit, angles also in degrees.
+    """Return an estimate as text with its standard error and unit, angles also in degrees.
 
     name : name of the parameter; an ``anchor`` or a ``direction`` in radians is a heading.
     """
@@ -131,7 +132,7 @@ _TONES: Mapping[str, Tone] = {
 
 
 def verdict_of(diagnosis: Diagnosis) -> Verdict:
-    """Return the verdict: one sentence, its tone, and the sentences after it."""
+    """Return the verdict of a diagnosis: one sentence, its tone, and the sentences after it."""
     verdict = _verdict(diagnosis)
     unseen = (sentence(f"{d.cause}: {d.cure}") for d in diagnosis.doubts if d.slug == MOVED_TOO)
     is_doubtful = any(d.slug == CONTRADICTION for d in diagnosis.doubts)
@@ -175,7 +176,7 @@ HALF_WIDTH = 1.96
 """Number of standard errors to either end of a 95 % interval."""
 
 MOST_NUMBERS = 4
-"""Most wrong numbers listed in the headline. Project choice."""
+"""Largest number of wrong numbers listed in the headline. Project choice."""
 
 
 def _wrong(numbers: Numbers, diagnosis: Diagnosis) -> str:
@@ -198,12 +199,14 @@ def _against(number: Number) -> str:
 
 
 def given_words(number: Number) -> str:
-    """Return the model's value with half its 95 % interval, if known, in its own unit."""
+    """Return the value of *number* in the model as text, with half its 95 % interval if known, in the model's unit."""
     return "not stated" if math.isnan(number.given) else format_value(number.given, HALF_WIDTH * number.given_std)
 
 
 def found_words(number: Number) -> str:
-    """Return the value from the runs with half its 95 % interval, in the model's unit."""
+    """Return the value of *number* estimated from the runs as text, with half its 95 % interval, in the model's
+    unit.
+    """
     if math.isnan(number.value):
         return NOT_IDENTIFIABLE
     if number.of_record:
@@ -213,7 +216,7 @@ def found_words(number: Number) -> str:
 
 
 def standing(number: Number) -> str:
-    """Return a short text on whether the runs agree with a number."""
+    """Return a short text that states whether the runs agree with *number*."""
     if number.wrong:
         return "wrong"
     off = abs(number.value - number.given)
@@ -245,7 +248,7 @@ def _beside_numbers(diagnosis: Diagnosis) -> list[str]:
 
 
 def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
-    """Return the improvement on held-out data due to corrected numbers, before any cause is added."""
+    """Return a sentence on how much corrected numbers reduce the held-out error, before any cause is added."""
     gain = numbers.gain
     if all(n.of_record for n in numbers.wrong):
         return "The correction was made before any other comparison."
@@ -268,7 +271,9 @@ def numbers_sentence(numbers: Numbers, *, causes: bool) -> str:
 
 
 def scale_words(numbers: Numbers) -> list[str]:
-    """Return the alternative explanation if every non-zero number is wrong by one factor; else nothing."""
+    """Return the alternative explanation, in one sentence, if all non-zero numbers are wrong by one factor;
+    else nothing.
+    """
     rows = [n for n in numbers.rows if n.given != 0.0 and n.value != 0.0]
     if numbers.of != "model" or len(numbers.wrong) < 2 or not all(n.wrong for n in rows):
         return []
@@ -284,7 +289,7 @@ def scale_words(numbers: Numbers) -> list[str]:
 
 
 def numbers_title(numbers: Numbers) -> str:
-    """Return the heading of the table of numbers."""
+    """Return the heading of the table that compares a model's numbers with the runs."""
     if numbers.of == "model":
         return "The model's numbers and these runs"
     return "The plain model fitted to the simulation and to these runs"
@@ -327,7 +332,9 @@ def _named_by_kind(diagnosis: Diagnosis) -> str:
 
 
 def base_words(diagnosis: Diagnosis) -> str:
-    """Return the name of the examined simulation: the user-supplied one, or the plain model fitted to the runs."""
+    """Return the name of the examined simulation in a sentence: that of the user, or ``the plain model`` fitted to the
+    runs.
+    """
     return "the plain model" if diagnosis.numbers is None else f"the {diagnosis.numbers.of}"
 
 
@@ -391,13 +398,13 @@ def _unfinished(diagnosis: Diagnosis) -> str:
 
 
 def first_gain(diagnosis: Diagnosis) -> ErrorReduction | None:
-    """Return the gain relative to the original simulation, from corrected numbers or else from causes."""
+    """Return the reduction of the original simulation's error: by corrected numbers, or else by causes."""
     numbers = None if diagnosis.numbers is None else diagnosis.numbers.gain
     return diagnosis.gain if numbers is None else numbers
 
 
 def base_error(diagnosis: Diagnosis) -> tuple[float, str, str]:
-    """Return the base model's error, its unit and signal: on held-out data if measured, else on the plotted runs."""
+    """Return the base model's (RMS error, unit, signal): on held-out data if measured, else on the plotted runs."""
     first = first_gain(diagnosis)
     if first is not None:
         return first.before, first.unit, first.signal
@@ -410,7 +417,9 @@ def base_error(diagnosis: Diagnosis) -> tuple[float, str, str]:
 
 
 def gain_sentence(gain: ErrorReduction) -> str:
-    """Return a sentence with one signal's gain and its interval."""
+    """Return a sentence on the held-out error of one signal, before and after, with the 95 % interval of their
+    ratio.
+    """
     said = (
         f"Error of the simulated {signal_words(gain.signal)} on held-out data: "
         f"{format_error(gain.before, gain.unit, 3)} before, {format_error(gain.after, gain.unit, 3)} after (RMS)"
@@ -422,13 +431,13 @@ def gain_sentence(gain: ErrorReduction) -> str:
 
 
 def interval_words(gain: ErrorReduction) -> str:
-    """Return an interval as text, e.g. ``12 % to 19 %``; empty if unknown."""
+    """Return the 95 % interval of an error reduction as text, e.g. ``12 % to 19 %``; empty if unknown."""
     low, high = gain.ci95
     return f"{format_share(low)} to {format_share(high)}" if math.isfinite(low) and math.isfinite(high) else ""
 
 
 def missing_over(curve: MissingCurve) -> str:
-    """Return the name of the variable that the missing force is plotted over."""
+    """Return the name of the variable over which the missing force is plotted."""
     return {"time": "time into the run", "drift": "drift angle"}.get(curve.over, signal_words(curve.over))
 
 
@@ -447,7 +456,7 @@ def _findings(signature: Signature) -> tuple[str, ...]:
 
 
 def rests_on(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return the runs used and held out, the number of candidates, and the residual levels."""
+    """Return sentences on the runs used and held out, the number of candidates, and the RMS residual of each signal."""
     said = [f"Runs used: {', '.join(diagnosis.used)}."] if diagnosis.used else []
     if diagnosis.held_out:
         said.append(f"Held out: {', '.join(diagnosis.held_out)}.")

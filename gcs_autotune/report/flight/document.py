@@ -55,7 +55,7 @@ class FlightModel:
     unseen: Validation | None = None
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data."""
+        """Return the model and its prediction as plain data for JSON."""
         told = None if self.unseen is None else self.unseen.fit_percent
         return {"dof": self.fit.dof, "fit": self.fit.to_dict(), "held_out": list(self.held_out), "prediction": told}
 
@@ -64,8 +64,11 @@ class FlightModel:
 class TrialSummary:
     """A run of a self-planned trial.
 
-    ``why``: the reason for it. Its duration [s]. ``known``: the precision after it. ``predicted``: how well [%] the
-    previous model predicted it; NaN: there was no such model. The last one also has the reason why it was the last.
+    ``why``: the reason for the run.
+    ``seconds``: its duration [s].
+    ``known``: the precision after it, as text.
+    ``predicted``: how well [%] the previous model predicted it; NaN: there was no such model.
+    ``ended``: reason why the trial ended after this run; empty for earlier runs.
     """
 
     run: str
@@ -78,10 +81,14 @@ class TrialSummary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightStory:
-    """A flight: its ``title``, ISO 8601 moment ``when`` and each run ``flown`` as (name, record).
+    """A flight: one or several runs, and the results from them.
 
-    ``predicted``: the predicted run, for the track of a single run. ``sheets``, ``models``: results from the records.
-    ``remarks``: results that the records do not determine. ``steps``: steps of a self-planned trial.
+    ``when``: date and time, ISO 8601.
+    ``flown``: the runs as (name, record).
+    ``predicted``: the predicted run, for the track of a single run.
+    ``sheets``, ``models``: results from the records.
+    ``remarks``: results that the records do not determine.
+    ``steps``: runs of a self-planned trial.
     """
 
     title: str
@@ -100,7 +107,7 @@ class FlightStory:
 
 
 def flight_document(story: FlightStory) -> Document:
-    """Return the report of a flight: figures and models, and the signals and track of each run."""
+    """Return the report of a flight: its manoeuvring figures and models, and the signals and track of each run."""
     flown, steps = story.flown, story.steps
     what = flown[0][1].reason if story.is_single else f"{len(flown)} runs, {_together([t for _, t in flown])}"
     oscillates = any(figure.slug == "oscillation" for sheet in story.sheets for figure in sheet.figures)
@@ -126,7 +133,9 @@ def flight_document(story: FlightStory) -> Document:
 
 
 def preview_document(title: str, when: str, seen: Sequence[tuple[str, Trial, str, str]]) -> Document:
-    """Return a preview: for each run its name, record, time and space, and the reason not to fly it, if any."""
+    """Return the report of a preview: for each run its name, signals, time and space, and the reason not to fly it, if
+    any.
+    """
     troubles = [trouble if len(seen) == 1 else f"{name}: {trouble}" for name, _, _, trouble in seen if trouble]
     good = f"Predicted: {seen[0][2]}." if len(seen) == 1 else f"{len(seen)} runs, {_together([s[1] for s in seen])}."
     each = tuple(f"Predicted: {name}: {words}." for name, _, words, _ in seen) if len(seen) > 1 else ()
@@ -206,11 +215,11 @@ def _record(story: FlightStory) -> Iterator[Section]:
 
 
 SECTIONS = (_runs, _course, _sheets, _models, _record)
-"""The sections in their order. To add one, add a function here."""
+"""Functions that return the sections of the report, in their order. To add a section, add its function here."""
 
 
 MOST_SIGNALS = 12
-"""Most runs whose signals are plotted, so that the page stays small. Project choice."""
+"""Largest number of runs whose signals are plotted, so that the page stays small. Project choice."""
 
 
 def _signals(trial: Trial, name: str = "", *, predicted: bool = False) -> Iterator[Figure]:

@@ -36,8 +36,10 @@ __all__ = ["LoopCheck", "LoopNumbers", "recheck_document"]
 class LoopNumbers:
     """Metrics of a closed loop; NaN: unknown.
 
-    ``overshoot`` of a step as a fraction of it; ``rise`` (10 to 90 %) and ``settling`` (to 5 %) [s]; ``damping`` ratio;
-    ``oscillation`` with a constant command [SI, rad] and its ``period`` [s]. ``overshoot_std``: its standard error.
+    ``overshoot``: of a step, as a fraction of the step; ``overshoot_std``: its standard error.
+    ``rise`` (10 to 90 %), ``settling`` (to 5 %): times [s].
+    ``damping``: damping ratio.
+    ``oscillation``: amplitude with a constant command [SI, rad]; ``period``: its period [s].
     """
 
     overshoot: float = math.nan
@@ -53,9 +55,10 @@ class LoopNumbers:
 class LoopCheck:
     """The verdict on the loop of ``axis``.
 
-    ``kind``: good, degraded, poorly damped, oscillates, not identifiable. ``text``: the verdict as a sentence;
-    ``tone``: its colour; ``notes``: further sentences. ``now``: the metrics; ``then``: those of the last tune
-    (``when``).
+    ``kind``: good, degraded, poorly damped, oscillates, not identifiable.
+    ``text``: the verdict as a sentence; ``tone``: its colour; ``notes``: further sentences.
+    ``now``: the present metrics.
+    ``then``: the metrics of the last tune, at ``when``.
     """
 
     axis: str
@@ -70,7 +73,7 @@ class LoopCheck:
     remarks: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
-        """Return plain data; unknown numbers are None."""
+        """Return the verdict and the metrics as plain data for JSON; unknown numbers are None."""
 
         def plain(numbers: LoopNumbers) -> dict[str, float | None]:
             return {name: value if math.isfinite(value) else None for name, value in asdict(numbers).items()}
@@ -111,7 +114,7 @@ def _record(check: LoopCheck, run: Trial | None) -> Iterator[Section]:
 
 
 SECTIONS = (_metrics, _record)
-"""The sections in their order. To add one, add a function here."""
+"""Functions that return the sections of the report, in their order. To add a section, add its function here."""
 
 
 def _numbers(check: LoopCheck) -> Table:

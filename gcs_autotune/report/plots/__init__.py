@@ -32,16 +32,16 @@ __all__ = [
 def plot(
     result: Fit[Model] | Proposal | Diagnosis, ax: Axes | None = None, *, run: str = "", signal: str = ""
 ) -> Figure | Axes:
-    """Plot *result*; return the new figure, or *ax* if it is supplied.
+    """Plot *result* and return the new figure, or *ax* if it is supplied.
 
     A fit: model, measurement and residual per run and signal; on *ax* one trace. A proposal: the predicted step with
     the old and the new gains. A diagnosis: the residual of the simulation without and with the causes. *run* and
-    *signal* select a trace; empty: the first. Units are SI, but angles of a fit are in degrees.
+    *signal* select a trace; the default is the first trace. Units are SI, but angles of a fit are in degrees.
 
     Raises
     ------
     UsageError
-        There is no such trace, or *result* is none of these.
+        There is no such trace, or *result* is of another type.
 
     Examples
     --------

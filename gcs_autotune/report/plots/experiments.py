@@ -20,7 +20,7 @@ BLUE, RED, GREY = "#1f5fa8", "#b04a3a", "#888888"
 
 
 def correlation_plot(found: Identifiability) -> Figure:
-    """Return a plot of the correlation of the estimates. A dark square off the diagonal is a correlated pair."""
+    """Return a plot of the correlation of the estimates. A dark square off the diagonal marks a correlated pair."""
     from matplotlib.figure import Figure
 
     p = len(found.names)
@@ -35,7 +35,9 @@ def correlation_plot(found: Identifiability) -> Figure:
 
 
 def profile_plot(profiles: Sequence[Profile]) -> Figure:
-    """Return a plot of the rise of the deviance for each parameter, with the level at which the interval ends."""
+    """Return a plot of the rise of the deviance for each parameter, with the threshold at which the confidence interval
+    ends.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(3.2 * max(len(profiles), 1), 2.8), layout="constrained")

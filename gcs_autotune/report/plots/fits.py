@@ -27,14 +27,16 @@ __all__ = ["draw_trace", "fit_plot", "label_as_read", "plot_trace"]
 Array = NDArray[np.float64]
 
 MEASURED, MODEL, BAND, INK = "#d55e00", "#0072b2", "#9ecae1", "#222222"
-"""Colours from the colour-blind-safe palette of Okabe2008."""
+"""Colours of measurement, model, uncertainty band and residual, from the colour-blind-safe palette of Okabe2008."""
 
 MOST_POINTS = 900
-"""Most samples plotted per trace; more are not distinguishable."""
+"""Largest number of samples plotted per trace; more are not distinguishable. Project choice."""
 
 
 def draw_trace(top: Axes, bottom: Axes, trace: Trace, label: str = "") -> None:
-    """Plot measured and fitted motion on *top* and the residual on *bottom*, from the trace's own start."""
+    """Plot measured and fitted motion of *trace* on *top* and the residual on *bottom*. Time is zero at the start of
+    the trace.
+    """
     t, band, left, unit = _draw_motion(top, trace, label)
     bottom.fill_between(t, -band, band, color=BAND, alpha=0.6, lw=0)
     bottom.plot(t, left, color=INK, lw=0.8)
@@ -60,8 +62,8 @@ def _draw_motion(top: Axes, trace: Trace, label: str) -> tuple[Array, Array, Arr
 def label_as_read(axes: Axes, signal: str, first: float) -> None:
     """Label a vertical axis of *signal*; *first* [deg, m] is the first plotted value.
 
-    Depth increases downwards. A heading starts within 0 to 360 degrees and continues beyond that range. If labels were
-    wrapped one by one they would read 300, 0, 60 upwards.
+    Depth increases downwards. A heading starts within 0 to 360 degrees and continues beyond that range. If each label
+    were wrapped separately, they would read 300, 0, 60 upwards.
     """
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
@@ -95,7 +97,7 @@ def plot_trace(ax: Axes, traces: Sequence[Trace], run: str = "", signal: str = "
 
 
 def fit_plot(fit: Fit[Model]) -> Figure:
-    """Return a figure with the measured and the fitted motion for each run and signal, and the residual below."""
+    """Return a figure with the measured and the fitted motion for each run and signal, and their residual below."""
     from matplotlib.figure import Figure
 
     traces = fit.traces

@@ -23,7 +23,7 @@ def frequency_plot(
 ) -> Figure:
     """Return a figure with magnitude [dB], phase [deg] and coherence over frequency [rad/s].
 
-    Points with too low a coherence are pale. The bars contain the true value with 95 % probability.
+    Points with too low a coherence are pale. The error bars are 95 % confidence intervals.
 
     Parameters
     ----------

@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 __all__ = ["plot_residuals"]
 
 BEFORE, AFTER = "#d55e00", "#0072b2"
-"""Colours from the colour-blind-safe palette of Okabe2008."""
+"""Colours of the residual without and with the causes, from the colour-blind-safe palette of Okabe2008."""
 
 
 def plot_residuals(found: Diagnosis, ax: Axes | None, run: str, signal: str) -> Figure | Axes:
-    """Plot the measured minus the simulated motion of one run on *ax*, or on a new figure if it is None; return
-    that."""
+    """Plot the measured minus the simulated motion of one run on *ax* and return *ax*. If *ax* is None, plot on a new
+    figure and return that.
+    """
     before, after = (_trace(portraits, run, signal) for portraits in (found.before, found.after))
     if before is None:
         have = ", ".join(f"{p.signal} of {t.run}" for p in found.before for t in p.traces) or "none"

@@ -13,11 +13,15 @@ if TYPE_CHECKING:
 __all__ = ["plot_step"]
 
 BEFORE, AFTER, WANTED = "#d55e00", "#0072b2", "#009e73"
-"""Colours from the colour-blind-safe palette of Okabe2008."""
+"""Colours of the step with old gains, with new gains, and of the command, from the colour-blind-safe palette of
+Okabe2008.
+"""
 
 
 def plot_step(proposal: Proposal, ax: Axes | None) -> Figure | Axes:
-    """Plot the predicted step on *ax*, or on a new figure if it is None; return that."""
+    """Plot the predicted step with old and new gains on *ax* and return *ax*. If *ax* is None, plot on a new figure and
+    return that.
+    """
     if ax is None:
         from matplotlib.figure import Figure
 

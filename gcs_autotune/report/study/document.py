@@ -45,7 +45,7 @@ __all__ = ["damping_section", "fit_document", "method_list", "model_section", "s
 
 
 MOST_TRACES = 12
-"""Most traces plotted of each kind, so that the page stays small. Project choice."""
+"""Largest number of traces plotted of each kind, so that the page stays small. Project choice."""
 
 _HOW_TO_READ_STD = (
     "Rounded to the standard error. The bound (Cramér-Rao) is the smallest standard error of any unbiased method on "
@@ -55,7 +55,7 @@ _HOW_TO_READ_STD = (
 
 
 def study_document(study: Study) -> Document:
-    """Return the report of an identification. Its JSON form is that of the selected fit, with the validation."""
+    """Return the report of an identification. In JSON it is the selected fit with its validation."""
     fit, unseen = study.fit, study.answer.unseen
     return Document(
         title=study.title,
@@ -70,7 +70,7 @@ def study_document(study: Study) -> Document:
 
 
 def fit_document(fit: Fit[Model]) -> Document:
-    """Return the report of a single fit of any form."""
+    """Return the report of a single fit of any model form."""
     return Document(
         title=structure_title(fit),
         verdict=verdict_of(fit),
@@ -141,7 +141,7 @@ def _trace(study: Study, trace: Trace, name: str, caption: str) -> Figure:
 
 
 def damping_section(fit: Fit[Model], *, detail: bool = False) -> Iterator[Section]:
-    """Yield the explanation how the damping of one axis was chosen."""
+    """Yield notes and tables that explain how the damping of one axis was chosen."""
     if is_of_one_axis(fit) and (parts := damping_parts(fit)):
         yield Section("damping", "Choice of damping", parts, detail, facts=IN_RESULT)
 
@@ -258,11 +258,11 @@ SECTIONS = (
     _more,
     _runs,
 )
-"""The sections in their order. To add one, add a function here."""
+"""Functions that return the sections of the report, in their order. To add a section, add its function here."""
 
 
 def method_list(methods: Iterable[Method]) -> Document:
-    """Return every method with its kinds of models and its options."""
+    """Return the list of all identification methods, with the kinds of models and the options of each."""
     rows = []
     for m in methods:
         kinds = " and ".join(k for k, there in (("one axis", m.axis), ("coupled", m.coupled)) if there is not None)

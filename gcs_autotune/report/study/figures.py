@@ -17,13 +17,13 @@ __all__ = ["draw_correlation", "draw_methods"]
 
 
 DEEPEST = 0.7
-"""Opacity of the cell of a fully correlated pair. Its number is then legible on light and dark pages."""
+"""Opacity of a cell with correlation 1. Its number is legible on light and dark pages. Project choice."""
 
 _COLOURS = (AFTER, BEFORE, WANTED, "#cc79a7", "#e69f00", "#56b4e9", FAINT)
 
 
 def draw_correlation(fit: Fit[Model]) -> Figure | None:
-    """Plot the correlation of every pair of estimates. Return None for fewer than three estimates."""
+    """Return a figure with the correlation of every pair of estimates; None for fewer than three estimates."""
     from matplotlib.patches import Rectangle
 
     names = [n for n, p in fit.parameters.items() if p.std > 0.0]
@@ -47,7 +47,9 @@ def draw_correlation(fit: Fit[Model]) -> Figure | None:
 
 
 def draw_methods(selected: Fit[Model], fits: Sequence[Fit[Model]]) -> Figure | None:
-    """Plot the estimates of each method relative to the *selected* one. Return None for a single method."""
+    """Return a figure with the estimates of each method relative to those of the *selected* method; None for a single
+    method.
+    """
     if len(fits) < 2:
         return None
     names = [n for n, p in selected.parameters.items() if p.status == "fitted" and p.value != 0.0][:10]

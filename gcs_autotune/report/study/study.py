@@ -37,7 +37,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class RunRow:
-    """One run of the study: its contents and its use."""
+    """One run of an identification: its contents and its use."""
 
     name: str
     source: str
@@ -49,7 +49,9 @@ class RunRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodOutcome:
-    """The result of one method: a fit with its prediction of held-out data, or the reason why it failed."""
+    """The result of one identification method: a fit with its prediction of held-out data, or the reason why it
+    failed.
+    """
 
     method: str
     fit: Fit[Model] | None
@@ -63,12 +65,13 @@ class MethodOutcome:
 class Study:
     """The complete record of an identification.
 
-    ``outcomes``: one per method, the first fitted one is selected. ``how_unseen``: the data of the held-out check.
-    ``choice``: rows of the structure decision, in the columns of ``study_tables.choice_table``.
+    ``outcomes``: one per method; the first with a fit is selected.
+    ``how_unseen``: what data the held-out check used.
+    ``choice``: rows of the comparison of structures, in the columns of ``study_tables.choice_table``.
     ``trials``: the runs, for the figures of inputs and track.
     ``comparisons``: comparison with the model ``compared_with``, axis by axis.
-    ``not_distinguished``, ``intervals``, ``proposals``: sentences; ``figures``: extra figures as (caption,
-    function that draws it).
+    ``not_distinguished``, ``intervals``, ``proposals``: sentences.
+    ``figures``: extra figures as (caption, function that draws it).
     """
 
     title: str
@@ -90,7 +93,7 @@ class Study:
 
     @property
     def answer(self) -> MethodOutcome:
-        """The selected outcome."""
+        """The outcome of the selected method: the first one with a fit."""
         return next(o for o in self.outcomes if o.fit is not None)
 
     @property
@@ -102,7 +105,7 @@ class Study:
 
 
 def comparison_sentences(study: Study) -> tuple[str, ...]:
-    """Return the steady state and the rise time of both models, two sentences per degree of freedom."""
+    """Return two sentences per degree of freedom that compare steady state and rise time of both models."""
     return tuple(s for c in study.comparisons for s in _compared(c, study.compared_with))
 
 
@@ -124,7 +127,7 @@ def _compared(c: DofComparison, other: str) -> tuple[str, str]:
 
 
 def structure_title(fit: Fit[Model]) -> str:
-    """Return the heading of the model's table."""
+    """Return the heading of the table with the fitted model."""
     if is_of_one_axis(fit):
         return f"Model of {fit.dof}: {model_words(fit)} ({fit.structure})"
     known = FORMS.get(fit.structure)
@@ -132,7 +135,7 @@ def structure_title(fit: Fit[Model]) -> str:
 
 
 def answer_sentences(fit: Fit[Model]) -> tuple[str, ...]:
-    """Return sentences on the meaning of a fit, its residual and its origin."""
+    """Return sentences on the selected fit: its meaning, its residual and its origin."""
     about = model_sentences(fit) if is_of_one_axis(fit) else _residual_sentences(fit)
     return (*about, f"Method: {fit.method}, from {', '.join(fit.used)}.")
 
@@ -151,7 +154,7 @@ def _residual_sentences(fit: Fit[Model]) -> tuple[str, ...]:
 
 
 def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
-    """Return the remarks below the table of held-out predictions."""
+    """Return the remarks to print below the table of held-out predictions."""
     poor = answer.unseen is not None and any(s.fit_percent < 0.0 for s in answer.unseen.statistics)
     return (
         ("A fit below 0 % means that the prediction error is larger than the variation of the signal.",) if poor else ()
@@ -159,7 +162,9 @@ def unseen_remarks(answer: MethodOutcome) -> tuple[str, ...]:
 
 
 def verdict_of(fit: Fit[Model], unseen: Validation | None = None) -> Verdict:
-    """Return how well a fit explains the motion, or predicts held-out data if available, and what kind of fit it is."""
+    """Return the verdict of an identification: how well the fit predicts held-out data, or else explains the motion,
+    and its kind.
+    """
     percent = fit.fit_percent if unseen is None else unseen.fit_percent
     said = explained_sentence(fit.fit_percent)
     if unseen is not None:

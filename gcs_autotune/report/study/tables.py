@@ -71,7 +71,7 @@ _NAMED = {
 
 
 def parameter_table(fit: Fit[Model]) -> Table:
-    """Return every parameter rounded to its standard error, with the Cramér-Rao bound."""
+    """Return a table of all parameters, rounded to their standard errors, with their Cramér-Rao bounds."""
     if is_of_one_axis(fit) and all(math.isnan(p.bound) for p in fit.parameters.values()):
         return model_table(fit)
     axis = meanings(fit) if is_of_one_axis(fit) else None
@@ -110,7 +110,7 @@ def _remark(p: Parameter) -> str:
 
 
 def meaning_of(name: str) -> str:
-    """Return the meaning of a derivative; empty if unknown."""
+    """Return the meaning of a SNAME derivative as text; empty if unknown."""
     if name in _NAMED:
         return _NAMED[name]
     force, _, rest = name.partition("_")
@@ -128,7 +128,7 @@ def meaning_of(name: str) -> str:
 
 
 def method_table(study: Study) -> Table:
-    """Return the fit and the prediction of held-out data for each method, or the reason why it failed."""
+    """Return a table with fit and held-out prediction of each method, or the reason why it failed."""
     return Table(
         ("method", "fit", "held out", "time", "remark"), "lrrrl", tuple(_method_row(o) for o in study.outcomes)
     )
@@ -143,7 +143,7 @@ def _method_row(outcome: MethodOutcome) -> tuple[str, ...]:
 
 
 def estimate_tables(study: Study) -> tuple[Table, ...]:
-    """Return the estimates of each method, a few parameters per table."""
+    """Return tables that compare the estimates of the methods, with :data:`ABREAST` parameters per table."""
     fits = [o.fit for o in study.outcomes if o.fit is not None]
     names = list(dict.fromkeys(n for f in fits for n, p in f.parameters.items() if p.std > 0.0))
     tables = []
@@ -162,13 +162,13 @@ def _estimate(fit: Fit[Model], name: str) -> str:
 
 
 def run_table(study: Study) -> Table:
-    """Return the runs, their contents and their use."""
+    """Return a table of the runs, with their contents and their use."""
     rows = tuple((r.name, format_seconds(r.duration), str(r.samples), " ".join(r.signals), r.role) for r in study.runs)
     return Table(("run", "length", "samples", "channels", "used for"), "lrrll", rows)
 
 
 def unseen_table(found: Validation | None, dof: str) -> Table:
-    """Return the free-run prediction of held-out data by a fit of the degree of freedom or form *dof*."""
+    """Return a table with the free-run prediction of held-out data, by a fit of the degree of freedom or form *dof*."""
     pairs = () if found is None else zip(found.traces, found.statistics, strict=True)
     rows = tuple(
         (
@@ -184,10 +184,10 @@ def unseen_table(found: Validation | None, dof: str) -> Table:
 
 
 def choice_table(study: Study) -> Table:
-    """Return the comparison of structures."""
+    """Return a table that compares the candidate structures of a model."""
     return Table(("structure", "held-out error", "BIC - best", "verdict"), "lrrl", study.choice)
 
 
 def proposal_table(study: Study) -> Table:
-    """Return the proposed manoeuvres, best first."""
+    """Return a table of the proposed manoeuvres, best first."""
     return Table(("manoeuvre", "how", "expected improvement", "needs"), "llll", study.proposals)

@@ -62,12 +62,12 @@ _DAMPING: Mapping[str, str] = {
 
 
 def structure_words(structure: str) -> str:
-    """Return the name of a structure, e.g. ``nonlinear`` -> ``quadratic damping``."""
+    """Return the name of a damping structure in words, e.g. ``nonlinear`` -> ``quadratic damping``."""
     return _STRUCTURES.get(structure, structure)
 
 
 def model_words(fit: AxisFit) -> str:
-    """Return the text of the parts of a model: its damping and its actuator effects."""
+    """Return the structure of a fitted model in words: its damping and its actuator effects."""
     found = listed([_effect_title(e) for e in fit.effects]) if fit.effects else ""
     return structure_words(fit.structure) + (f", with {found}" if found else "")
 
@@ -104,7 +104,7 @@ def decision_sentence(fit: AxisFit) -> str:
 
 
 def model_sentences(fit: AxisFit) -> tuple[str, ...]:
-    """Return sentences on the model: damping, lag, speed at the largest output flown, actuator, residual."""
+    """Return sentences on a fitted model: damping, lag, speed at the largest output flown, actuator, residual."""
     model, axis = fit.model, fit.model.axis
     unit = "rad/s" if axis.angular else "m/s"
     said = [_DAMPING[fit.structure]]
@@ -230,19 +230,19 @@ def _moved(effect: EffectInstance, label: str, by: float) -> EffectInstance:
 
 
 def explains(percent: float) -> str:
-    """Return the text ``explains 74 % of``, or ``explains nothing of`` for a fit of 0 % or less."""
+    """Return the text ``explains 74 % of``, or ``explains nothing of`` if *percent* is 0 or less."""
     if percent > 0.0:
         return f"explains {format_percent(percent)} of"
     return "explains nothing of"
 
 
 def explained_sentence(percent: float, motion: str = "the motion used for the fit", also: str = "") -> str:
-    """Return a sentence on how much of a *motion* a model explains in a free run; *also* is appended."""
+    """Return a sentence on how much [%] of *motion* a model explains in a free run. The text *also* is appended."""
     return f"Simulated from the inputs alone, the model {explains(percent)} {motion}{also}."
 
 
 def remainder_sentence(left: Remainder, unit: str) -> str:
-    """Return a sentence on the residual: white noise, and the correlated, unexplained part."""
+    """Return a sentence on the RMS residual: its white noise, and its correlated, unexplained remainder."""
     rms = format_error(left.rms, unit, 2)
     if not math.isfinite(left.rms):
         return ""
@@ -286,7 +286,7 @@ _STATUS: Mapping[str, str] = {
 
 
 def model_table(fit: AxisFit) -> Table:
-    """Return the identified parameters, rounded to their standard errors."""
+    """Return a table of the identified parameters, rounded to their standard errors."""
     meaning = meanings(fit)
     rows = tuple(
         (
@@ -308,7 +308,7 @@ def _parameter_value(parameter: Parameter) -> str:
 
 
 def meanings(fit: AxisFit) -> dict[str, str]:
-    """Return the meaning of each parameter of one axis."""
+    """Return name -> meaning of the parameters of one axis."""
     words = ("inertia with added mass", "linear damping", "quadratic damping", "constant disturbance")
     found = {**dict(zip(fit.model.axis.parameter_names(), words, strict=True)), "delay": "input delay"}
     for own in fit.effects:
@@ -322,7 +322,7 @@ def short_name(name: str) -> str:
 
 
 def cycle_table(fit: AxisFit) -> Table:
-    """Return the limit cycles that IS-O evaluated in the relay experiments."""
+    """Return a table of the limit cycles that IS-O evaluated in the relay experiments."""
     unit = fit.model.axis.position_unit
     rows = tuple(_cycle_row(e, unit, fit.model.input_unit) for e in fit.iso)
     heads = ("output C", "x_a set", "x_a* real", "amplitude", "bias", "period", "periods", "scatter", "valid")
@@ -357,7 +357,7 @@ def _output(value: float, input_unit: str) -> str:
 
 
 def estimate_table(fit: AxisFit) -> Table:
-    """Return the estimates of IS-O per experiment, and the refined fit."""
+    """Return a table with the estimates of IS-O from each experiment, and of the refined fit."""
     names = fit.model.axis.parameter_names()
     rows = [
         (f"IS-O {i}", *(format_number(v) for v in (e.alpha, e.beta, e.beta_quadratic, e.delta)))
@@ -368,7 +368,7 @@ def estimate_table(fit: AxisFit) -> Table:
 
 
 def candidate_table(fit: AxisFit) -> Table:
-    """Return the damping structures compared by BIC; the smallest is best."""
+    """Return a table of the damping structures compared by BIC; the smallest BIC is best."""
     best = min((c.bic for c in fit.candidates), default=math.nan)
     unit = fit.traces[0].unit if fit.traces and fit.traces[0].unit else fit.model.axis.position_unit
     taken = min((c.bic for c in fit.candidates if c.structure == fit.structure), default=best)
@@ -400,7 +400,9 @@ _HOW_TO_READ_BIC = (
 
 
 def damping_parts(fit: AxisFit) -> tuple[Part, ...]:
-    """Return how the damping was chosen: the decision from two experiments, and the structures compared."""
+    """Return notes and tables on the choice of the damping: the decision from two experiments, and the structures
+    compared.
+    """
     decided = () if fit.decision is None else (Note(decision_sentence(fit)),)
     if not fit.candidates:
         return decided

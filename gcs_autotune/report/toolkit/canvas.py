@@ -62,7 +62,7 @@ PENS: Mapping[str, str] = {
 """Colour -> the page's variable ``--plot-*`` (``style.css``) that replaces it, so that a dark page has dark plots."""
 
 WIDTH = 5.6
-"""Figure width [in]; the page scales it to its column."""
+"""Figure width [in]; the page scales the figure to its column. Project choice."""
 
 _STYLE: dict[Any, object] = {
     "font.family": "sans-serif",
@@ -93,7 +93,7 @@ _STYLE: dict[Any, object] = {
 
 @contextmanager
 def pens(name: str) -> Iterator[None]:
-    """Apply the style and the identifier salt of figure *name* while plotting and saving.
+    """Return a context that applies the style, and the identifier salt of figure *name*, for plotting and saving.
 
     The user's matplotlibrc is ignored, so that the report looks the same on every computer.
     """
@@ -106,7 +106,9 @@ def pens(name: str) -> Iterator[None]:
 
 
 def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure, list[Axes]]:
-    """Return a figure with one axes per height [in], stacked, with a shared time axis by default."""
+    """Return a figure with stacked axes, one per height [in], and the list of its axes. By default they share the time
+    axis.
+    """
     from matplotlib.figure import Figure
 
     top, bottom, gap = 0.28, 0.48, 0.14
@@ -126,9 +128,8 @@ def new_axes(heights: tuple[float, ...], *, share: bool = True) -> tuple[Figure,
 
 
 def new_columns(count: int, heights: tuple[float, ...]) -> tuple[Figure, list[list[Axes]]]:
-    """Return a figure of *count* columns, each with one axes per height [in].
-
-    Rows share the value axis, columns the time axis.
+    """Return a figure of *count* columns, each with one axes per height [in], and its axes. Rows share the value axis,
+    columns the time axis.
     """
     from matplotlib.figure import Figure
 
@@ -153,7 +154,9 @@ def new_columns(count: int, heights: tuple[float, ...]) -> tuple[Figure, list[li
 
 
 def new_row(count: int, height: float, *, polar_first: bool = False) -> tuple[Figure, list[Axes]]:
-    """Return a figure with *count* axes of one *height* [in] side by side, optionally with a compass rose first."""
+    """Return a figure with *count* axes of one *height* [in] side by side, and its axes. The first may be a
+    compass rose.
+    """
     from matplotlib.figure import Figure
 
     top, bottom, left, gap = 0.28, 0.48, 0.13, 0.16

@@ -10,7 +10,9 @@ __all__ = ["to_json"]
 
 
 def to_json(document: Document) -> dict[str, Any]:
-    """Return the facts of *document* and of its sections, for :func:`gcs_autotune.plain_json.json_text`."""
+    """Return the facts of *document* and of its sections as plain data, for
+    :func:`gcs_autotune.plain_json.json_text`.
+    """
     data = dict(document.facts)
     for section in document.sections:
         if section.facts is not None:

@@ -36,7 +36,7 @@ Tone = Literal["good", "neutral", "bad"]
 """Colour of a verdict: good, neutral, or a reason for caution."""
 
 IN_RESULT: Mapping[str, Any] = MappingProxyType({})
-"""``Section.facts`` of a section whose numbers are already in the document's own facts."""
+"""Value of ``Section.facts`` for a section whose numbers are already in the document's own facts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class KeyFigure:
-    """A number in the page's first row, with its label and a remark."""
+    """A main result in the first row of the page: its value, label and remark."""
 
     number: str
     label: str
@@ -62,7 +62,8 @@ class Note:
     """A sentence or paragraph, with a bold ``label`` if it has one.
 
     kind : ``text``; ``bullet`` of a list; ``command`` to copy, with *label* as its introduction; ``quiet``: explanation
-        of the part above. detail : whether the terminal leaves it out. Quiet notes are always left out there.
+    of the table or figure above. detail : whether the terminal leaves it out. The terminal always leaves out quiet
+    notes.
     """
 
     text: str
@@ -76,8 +77,8 @@ class Table:
     """A table: rows of text with column headings.
 
     align : one letter per column, ``l`` text or ``r`` number. note : a sentence below it that holds for all rows.
-    shown : rows shown at first, None for all; the terminal has only these, the page folds the rest under *fold*.
-    wide : headings of columns that do not fit into 80 characters. detail : whether the terminal leaves it out.
+    shown : rows shown at first, None for all; the terminal has only these rows; the page folds the others under *fold*.
+    wide : headings of the columns left out on a terminal of 80 characters. detail : whether the terminal leaves it out.
     """
 
     heads: tuple[str, ...]
@@ -104,9 +105,10 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading and its parts, in order. A nested section has a smaller heading.
+    """A heading with its notes, tables, figures and nested sections, in order. A nested section has a smaller heading.
 
-    slug : unique in the document; the page's anchor, and the key in JSON. detail : whether the terminal leaves it out.
+    slug : unique in the document; it is the page's anchor, and the key in JSON. detail : whether the terminal leaves it
+    out.
     facts : its JSON form; None: its text under its slug; :data:`IN_RESULT`: nothing in addition.
     """
 
@@ -122,13 +124,12 @@ Part = Note | Table | Figure | Section
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """A report.
-
-    title : its heading on the page. when : the moment, formatted. about : further words next to it; badge : a
-        highlighted word. verdict : None for a list without a verdict. lead : the result in plain words, before the
+    """A report as data, which a renderer can show in several ways. title : its heading on the page. when : date and
+    time as text. about : further words next to the date; badge : a highlighted word. verdict : None for a list without
+    a verdict. lead : the result in plain words, before the
         verdict, with
     *lead_figures*. contradictions : inconsistencies in the data, shown first. doubts : sentences with their remedies;
-        None if doubts do not apply. doubted : their subject. facts : the JSON form without the sections.
+        None if doubts do not apply. doubted : subject of the doubts. facts : the JSON form without the sections.
     """
 
     title: str
@@ -147,7 +148,7 @@ class Document:
 
 
 def is_empty(part: Part) -> bool:
-    """Return whether there is nothing to show: no text, row or part. Every renderer then leaves it out."""
+    """Return whether there is nothing to show: no text, row or section. Every renderer then leaves it out."""
     if isinstance(part, Note):
         return not part.text
     if isinstance(part, Table):
@@ -156,10 +157,10 @@ def is_empty(part: Part) -> bool:
 
 
 def notes(texts: tuple[str, ...]) -> Iterator[Note]:
-    """Yield one note per sentence."""
+    """Yield each of the sentences as a note."""
     return (Note(text) for text in texts)
 
 
 def bullets(texts: tuple[str, ...]) -> Iterator[Note]:
-    """Yield one bullet per sentence."""
+    """Yield each of the sentences as a note in the form of a bullet."""
     return (Note(text, kind="bullet") for text in texts)

@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """t, y : (n,) in SI units, all finite."""
+    """Samples of one signal: times ``t`` and values ``y``, (n,) each, in SI units and finite."""
 
     t: Array
     y: Array
@@ -55,13 +55,13 @@ class Curve:
 
 
 def finite(t: Array, y: Array) -> Curve:
-    """Return the samples at which both are finite."""
+    """Return the samples at which both *t* and *y* are finite."""
     keep = np.isfinite(t) & np.isfinite(y)
     return Curve(t[keep], y[keep])
 
 
 def thin(curve: Curve, most: int = 600) -> Curve:
-    """Return about *most* samples at most, keeping the minimum and maximum of every bucket."""
+    """Return *curve* reduced to about *most* samples: minimum and maximum of equal intervals."""
     n = len(curve)
     if n <= most:
         return curve
@@ -80,14 +80,14 @@ LEAST_TRACK = 5.0
 """Shortest track that is plotted [m]; below it receiver noise dominates. Project choice."""
 
 MOST_INPUTS = 3
-"""Most inputs plotted of one run. Project choice."""
+"""Largest number of inputs plotted of one run. Project choice."""
 
 WIDEST = 100.0
-"""Widest interval plotted [% of the value]. A wider one includes zero."""
+"""Widest interval plotted [% of the value]. A wider interval includes zero. Project choice."""
 
 
 def inputs_of(model: object, trial: Trial | None) -> tuple[str, ...]:
-    """Return the channels of *trial* that drive *model*; empty if there are none."""
+    """Return the names of the channels of *trial* that drive *model*; empty if there are none."""
     wanted: Iterable[str] = ()
     if isinstance(model, SingleDof):
         wanted = (model.axis.force, "delta")
@@ -99,7 +99,7 @@ def inputs_of(model: object, trial: Trial | None) -> tuple[str, ...]:
 
 
 def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, end: float) -> None:
-    """Plot the inputs of a run from *start* to *end* [s by its timestamps], held between samples.
+    """Plot the inputs of a run from *start* to *end* [s by its timestamps], constant between samples.
 
     The time axis begins at *start*.
     """
@@ -117,7 +117,7 @@ def draw_inputs(axes: Axes, trial: Trial, names: Sequence[str], start: float, en
 
 
 def draw_track(runs: Mapping[str, Trial]) -> Figure | None:
-    """Plot the track over ground, north up, with equal scales. Return None if the craft hardly moved."""
+    """Plot the track over ground, north up, with equal scales. Return the figure, or None if the craft hardly moved."""
     tracks = []
     for label, trial in runs.items():
         if "x" in trial and "y" in trial and len(trial["x"]) > 1 and len(trial["y"]) > 1:
@@ -143,12 +143,14 @@ def draw_track(runs: Mapping[str, Trial]) -> Figure | None:
 
 
 def is_bent(actuator: Actuator | None) -> bool:
-    """Return whether the force is not proportional to the output."""
+    """Return whether the thrust of a fitted actuator is not proportional to its normalised output."""
     return actuator is not None and not actuator.is_plain
 
 
 def draw_thrust(actuator: Actuator, flown: Sequence[float] = ()) -> Figure:
-    """Plot force over output, both in percent of full. *flown*: normalised outputs of the experiments."""
+    """Return a figure of thrust over output, both in percent of full. *flown*: normalised outputs of the
+    experiments.
+    """
     figure, (axes,) = new_axes((2.4,), share=False)
     u = np.linspace(-1.0, 1.0, 401)
     ahead_only = bool(flown) and min(flown) >= 0.0
@@ -169,7 +171,9 @@ def draw_thrust(actuator: Actuator, flown: Sequence[float] = ()) -> Figure:
 
 
 def draw_intervals(parameters: Mapping[str, Parameter]) -> Figure | None:
-    """Plot the 95 % interval of every fitted parameter in percent of its value. Return None if none is known."""
+    """Plot the 95 % interval of every fitted parameter in percent of its value. Return the figure, or None if no
+    interval is known.
+    """
     known = [p for p in parameters.values() if p.status in ("fitted", "at_bound") and p.value and p.std > 0.0]
     known = [p for p in known if math.isfinite(p.std)]
     if not known:

@@ -45,11 +45,13 @@ BAR = 5
 """Width of the bar [characters], so that the signal still fits into 80 columns. Project choice."""
 
 STALE = 1.0
-"""Age of the last message [s] from which a silent link is shown first: ten control periods. Project choice."""
+"""Age of the last message [s] above which the line begins with the silence of the link: ten control periods. Project
+choice.
+"""
 
 
 def describe_progress(progress: Progress, width: int = 0) -> str:
-    """Return one line of *progress*. With a *width*, the least important parts are left out.
+    """Return *progress* as one line of text. With a *width* [characters], the least important items are left out.
 
     ``t`` is shown if the time since the start is unknown. Order of importance: stage, elapsed and remaining time,
     a silent link and the step, the signal and its target, periods, the nearest limit, amplitude, output, scatter.
@@ -148,7 +150,7 @@ class TerminalObserver:
         self.close()
 
     def update(self, progress: Progress) -> None:
-        """Show one control tick, if an update is due."""
+        """Show the progress at a control tick, if an update of the line is due."""
         if self._quiet:
             return
         if not progress.t >= self._began:
@@ -166,7 +168,7 @@ class TerminalObserver:
         self._console.print(Text(visible(text)))
 
     def note(self, fact: Fact) -> None:
-        """Show a text message of the vehicle if verbose; other facts are not shown."""
+        """Show a text message of the vehicle if verbose. Other notes are not shown."""
         if self._verbose and isinstance(fact, Words):
             self.say(f"vehicle message: {quoted([fact.text])}")
 
@@ -209,7 +211,7 @@ class _TimeLeft(ProgressColumn):
         self._given = given
 
     def render(self, task: Task) -> Text:
-        """Return minutes and seconds."""
+        """Return the text of the column: minutes and seconds."""
         left = max(0, round(self._given - (task.elapsed or 0.0)))
         return Text(f"at most {left // 60}:{left % 60:02d} left")
 

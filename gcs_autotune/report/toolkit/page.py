@@ -38,14 +38,16 @@ class _Laid:
 
 
 PHONE = 42
-"""Number of characters in a table row that fit on a phone 390 pixels wide."""
+"""Number of characters of a table row that fit on a phone 390 pixels wide. Project choice."""
 
 LEGIBLE = 14
 """Column width [characters] below which sentences would break into single words. Project choice."""
 
 
 def to_html(document: Document) -> str:
-    """Return the page. The same document gives the same bytes. Empty figures and sections are left out."""
+    """Return *document* as the text of an HTML page. The same document always results in the same bytes. Empty figures
+    and sections are left out.
+    """
     environment = Environment(
         loader=PackageLoader("gcs_autotune.report", ""),
         autoescape=select_autoescape(["html"]),
@@ -85,7 +87,7 @@ def _blocks(parts: Sequence[Part]) -> Iterator[tuple[str, object]]:
 
 
 def drawn(figure: Figure) -> Iterator[_Drawn]:
-    """Yield the figure as SVG, if there is anything to plot."""
+    """Yield *figure* as an SVG element, if there is anything to plot."""
     with pens(figure.name):
         drawing = figure.draw()
         if drawing is not None:

@@ -24,7 +24,7 @@ DOUBTFUL = "bold yellow"
 
 
 def to_terminal(document: Document) -> Group:
-    """Return what the terminal shows, without figures and details; print it with :func:`print_document`.
+    """Return *document* as a ``rich`` renderable, without figures and details. Print it with :func:`print_document`.
 
     Contradictions come first. A document with a lead begins with the lead and its verdict. Any other document ends with
     its verdict, so that it is the last line on the screen.
@@ -33,12 +33,14 @@ def to_terminal(document: Document) -> Group:
 
 
 def print_document(console: Console, document: Document) -> None:
-    """Print :func:`to_terminal`. A command to copy stays on one line at any length."""
+    """Print *document* on a terminal as :func:`to_terminal` formats it. A command to copy stays on one line at
+    any length.
+    """
     console.print(to_terminal(document), crop=False)
 
 
 def render_text(document: Document, width: int = 80) -> str:
-    """Return :func:`to_terminal` as plain text, as in a pipe: no colour, no trailing blanks."""
+    """Return *document* as plain text, as printed into a pipe: without colour and trailing blanks."""
     console = Console(file=io.StringIO(), width=width, color_system=None, force_terminal=False, legacy_windows=False)
     with console.capture() as capture:
         print_document(console, document)

@@ -54,13 +54,13 @@ _PEOPLE: dict[str, tuple[str, float]] = {
 
 
 def to_people(unit: str) -> tuple[str, float]:
-    """Return (display unit, factor from SI); ``rad`` becomes degrees."""
+    """Return (display unit, factor from SI) of an SI *unit*; ``rad`` becomes degrees."""
     return _PEOPLE.get(unit, (unit, 1.0))
 
 
 def format_parameter(name: str, value: float, std: float, unit: str) -> str:
-    """Return :func:`format_value` of a parameter. A heading (``anchor``, ``direction`` [rad]) is first wrapped to 0 to
-    2 pi.
+    """Return a parameter's value with its standard error as text, by :func:`format_value`. A heading (``anchor``,
+    ``direction`` [rad]) is first wrapped to 0 to 2 pi.
 
     A heading with a standard error above a quarter turn is shown as not identifiable.
     """
@@ -88,7 +88,7 @@ def beside_telemetry(telemetry: AxisFit, onboard: AxisFit) -> list[str]:
 
 
 def format_factor(factor: float, digits: int = 3) -> str:
-    """Return a margin's factor as text; above 100, infinity included, ``more than 100``."""
+    """Return a margin's factor as text; a factor above 100, or infinite, is ``more than 100``."""
     return "more than 100" if factor > MOST_FACTOR else format_number(factor, digits)
 
 
@@ -103,14 +103,18 @@ def format_quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def format_error(value: float, unit: str, digits: int = 3) -> str:
-    """Return :func:`format_quantity` of an error. For a heading error above half a turn only that is stated."""
+    """Return an error [SI *unit*] as text in display units. For a heading error above half a turn, the text states only
+    that.
+    """
     if unit == "rad" and math.isfinite(value) and abs(value) > math.pi:
         return "over 180°"
     return format_quantity(value, unit, digits)
 
 
 def format_seconds(t: float, missing: str = UNKNOWN) -> str:
-    """Return a time span as text: tenths below a minute, else as ``2 min 05 s``; NaN gives *missing*."""
+    """Return a time span [s] as text: tenths of a second below a minute, else ``2 min 05 s``. NaN results in
+    *missing*.
+    """
     if math.isnan(t):
         return missing
     if math.isinf(t):
@@ -124,7 +128,7 @@ def format_seconds(t: float, missing: str = UNKNOWN) -> str:
 
 
 def format_percent(percent: float) -> str:
-    """Return a number as percentage: to a tenth below 10 and from 90 to 100, else whole.
+    """Return a percentage as text: to a tenth below 10 and from 90 to 100, else whole.
 
     ``format_percent(34.2)`` is ``"34 %"``, ``format_percent(98.63)`` is ``"98.6 %"``.
     """
@@ -135,7 +139,7 @@ def format_percent(percent: float) -> str:
 
 
 def format_share(share: float) -> str:
-    """Return a fraction as a percentage: ``format_share(0.245)`` is ``"24 %"``."""
+    """Return a fraction as text in percent: ``format_share(0.245)`` is ``"24 %"``."""
     return format_percent(100.0 * share)
 
 
@@ -150,7 +154,7 @@ def format_change(before: float, after: float) -> str:
 
 
 def format_moment(when: str) -> str:
-    """Return an ISO 8601 moment as ``2026-11-20 20:12 UTC``; anything else unchanged."""
+    """Return an ISO 8601 moment as ``2026-11-20 20:12 UTC``; any other text unchanged."""
     try:
         moment = datetime.fromisoformat(when)
     except ValueError:
@@ -160,15 +164,15 @@ def format_moment(when: str) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """Write powers as signs: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``.
+    """Return a unit with powers as superscripts: ``"N m s^2/rad^2"`` becomes ``"N m s²/rad²"``.
 
-    The unit ``1`` becomes ``""``. A normalised output times a unit becomes that unit.
+    The unit ``1`` becomes ``""``. A normalised output times a unit becomes the unit alone.
     """
     return "" if unit == "1" else unit.removeprefix("1 ").replace("^2", "²").replace("^3", "³")
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return a list as text: ``a, b and c``."""
+    """Return the items of a list as text: ``a, b and c``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -178,12 +182,12 @@ def contradictions_in(doubts: Iterable[Doubt]) -> tuple[str, ...]:
 
 
 def doubt_sentence(doubt: Doubt) -> str:
-    """Return the sentence of a doubt with its remedy."""
+    """Return a doubt and its remedy as text."""
     return f"{sentence(doubt.cause)} Cure: {sentence(doubt.cure)}"
 
 
 def doubt_sentences(doubts: Iterable[Doubt]) -> tuple[str, ...]:
-    """Return the sentence of each doubt with its remedy."""
+    """Return each doubt and its remedy as text."""
     return tuple(doubt_sentence(doubt) for doubt in doubts)
 
 

@@ -24,21 +24,23 @@ __all__ = ["LoopMargins", "draw_bode", "loop_margins"]
 
 
 OMEGA = np.logspace(-3.0, 3.0, 3000)
-"""Range of the frequency grid [rad/s]."""
+"""Frequency grid of the margins [rad/s], 500 points per decade. Project choice."""
 
 DECADES = 1.3
-"""Frequency factor plotted on either side of the crossings."""
+"""Decades of frequency plotted below the lowest and above the highest crossing. Project choice."""
 
 HIGHEST, LOWEST, LEAST_PHASE = 40.0, -50.0, -360.0
-"""Plot limits [dB] and [deg]; margins are well inside them."""
+"""Plot limits: highest and lowest magnitude [dB], lowest phase [deg]. Margins are well inside them. Project choice."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoopMargins:
-    """The smallest margins of some loops.
+    """The smallest margins of several loops.
 
-    ``gain``: ratio, for increase or decrease, at ``gain_at`` [rad/s]. ``phase`` [rad] at ``phase_at``. They are
-    infinite and pi if no crossing limits them. ``narrowest``: index of the loop with the smallest phase margin.
+    ``gain``: factor by which the gain may increase or decrease, at ``gain_at`` [rad/s].
+    ``phase``: phase margin [rad], at ``phase_at`` [rad/s].
+    They are infinite and pi if no crossing limits them.
+    ``narrowest``: index of the loop with the smallest phase margin.
     """
 
     stable: bool
@@ -67,7 +69,7 @@ def loop_margins(loops: Sequence[OpenLoop]) -> LoopMargins:
 def draw_bode(loops: tuple[Sequence[OpenLoop], Sequence[OpenLoop]], margins: Sequence[LoopMargins]) -> Figure:
     """Plot magnitude and phase of *loops* with old and new gains. The loop with the smallest phase margin is bold.
 
-    margins : result of :func:`loop_margins` for each.
+    margins : results of :func:`loop_margins` with the old and the new gains.
     """
     figure, (top, bottom) = new_axes((1.8, 1.5))
     read = tuple(zip(loops, (BEFORE, AFTER), ("present gains", "new gains"), margins, strict=True))

@@ -1,4 +1,4 @@
-"""The record of a tune as data: ``summary.json``."""
+"""The record of a tune as data for ``summary.json``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SCHEMA = 1
 
 
 def summarise(story: TuneStory) -> dict[str, Any]:
-    """Return a short summary for programs that read the results of many runs."""
+    """Return a short summary of a tune as plain data, for programs that read the results of many runs."""
     proposal, fit = story.proposal, story.fit
     return {
         "schema": SCHEMA,

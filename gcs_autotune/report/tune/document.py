@@ -71,11 +71,11 @@ from gcs_autotune.report.tune.wording import (
 __all__ = ["tune_document"]
 
 MOST_PARAMETERS = 24
-"""Most parameters listed without folding them. Project choice."""
+"""Largest number of parameters listed without folding them. Project choice."""
 
 
 def tune_document(story: TuneStory) -> Document:
-    """Return the report of a tune as far as it was completed. Its JSON form is ``summary.json``."""
+    """Return the report of a tune, as far as the tune was completed. Its JSON form is ``summary.json``."""
     fit = story.fit
     doubts = (*story.doubts, *(() if fit is None else doubt_sentences(fit.doubts)))
     return Document(
@@ -266,4 +266,4 @@ SECTIONS = (
     _parameters,
     _files,
 )
-"""The sections in their order. To add one, add a function here."""
+"""Functions that return the sections of the report, in their order. To add a section, add its function here."""

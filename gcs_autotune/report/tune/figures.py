@@ -70,12 +70,14 @@ __all__ = [
 
 
 MOST_PERIODS = 60
-"""Most periods of a relay experiment plotted: twice the number that an experiment may have. Project choice."""
+"""Largest number of periods plotted of a relay experiment: twice the number that an experiment may have.
+Project choice.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepLeg:
-    """A step, or the step back: times from its command [s], positions from the start of the step [rad or m]."""
+    """One leg of a step trial: times since its command [s], positions relative to the start of the step [rad or m]."""
 
     position: Curve
     target: Curve
@@ -84,7 +86,7 @@ class StepLeg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepSeries:
-    """The completed parts of a step trial: the step of ``size`` [rad or m] and the step back."""
+    """The completed legs of a step trial: the step of ``size`` [rad or m] and the step back."""
 
     legs: tuple[StepLeg, ...]
     size: float
@@ -92,9 +94,9 @@ class StepSeries:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RelaySeries:
-    """A relay experiment: times from its start [s], positions from the relay's reference [rad or m].
+    """A relay experiment: times since its start [s], positions relative to the relay's reference [rad or m].
 
-    ``switches``: where the relay switched; ``last_from``: start of the last ``periods``.
+    ``switches``: times at which the relay switched; ``last_from``: start of the last ``periods``.
     """
 
     name: str
@@ -107,7 +109,7 @@ class RelaySeries:
 
 
 def step_series(trial: Trial | None, watched: PlottedSignals, windows: Sequence[float] = ()) -> StepSeries | None:
-    """Return the step in *trial*; None if it contains none, because it was never flown or ended earlier.
+    """Return the step in *trial*; None if it contains no step, because none was flown or the trial ended before it.
 
     The marks ``target`` with ``value`` [rad or m] and ``phase`` (``hold``, ``step``, ``back``) locate it.
     windows : seconds of each leg to plot; without one, the whole leg.
@@ -157,7 +159,9 @@ def _value_before(targets: list[Mark], step: int, position: Channel) -> float:
 
 
 def relay_series(trial: Trial, watched: PlottedSignals, periods: int = 5) -> RelaySeries | None:
-    """Return the last :data:`MOST_PERIODS` periods in *trial*; None if it has no usable position."""
+    """Return the last :data:`MOST_PERIODS` periods of the relay experiment in *trial*; None if it has no usable
+    position.
+    """
     if watched.position not in trial:
         return None
     start = trial.start
@@ -200,16 +204,16 @@ def _from(channel: Channel, start: float, base: float) -> Curve:
 
 
 MOST_RELAYS = 6
-"""Most relay experiments and fit traces plotted, so that the page stays small. Project choice."""
+"""Largest number of relay experiments, and of fit traces, plotted, so that the page stays small. Project choice."""
 
 
 def step_figure(story: TuneStory) -> Iterator[Figure]:
-    """Yield the step before and after, or the predicted one."""
+    """Yield the figure of the step before and after the tune, or of the predicted step."""
     yield Figure("step", _step_caption(story), partial(_draw_step, story))
 
 
 def relay_figures(story: TuneStory) -> Iterator[Figure]:
-    """Yield each relay experiment, then the limit cycles."""
+    """Yield a figure of each relay experiment, then one of the limit cycles."""
     swung = story.swung
     noun = swung.noun
     flown = {run.name: run for run in story.relays}
@@ -228,7 +232,7 @@ def relay_figures(story: TuneStory) -> Iterator[Figure]:
 
 
 def fit_figures(story: TuneStory) -> Iterator[Figure]:
-    """Yield model and measurement of each run fitted."""
+    """Yield a figure with model and measurement of each fitted run."""
     flown = {run.name: run for run in story.relays}
     for i, trace in enumerate(story.fit.traces[:MOST_RELAYS] if story.fit else (), start=1):
         model = story.fit.model if story.fit else None
@@ -239,7 +243,9 @@ def fit_figures(story: TuneStory) -> Iterator[Figure]:
 
 
 def model_figures(story: TuneStory) -> Iterator[Figure]:
-    """Yield the uncertainty of each parameter, and the thrust curve if it is not proportional."""
+    """Yield a figure of the parameters' uncertainties, and one of the thrust curve if thrust is not proportional to
+    output.
+    """
     if story.fit is not None:
         yield Figure("intervals", INTERVALS_CAPTION, partial(draw_intervals, story.fit.parameters))
     proposal = story.proposal
@@ -258,7 +264,7 @@ def bode_figure(story: TuneStory) -> Iterator[Figure]:
 
 
 def track_figure(story: TuneStory) -> Figure:
-    """Return the track of all runs."""
+    """Return the figure with the track over ground of all runs."""
     runs = {t.name: t for t in (story.step_before, *story.relays, story.step_after) if t is not None}
     return Figure("track", "Track over ground, north up.", partial(draw_track, runs))
 

@@ -25,8 +25,8 @@ def write_story(story: TuneStory, directory: Path) -> Path:
     """Write the record of a tune into *directory* and return the path of ``report.html``.
 
     ``summary.json`` is always written; ``model.json``, ``fit.json``, ``gains.json``, ``parameters_before.json`` and
-    ``parameters_after.json`` if the tune got that far. The page comes last, so that the numbers are on disk even if
-    plotting fails.
+    ``parameters_after.json`` as far as the tune was completed. The page comes last, so that the numbers are on disk
+    even if plotting fails.
 
     Raises
     ------

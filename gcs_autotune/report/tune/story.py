@@ -19,7 +19,7 @@ __all__ = ["PLOTTED_SIGNALS", "PlottedSignals", "TuneStory"]
 class PlottedSignals:
     """The signals plotted for a manoeuvre: position or velocity, its rate if it has one, and the actuator.
 
-    ``unit`` SI; ``noun`` its common name.
+    ``unit``: SI unit of the position; ``noun``: common name of the signal.
     """
 
     position: str
@@ -37,7 +37,7 @@ PLOTTED_SIGNALS: Mapping[str, PlottedSignals] = {
     "u": PlottedSignals("u", "", "X", "m/s", "speed"),
     "r": PlottedSignals("r", "", "N", "rad/s", "turn rate"),
 }
-"""Signal -> how it is plotted."""
+"""Signal of a manoeuvre -> the signals plotted with it, their unit and name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,9 +47,9 @@ class TuneStory:
     Attributes
     ----------
     when : ISO 8601 moment, supplied by the caller (this module never reads a clock).
-    vehicle : its data: ``name, firmware, version, system_id, link, simulated`` and more.
+    vehicle : data of the vehicle: ``name, firmware, version, system_id, link, simulated`` and more.
     announced : the announcement, one line per entry.
-    rates : message name -> (requested, measured) [Hz].
+    rates : message name -> (requested, measured rate) [Hz].
     beside : the turn-rate step flown with a heading step, with old and new gains.
     missions : the flights of a tune of the line.
     track_before, track_after : how they followed their route, with old and new parameters.
@@ -60,9 +60,9 @@ class TuneStory:
     given : data of the model used for the design, if it came from a file instead of a fit.
     given_changes : changes by gains from a file, if none were designed.
     proving : the command that proves the gains of a file by the same step, without the file.
-    doubts : sentences about the tune as a whole (the fit carries its own).
-    directory : the run directory as the user typed it; ``files`` in it (listed from disk if empty).
-    restore_file : the file in it that restores the old parameters.
+    doubts : doubts about the tune as a whole (the fit contains its own).
+    directory : the run directory as the user typed it; ``files`` : names of its files (listed from disk if empty).
+    restore_file : the file in the run directory that restores the old parameters.
     """
 
     title: str
@@ -114,14 +114,14 @@ class TuneStory:
 
     @property
     def swung(self) -> PlottedSignals:
-        """The signals of the experiments: a boat's speed for throttle steps, else the position."""
+        """The signals plotted for the experiments: a boat's speed for throttle steps, else the position."""
         told = next((str(t.meta["signal"]) for t in self.relays if "signal" in t.meta), self.dof.position)
         signal = told if told == "u" else self.dof.position
         return PLOTTED_SIGNALS.get(signal, _plain(self.dof))
 
     @property
     def changes(self) -> tuple[Change, ...]:
-        """The gains proposed or supplied: old and new."""
+        """Changes of the gains, proposed by the design or supplied by a file: old and new values."""
         return self.given_changes if self.proposal is None else self.proposal.changes
 
     @property
@@ -132,7 +132,7 @@ class TuneStory:
 
     @property
     def differences(self) -> Mapping[str, tuple[float, float]]:
-        """Parameter -> (before, after) if they differ; empty unless both were read."""
+        """Parameter -> (value before, value after) of all that differ; empty unless both sets were read."""
         after = self.parameters_after
         return {
             name: (old, after[name])

@@ -55,7 +55,9 @@ _VEHICLE: Mapping[str, str] = {
 
 
 def gains_table(changes: Sequence[Change]) -> Table:
-    """Return old and new gains, the documented range and the reason. A common reason is shown once, as the note."""
+    """Return a table of old and new gains, with documented range and reason. A reason common to all is shown once, as a
+    note.
+    """
     common = _common_reason(changes)
     rows = tuple(_gain_row(change, common) for change in changes)
     if not common:
@@ -92,7 +94,7 @@ def _gain_row(change: Change, common: str) -> tuple[str, ...]:
 
 
 def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Table:
-    """Return the step metrics before and after, or of a single step. For all of them, lower is better."""
+    """Return a table of the step metrics before and after, or of a single step. For all metrics, lower is better."""
     if after is None or before is None:
         return _metrics_of_one(before or after)
     rows = []
@@ -110,7 +112,7 @@ def metrics_table(before: StepMetrics | None, after: StepMetrics | None) -> Tabl
 
 
 def beside_table(story: TuneStory) -> Table:
-    """Return the metrics of the turn-rate step of a heading tune; no rows without such a step."""
+    """Return a table of the metrics of a heading tune's turn-rate step; it has no rows without such a step."""
     before, after = story.beside or (None, None)
     table = metrics_table(before, after)
     return replace(table, heads=("turn rate, lower is better", *table.heads[1:]))
@@ -138,7 +140,9 @@ def _metrics_of_one(metrics: StepMetrics | None) -> Table:
 
 
 def margins_table(proposal: Proposal) -> Table:
-    """Return the stability margins at the identified model and at the worst point of its 95 % region."""
+    """Return a table of the stability margins, for the identified model and at the worst point of its 95 % confidence
+    region.
+    """
     shown = [_margin_cells(m) for m in (proposal.margins, proposal.worst_margins)]
     labels = ("stable", "gain margin", "phase margin", "delay margin")
     rows = tuple((label, *cells) for label, *cells in zip(labels, *shown, strict=True))
@@ -154,7 +158,7 @@ def _margin_cells(margins: Margins) -> tuple[str, ...]:
 
 
 def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
-    """Return the requested and measured message rates."""
+    """Return a table of the requested and measured message rates [Hz]."""
     rows = tuple(
         (
             name,
@@ -168,7 +172,7 @@ def rates_table(rates: Mapping[str, tuple[float, float]]) -> Table:
 
 
 def changed_parameters(story: TuneStory, most: int) -> Table:
-    """Return every parameter read, changed ones first. They are folded if there are more than *most*."""
+    """Return a table of all parameters read, changed ones first. If there are more than *most*, the page folds them."""
     changed = story.differences
     names = [*changed, *(n for n in story.parameters_before if n not in changed)]
     rows = tuple(
@@ -188,7 +192,7 @@ def changed_parameters(story: TuneStory, most: int) -> Table:
 
 
 def vehicle_table(vehicle: Mapping[str, object]) -> Table:
-    """Return the vehicle's data without headings, known keys first, without tables of numbers."""
+    """Return a table of the vehicle's data, known keys first. It has no headings and omits nested tables."""
     plain = [k for k, value in vehicle.items() if not isinstance(value, Mapping)]
     keys = [*(k for k in _VEHICLE if k in plain), *(k for k in plain if k not in _VEHICLE)]
     rows = tuple((_VEHICLE.get(k, k.replace("_", " ")), _plain(vehicle[k])) for k in keys)

@@ -76,7 +76,7 @@ def verdict_of(story: TuneStory) -> Verdict:
 
 
 def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
-    """Return one sentence that compares two steps; *how*: the origin of the numbers."""
+    """Return one sentence that compares two steps; *how*: text that states the origin of the numbers."""
     return (
         f"Step response ({how}): tracking error {_change_words(before.itae, after.itae)}; overshoot "
         f"{format_share(after.overshoot)} (before: {format_share(before.overshoot)}); "
@@ -99,7 +99,7 @@ def _metres(corners: Sequence[float]) -> str:
 
 
 def turn_rates(before: StepMetrics, after: StepMetrics) -> str:
-    """Return one sentence on the turn-rate step flown with the same gains."""
+    """Return one sentence on the turn-rate step of a heading tune, flown with old and new gains."""
     old, new = (format_share(max(1.0 - m.steady_error, 0.0)) for m in (before, after))
     return (
         f"Turn-rate step with the same gains (measured): tracking error {_change_words(before.itae, after.itae)}; "
@@ -108,7 +108,7 @@ def turn_rates(before: StepMetrics, after: StepMetrics) -> str:
 
 
 def as_it_is(now: StepMetrics) -> str:
-    """Return one sentence on the step flown with gains that stay."""
+    """Return one sentence on the step flown with gains that are not changed."""
     return (
         f"Step response with these gains (measured): overshoot {format_share(now.overshoot)}; {_settling_words(now)}."
     )
@@ -123,7 +123,7 @@ def _settling_words(metrics: StepMetrics) -> str:
 
 
 def settling_cell(metrics: StepMetrics) -> str:
-    """Return the settling time, or the reason why there is none, for a table cell."""
+    """Return the text of a table cell: the settling time, or the reason why there is none."""
     return format_seconds(metrics.settling, "hidden by noise" if metrics.hidden_by_noise else "not reached")
 
 
@@ -160,7 +160,7 @@ def _margin_words(margins: Margins) -> str:
 
 
 def parameters_sentence(story: TuneStory) -> str:
-    """Return a sentence on the known state of the vehicle's parameters at the end."""
+    """Return a sentence on the state of the vehicle's parameters at the end of a tune, as far as known."""
     if not story.parameters_before:
         return "No parameter was read, and none was written."
     if not story.changes or story.ending in ("dry-run", "declined", "unchanged"):
@@ -194,18 +194,20 @@ def undo_sentence(story: TuneStory) -> str:
 
 
 def undo_command(story: TuneStory) -> str:
-    """Return the command that restores the old parameters."""
+    """Return the command line that restores the old parameters."""
     path = PurePath(story.directory) / story.restore_file
     return f"gcs-autotune params restore {shlex.quote(str(path))}"
 
 
 def proof_command(story: TuneStory) -> str:
-    """Return the command that writes the proposed gains and proves them by the step that was flown."""
+    """Return the command line that writes the proposed gains and tests them by the step that was flown."""
     return f"{story.proving} {shlex.quote(str(PurePath(story.directory) / 'proposed.param'))}"
 
 
 def bound_sentence(bound: tuple[float, float]) -> str:
-    """Return a sentence with the stability bound of Miskovic2010, eq. (8.22)-(8.27), evaluated."""
+    """Return a sentence on whether the gains satisfy the stability bound of Miskovic2010, eq. (8.22)-(8.27), with its
+    value.
+    """
     left, right = bound
     if math.isnan(left) or math.isnan(right):
         return (
