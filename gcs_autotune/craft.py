@@ -35,7 +35,7 @@ class Observation:
 
     ``t`` is the vehicle's timestamp [s] of the attitude in this observation; ``psi`` is unwrapped
     (continuous from the first one); ``d`` is the distance to a wall ahead [m]; ``d_starboard`` that of a second
-    rangefinder. ``output`` holds the *measured* actuator
+    rangefinder. ``waypoint`` is the number of the mission item under way. ``output`` holds the *measured* actuator
     demand per force name (``{"N": 0.3, "Z": 0.0, "X": 0.5}``, fractions of full output, from SERVO_OUTPUT_RAW);
     ``output_t`` [s] is its time stamp. ``age`` is seconds of link-clock time since the last message.
     """
@@ -54,6 +54,7 @@ class Observation:
     speed: float = math.nan
     d: float = math.nan
     d_starboard: float = math.nan
+    waypoint: float = math.nan
     output: Mapping[str, float] = field(default_factory=dict)
     output_t: float = math.nan
     armed: bool = False

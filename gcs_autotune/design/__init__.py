@@ -26,6 +26,7 @@ from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
+from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, line_changes
 from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
@@ -36,10 +37,12 @@ from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Proposal, StepMetrics
 from gcs_autotune.design.spec import Spec
 from gcs_autotune.design.step_metrics import combine, step_metrics
+from gcs_autotune.design.track_metrics import TrackMetrics, follows_better, track_metrics
 from gcs_autotune.design.verdict import Verdict, is_better, is_followed, scatter_of
 
 __all__ = [
     "LAWS",
+    "LINE_PARAMETERS",
     "OTHER_MODE",
     "SHORTER",
     "USED",
@@ -51,6 +54,7 @@ __all__ = [
     "CraftModels",
     "DiskMargin",
     "FlownModel",
+    "HullTurn",
     "Hunting",
     "Law",
     "LoopAnalysis",
@@ -67,6 +71,7 @@ __all__ = [
     "Scenario",
     "Spec",
     "StepMetrics",
+    "TrackMetrics",
     "Verdict",
     "analyse_own",
     "analyse_proposal",
@@ -75,11 +80,13 @@ __all__ = [
     "crossings",
     "design",
     "design_from",
+    "follows_better",
     "holding",
     "in_fractions",
     "is_better",
     "is_followed",
     "limits_for",
+    "line_changes",
     "over_windows",
     "provisional",
     "pulse_of",
@@ -88,5 +95,6 @@ __all__ = [
     "shortfall_of",
     "step_metrics",
     "throttle_of",
+    "track_metrics",
     "turn_rate_step",
 ]

@@ -137,7 +137,7 @@ class DesignProblem:
         return [worst([next(each) for _ in range(count)]) for count in counts]
 
     def loops(self, settings: Settings, wanted: ReferenceModel, model: SingleDof | None = None) -> tuple[OpenLoop, ...]:
-        """Return the open loops that :meth:`margins` evaluates, opened at the actuator (*model* None: as identified)."""
+        """Return the open loops that :meth:`margins` evaluates, opened at the actuator (*model* None: identified)."""
         controller = self.law.controller(settings, self.speed) * slow(self.actuator.lag)
         plants = self._plants(model or self.model, settings, wanted)
         return tuple(open_loop(constant(p.gain) * controller, p.alpha, p.drag, p.delay) for p in plants)

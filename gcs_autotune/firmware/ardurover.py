@@ -156,6 +156,7 @@ FIRMWARE = Firmware(
     manual_mode="MANUAL",
     rest_mode="HOLD",
     hold_mode="GUIDED",
+    mission_mode="AUTO",
     channels={"N": 1, "X": 3},
     channel_signs={"N": 1.0, "X": 1.0},
     neutral_pwm=1500,

@@ -124,6 +124,7 @@ class Firmware:
     ``manual_dead_zone``: whether ``manual_mode`` applies the channel's dead zone ``RCn_DZ``. ``fixed_outputs``: wiring
     of versions before SERVOn_FUNCTION; None if there are none. ``unsuited``: vehicle settings that are not supported,
     checked first.
+    ``mission_mode``: the mode that flies the stored mission; empty if this program knows none.
 
     ``failsafes``: those that act on the loss of the ground station. ``stops_in``: the modes in which nothing is driven,
     whoever commanded them. ``boots_in``: the parameter with the number of the mode after a restart, and that number if
@@ -157,6 +158,7 @@ class Firmware:
     rc_map: Mapping[str, str] = field(default_factory=dict)
     idle: Mapping[str, int] = field(default_factory=dict)
     from_one_end: Sequence[str] = ()
+    mission_mode: str = ""
     fixed_outputs: FixedOutputs | None = None
     unsuited: Sequence[Unsuited] = ()
     failsafes: Sequence[Failsafe] = ()

@@ -174,6 +174,15 @@ FLOWN = (
         0.0,
     ),
     Limit(
+        "leg-length",
+        "length of the legs of the mission that proves a line",
+        "m",
+        10.0,
+        500.0,
+        "below, a boat is not on its leg before it ends; above, the mission takes too long",
+        None,
+    ),
+    Limit(
         "line-offset",
         "distance of the line to starboard; negative: to port",
         "m",

@@ -35,6 +35,17 @@ from gcs_autotune.link.vehicle.commands import Commands
 from gcs_autotune.link.vehicle.fence import FENCE_PARAMETERS, FenceItem, read_fence
 from gcs_autotune.link.vehicle.handshake import NEEDED_RATES, WANTED_RATES, difference, fingerprint_of, open_craft
 from gcs_autotune.link.vehicle.mavlink_craft import MavlinkCraft, read_failsafes
+from gcs_autotune.link.vehicle.mission_transfer import (
+    MissionItem,
+    MissionLoan,
+    StoredMission,
+    is_ours,
+    read_mission,
+    same_mission,
+    set_current,
+    waypoint,
+    write_mission,
+)
 from gcs_autotune.link.vehicle.rates import Granted, Rates
 from gcs_autotune.link.vehicle.vehicle_config import VehicleConfig
 
@@ -53,6 +64,8 @@ __all__ = [
     "JournalState",
     "MavlinkCraft",
     "MemoryLink",
+    "MissionItem",
+    "MissionLoan",
     "OnboardLog",
     "Overheard",
     "ParameterTransaction",
@@ -61,19 +74,26 @@ __all__ = [
     "PortSeen",
     "Rates",
     "Session",
+    "StoredMission",
     "Transport",
     "VehicleConfig",
     "difference",
     "fetch_log",
     "fingerprint_of",
     "is_being_written",
+    "is_ours",
     "list_logs",
     "open_craft",
     "open_link",
     "overhear",
     "read_failsafes",
     "read_fence",
+    "read_mission",
     "read_outputs",
     "same_float32",
+    "same_mission",
     "serial_ports",
+    "set_current",
+    "waypoint",
+    "write_mission",
 ]

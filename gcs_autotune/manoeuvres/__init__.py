@@ -16,7 +16,8 @@ from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
 from gcs_autotune.manoeuvres.dive import Dive, DiveSettings
-from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, Envelope, Guard, far_out
+from gcs_autotune.manoeuvres.envelope import FAR_OUT, GUARDS, NEARLY, TO_COME_ABOUT, Envelope, Guard, far_out
+from gcs_autotune.manoeuvres.fly_mission import FlyMission, ProofCourse
 from gcs_autotune.manoeuvres.follow_line import FollowLine, state_on
 from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.keep_distance import KeepDistance
@@ -50,6 +51,7 @@ __all__ = [
     "MANOEUVRES",
     "NEARLY",
     "SPEED_TIME",
+    "TO_COME_ABOUT",
     "Area",
     "CalmCheck",
     "ComeBack",
@@ -59,6 +61,7 @@ __all__ = [
     "DiveSettings",
     "Ending",
     "Envelope",
+    "FlyMission",
     "FollowLine",
     "Guard",
     "KeepDistance",
@@ -73,6 +76,7 @@ __all__ = [
     "PlantState",
     "Preset",
     "Preview",
+    "ProofCourse",
     "Relay",
     "RelaySettings",
     "Sequencer",

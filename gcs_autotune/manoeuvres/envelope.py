@@ -11,7 +11,7 @@ from gcs_autotune.errors import GuardTripped, UsageError
 from gcs_autotune.manoeuvres.area import Area, how_far
 from gcs_autotune.observer import Room
 
-__all__ = ["FAR_OUT", "GUARDS", "NEARLY", "Envelope", "Guard", "Watch", "far_out"]
+__all__ = ["FAR_OUT", "GUARDS", "NEARLY", "TO_COME_ABOUT", "Envelope", "Guard", "Watch", "far_out"]
 
 NEARLY = 0.9
 """Fraction of the distance limit at which manoeuvres end early. Project choice."""

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from gcs_autotune.craft import Command, Observation
+from gcs_autotune.firmware import Firmware
 from gcs_autotune.observer import Progress
 from gcs_autotune.sname import DOFS
 from gcs_autotune.trial import Mark, Purpose, Trial
@@ -49,6 +50,7 @@ class Manoeuvre(ABC):
     kind : its name in the table of manoeuvres and in records.
     purpose : purpose of its record.
     in_manual : mode required: True for direct control of actuators, False for the autopilot's own loops.
+    in_mission : whether it is the autopilot's mission mode.
     by_hand : whether the operator pushes the craft.
     name : name of the trial.
     outcome : how the manoeuvre ended, None while it runs. It is set together with the last command.
@@ -60,6 +62,7 @@ class Manoeuvre(ABC):
     kind: str
     purpose: ClassVar[Purpose] = "identification"
     in_manual: ClassVar[bool] = True
+    in_mission: ClassVar[bool] = False
     by_hand: ClassVar[bool] = False
     at_most: float = math.nan
 
@@ -69,6 +72,12 @@ class Manoeuvre(ABC):
         self.signal, self.force = signal, force
         self.phase, self.target = self.kind, math.nan
         self._marks: list[Mark] = []
+
+    def mode_of(self, firmware: Firmware) -> str:
+        """Return the name of the flight mode that it is flown in."""
+        if self.in_mission:
+            return firmware.mission_mode
+        return firmware.manual_mode if self.in_manual else firmware.hold_mode
 
     @abstractmethod
     def commands(self, now: Observation) -> Commands:

@@ -90,7 +90,7 @@ class Sequencer:
 
     def _run(self, manoeuvre: Manoeuvre, stage: str, envelope: Envelope) -> Outcome:
         craft, firmware = self._craft, self._craft.firmware
-        craft.set_mode(firmware.manual_mode if manoeuvre.in_manual else firmware.hold_mode)
+        craft.set_mode(manoeuvre.mode_of(firmware))
         observation = craft.observe()
         if self._home is None and math.isfinite(observation.x):
             self._home = observation

@@ -23,6 +23,7 @@ from gcs_autotune.workflow.flight_preview import preview_of_model
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan
 from gcs_autotune.workflow.hold import HoldSettings, hold
+from gcs_autotune.workflow.line import LineSettings, tune_line
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.precision import Precision, precision_of
@@ -45,6 +46,7 @@ __all__ = [
     "FlightResult",
     "FlySettings",
     "HoldSettings",
+    "LineSettings",
     "Operator",
     "Precision",
     "StudySettings",
@@ -74,5 +76,6 @@ __all__ = [
     "save_parameters",
     "study",
     "tune",
+    "tune_line",
     "write_diagnosis",
 ]

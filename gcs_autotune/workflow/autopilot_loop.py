@@ -31,7 +31,7 @@ from gcs_autotune.workflow.supplied_model import SuppliedModel
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, TunableLoop
 from gcs_autotune.workflow.tune_log import TuneLog
 
-__all__ = ["autopilot_loop", "learn_parameters", "on_the_other_axis"]
+__all__ = ["autopilot_loop", "learn_parameters", "lend_parameters", "on_the_other_axis"]
 
 PROVING = "step with new gains"
 """Name of the stage in which proposed gains are tested."""
@@ -70,6 +70,11 @@ def learn_parameters(craft: MavlinkCraft, axis: Axis, log: TuneLog) -> tuple[Axi
     return axis.called(names), found
 
 
+def lend_parameters(craft: MavlinkCraft, journal: Journal) -> GainLoan:
+    """Return the transaction on the parameters of *craft*."""
+    return ParameterTransaction(craft.parameters, journal)
+
+
 class _AutopilotLoop:
     """Code shared by both kinds of loop: access to the parameters, and the step that proves the gains."""
 
@@ -92,7 +97,7 @@ class _AutopilotLoop:
 
     def lend(self, journal: Journal) -> GainLoan:
         """Return a context manager that changes the vehicle's parameters and can restore them."""
-        return ParameterTransaction(self.context.craft.parameters, journal)
+        return lend_parameters(self.context.craft, journal)
 
     def fly_baseline(self) -> None:
         """Fly the turn-rate step that accompanies a heading step, if the craft's model is known well enough to compute

@@ -21,12 +21,18 @@ from gcs_autotune.link import (
     Commands,
     Journal,
     JournalState,
+    MissionItem,
     Parameters,
     Session,
+    StoredMission,
     difference,
+    is_ours,
     read_failsafes,
+    read_mission,
     read_outputs,
     same_float32,
+    same_mission,
+    write_mission,
 )
 from gcs_autotune.manoeuvres import DISARMED_ITSELF
 from gcs_autotune.mavlink import Message, load_params, message_number, save_params
@@ -51,7 +57,7 @@ _BOOT_SLACK = 30.0
 
 No autopilot is power-cycled faster. Project choice.
 """
-_ARMED = "armed state"
+_ARMED, _MISSION = "armed state", "mission"
 _NEUTRAL = 0.03
 """Fraction of full output that still counts as neutral. Project choice."""
 
@@ -130,8 +136,9 @@ def restore_run(
 def _owed(state: JournalState) -> str:
     """Return in words what is still to be restored."""
     firmware = state.vehicle.get("firmware", "?")
-    if state.debts:
-        return f"still to be restored on {firmware}: {', '.join(state.debts)}"
+    owed = [*state.debts, *(["the mission"] if state.mission is not None else [])]
+    if owed:
+        return f"still to be restored on {firmware}: {', '.join(owed)}"
     return f"all parameters are restored on {firmware}. The mode or the armed state may still need restoring"
 
 
@@ -153,6 +160,7 @@ class _Restoring:
         self._boot = self._time_since_boot()
         self._failsafes = () if self._firmware is None else read_failsafes(self._parameters, self._firmware)
         self._left: dict[str, str] = {}
+        self._owes_mission = False
 
     def run(self) -> dict[str, tuple[float, float]]:
         found = self._parameters.read_confirmed(self._state.debts)
@@ -160,6 +168,7 @@ class _Restoring:
         foreign = {n: f"its value {now:g} was not written by the run" for n, (now, _) in changes.items()}
         self._left = {n: why for n, why in foreign.items() if not self._is_ours(n, changes[n][0])}
         self._left |= self._state_changed_by_others(self._state.left_in, armed_by_us=self._state.armed_by_us)
+        self._see_mission()
         decided = self._decide(changes)
         changes = {n: change for n, change in changes.items() if n not in self._left}
         wanted = self._wanted(changes)
@@ -172,6 +181,7 @@ class _Restoring:
         for name, (_, value) in changes.items():
             self._try(name, partial(self._parameters.write, name, value))
         self._put_back_state()
+        self._put_back_mission()
         if not self._differences:
             self._try("mode", self._session.await_heartbeat)  # what restarts meanwhile is in the mode it boots in
         if not self._differences and (self._disarms or self._changes_mode):
@@ -186,6 +196,12 @@ class _Restoring:
                 self._journal.record("returned", name=name, value=found[name], by="another station")
             elif name not in self._differences and name not in self._left:
                 self._journal.record("returned", name=name, value=value)
+        if (
+            self._state.mission is not None
+            and _MISSION not in self._differences
+            and (_MISSION not in self._left or _MISSION in decided)
+        ):
+            self._journal.record("mission_returned")
         undecided = {what: why for what, why in self._left.items() if what not in decided}
         if self._differences:
             shown = "; ".join(f"{what}: {why}" for what, why in self._differences.items())
@@ -205,6 +221,29 @@ class _Restoring:
         if self._state.armed and not self._session.armed:
             self._observer.say(DISARMED_ITSELF)
         return changes
+
+    def _see_mission(self) -> None:
+        """Find whether the vehicle has our mission, its own one, or that of another station."""
+        owed = self._state.mission
+        if owed is None:
+            return
+        found = read_mission(self._session).items
+        if same_mission(found, _items(owed["items"])):
+            return
+        self._owes_mission = True
+        if not is_ours(found, _items(owed["items"]), _items(owed["ours"])):
+            self._left[_MISSION] = "its mission is neither the run's nor the one before it"
+
+    def _put_back_mission(self) -> None:
+        """Restore the mission, in a mode that does not fly it."""
+        owed = self._state.mission
+        if owed is None or not self._owes_mission or _MISSION in self._left:
+            return
+        if self._firmware is not None and self._command().mode == self._firmware.mission_mode:
+            self._differences[_MISSION] = f"the vehicle is in {self._firmware.mission_mode}. Change its mode first"
+            return
+        mission = StoredMission(_items(owed["items"]), int(owed["current"]))
+        self._try(_MISSION, partial(write_mission, self._session, mission))
 
     def _put_back_state(self) -> None:
         """Disarm a vehicle that was disarmed before the run, restore the mode and check that the outputs are
@@ -305,7 +344,8 @@ class _Restoring:
             return set()
         asked = dict(self._left)
         for what, why in asked.items():
-            undo = {"mode": f"go to {self._state.mode}", _ARMED: "disarm"}.get(what) or f"write {changes[what][1]:g}"
+            known = {"mode": f"go to {self._state.mode}", _ARMED: "disarm", _MISSION: "upload the old mission"}
+            undo = known.get(what) or f"write {changes[what][1]:g}"
             if self._operator.ask(
                 f"{what}: {why}. Another operator may have set it. Change it anyway ({undo})?", self._serve
             ):
@@ -319,6 +359,8 @@ class _Restoring:
         """Return a sentence on what is to be restored."""
         wanted = ["disarm"] * self._disarms
         wanted += [f"write {n} {old:g} -> {new:g}" for n, (old, new) in changes.items()]
+        if self._owes_mission and _MISSION not in self._left:
+            wanted.append("upload the old mission")
         if self._changes_mode:
             wanted.append(f"go from {self._command().mode} to {self._state.mode}")
         return wanted
@@ -353,6 +395,10 @@ class _Restoring:
         if off or not outputs:
             shown = ", ".join(f"{n} {f:+.2f} of full output" for n, f in off.items()) or "outputs are not reported"
             raise NotAsFound(f"not neutral ({shown}). Take over by hand", differences=dict.fromkeys(off, "not neutral"))
+
+
+def _items(told: Sequence[Mapping[str, float]]) -> tuple[MissionItem, ...]:
+    return tuple(map(MissionItem.of, told))
 
 
 def _seconds_since(stamp: str) -> float:

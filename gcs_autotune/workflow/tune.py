@@ -7,6 +7,7 @@ read back, fly the same step, keep or restore. The report comes last.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -30,11 +31,11 @@ from gcs_autotune.workflow.resuming import Earlier, way_on
 from gcs_autotune.workflow.settings import SETTLED, TuneSettings
 from gcs_autotune.workflow.supplied_gains import changes_of
 from gcs_autotune.workflow.supplied_model import supplied_for
-from gcs_autotune.workflow.tunable_loop import TunableLoop, tune_loop
+from gcs_autotune.workflow.tunable_loop import tune_loop
 from gcs_autotune.workflow.tune_log import TuneLog
 from gcs_autotune.workflow.tune_preview import excursion_of, movements_of, tune_legs
 
-__all__ = ["tune"]
+__all__ = ["leave_report", "read_back", "tune"]
 
 
 def tune(settings: TuneSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
@@ -54,7 +55,7 @@ def tune(settings: TuneSettings, operator: Operator, observer: Observer, when: s
         onboard = run_mission(visit, partial(_declare, settings, earlier), log)
         onboard.identify([log.fit] if log.fit is not None else [], when)
     finally:
-        _leave_report(log, record)
+        leave_report(log, record)
     return log.story()
 
 
@@ -83,7 +84,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
         fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
         writes="write no parameter (dry run)" if settings.dry_run else changes,
         held=log.parameters_before,
-        finish=partial(_read_back, loop, visit),
+        finish=partial(read_back, loop.read, visit),
         way_on=lambda error: way_on(settings, log.finished, error),
     )
 
@@ -118,7 +119,7 @@ def _learn(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) -> T
     return context
 
 
-def _leave_report(log: TuneLog, record: RunDirectory) -> None:
+def leave_report(log: TuneLog, record: RunDirectory) -> None:
     """Write the report if the link was opened. A full disk must not hide how the run ended."""
     if not record.is_made:
         return
@@ -132,12 +133,12 @@ def _leave_report(log: TuneLog, record: RunDirectory) -> None:
         log.say(f"the report could not be written to {record.path}: {error}")
 
 
-def _read_back(loop: TunableLoop, visit: Visit[TuneLog]) -> None:
+def read_back(read: Callable[[], Mapping[str, float]], visit: Visit[TuneLog]) -> None:
     """Read the gains once more on every ending, as evidence of the vehicle's present values."""
     log = visit.log
     try:
         with visit.craft.shielded():
-            after = dict(loop.read())
+            after = dict(read())
     except AutotuneError as error:
         log.say(f"the parameters could not be read back: {error}")
     else:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_autotune.design import Change, Proposal, StepMetrics
+from gcs_autotune.design import Change, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.observer import Observer, Progress
@@ -22,9 +22,10 @@ __all__ = ["TuneLog"]
 class TuneLog(MissionLog):
     """An observer that stores everything and forwards it to the user's observer."""
 
-    def __init__(self, settings: TuneSettings, when: str, observer: Observer) -> None:
+    def __init__(self, settings: TuneSettings, when: str, observer: Observer, axis: str = "") -> None:
         super().__init__(observer)
         self._settings = settings
+        self._axis = axis or settings.axis
         self._when = when
         self._t = math.nan
         self._events: list[tuple[float, str]] = []
@@ -40,6 +41,8 @@ class TuneLog(MissionLog):
         self.metrics_before: StepMetrics | None = None
         self.metrics_after: StepMetrics | None = None
         self.beside: tuple[StepMetrics, StepMetrics] | None = None
+        self.track_before: TrackMetrics | None = None
+        self.track_after: TrackMetrics | None = None
         self.verdict: tuple[bool | None, tuple[str, ...]] = (None, ())
         self.parameters_before: dict[str, float] = {}
         self.parameters_after: dict[str, float] = {}
@@ -114,10 +117,10 @@ class TuneLog(MissionLog):
         s = self._settings
         kept, reasons = self.verdict
         return TuneStory(
-            title=f"tune {s.axis}",
+            title=f"tune {self._axis}",
             when=self._when,
             vehicle={**self._vehicle, **self._link_times()},
-            axis=s.axis,
+            axis=self._axis,
             announced=self._announced,
             rates=self._rates,
             step_before=self._trial("step-before"),
@@ -131,6 +134,9 @@ class TuneLog(MissionLog):
             metrics_before=self.metrics_before,
             metrics_after=self.metrics_after,
             beside=self.beside,
+            missions=tuple(t for t in self._trials if t.meta.get("manoeuvre") == "mission"),
+            track_before=self.track_before,
+            track_after=self.track_after,
             kept=kept,
             verdict_reasons=reasons,
             parameters_before=self.parameters_before,

@@ -47,6 +47,7 @@ class JournalState:
     that is not confirmed. It is empty once another operator has commanded a mode. ``armed_by_us`` : whether a command
     of this program may have armed the vehicle. ``boot`` [s] and ``stamp`` : the vehicle's time since boot and our time
     at the last command; None and empty if unknown.
+    ``mission`` : the vehicle's own ``items`` and ``current`` item, and ``ours`` that replaced them; None once restored.
     """
 
     vehicle: Mapping[str, Any] = field(default_factory=dict)
@@ -62,11 +63,12 @@ class JournalState:
     armed_by_us: bool = False
     boot: float | None = None
     stamp: str = ""
+    mission: Mapping[str, Any] | None = None
 
     @property
     def is_settled(self) -> bool:
         """Whether nothing is left to restore."""
-        return not self.opened or (self.closed and not self.debts)
+        return not self.opened or (self.closed and not self.debts and self.mission is None)
 
 
 def read_journal(path: Path) -> JournalState:
@@ -150,6 +152,19 @@ class _Kept(Struct, frozen=True, tag_field="event", tag="kept"):
     values: dict[Name, Value]
 
 
+Items = list[dict[str, Value]]
+
+
+class _MissionWriting(Struct, frozen=True, tag_field="event", tag="mission_writing"):
+    items: Items
+    ours: Items
+    current: int = 0
+
+
+class _MissionReturned(Struct, frozen=True, tag_field="event", tag="mission_returned"):
+    pass
+
+
 class _Closed(Struct, frozen=True, tag_field="event", tag="closed"):
     pass
 
@@ -176,7 +191,19 @@ class _Yielded(Struct, frozen=True, tag_field="event", tag="yielded"):
 
 
 _Event = (
-    _Opened | _Lent | _Writing | _Written | _Returned | _Kept | _Closed | _Resumed | _Ordering | _Ordered | _Yielded
+    _Opened
+    | _Lent
+    | _Writing
+    | _Written
+    | _Returned
+    | _Kept
+    | _MissionWriting
+    | _MissionReturned
+    | _Closed
+    | _Resumed
+    | _Ordering
+    | _Ordered
+    | _Yielded
 )
 
 
@@ -209,6 +236,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
     lent: dict[str, float] = {}
     debts: dict[str, float] = {}
     written: dict[str, tuple[float, ...]] = {}
+    mission: dict[str, Any] | None = None
     closed = False
     orders = _Orders()
     try:
@@ -232,6 +260,11 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
                         raise Refused(f"{event.name} is written, but no event has its original value")
                     debts.setdefault(event.name, lent[event.name])
                     written[event.name] = (*written.get(event.name, ()), event.value)
+                case _MissionWriting():
+                    mission = mission or {"items": event.items, "current": event.current}
+                    mission = {**mission, "ours": event.ours}
+                case _MissionReturned():
+                    mission = None
                 case _Returned():
                     debts.pop(event.name, None)
                     written.pop(event.name, None)
@@ -257,6 +290,7 @@ def _replay(path: Path, events: list[dict[str, Any]]) -> JournalState:
         armed_by_us=orders.armed,
         boot=orders.boot,
         stamp=orders.stamp,
+        mission=mission,
     )
 
 

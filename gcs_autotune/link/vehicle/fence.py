@@ -6,11 +6,12 @@ the parameter FENCE_RADIUS and from HOME_POSITION. A fence that is not enabled (
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs_autotune.link.session import Session
-from gcs_autotune.mavlink import Message, mavlink
+from gcs_autotune.link.vehicle.mission_transfer import ask_mission, download
+from gcs_autotune.mavlink import Message
 
 __all__ = ["FENCE_PARAMETERS", "FenceItem", "read_fence"]
 
@@ -19,7 +20,6 @@ _CIRCLE, _POLYGONS = 2, 4
 """Bits of FENCE_TYPE: the circle about home; inclusion and exclusion polygons and circles."""
 _FENCE = 1
 """Value of MAV_MISSION_TYPE_FENCE."""
-_PATIENCE, _TRIES = 1.5, 3
 _INCLUDED = frozenset({5001, 5003})
 """Values of MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION and MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION."""
 _VERTICES, _CIRCLES = frozenset({5001, 5002}), frozenset({5003, 5004})
@@ -52,42 +52,17 @@ def read_fence(session: Session, values: Mapping[str, float]) -> Sequence[FenceI
         return ()
     kinds, found = int(values.get("FENCE_TYPE", 0.0)), []
     if kinds & _POLYGONS:
-        items = _download(session)
+        items = download(session, _FENCE)
         if items is None:
             return None
         found += _shapes(items)
     radius = values.get("FENCE_RADIUS", 0.0)
     if kinds & _CIRCLE and radius > 0.0:
-        home = _ask(session, lambda: session.request_message(_HOME), "HOME_POSITION")
+        home = ask_mission(session, lambda: session.request_message(_HOME), "HOME_POSITION")
         if home is None:
             return None
         found.append(FenceItem(((home.latitude * 1e-7, home.longitude * 1e-7),), radius))
     return found
-
-
-def _download(session: Session) -> list[Message] | None:
-    """Return the items of the fence."""
-    assert session.vehicle is not None
-    ids = session.vehicle.system, session.vehicle.component
-    count = _ask(
-        session, lambda: session.send(mavlink.MAVLink_mission_request_list_message(*ids, _FENCE)), "MISSION_COUNT"
-    )
-    items: list[Message] = []
-    while count is not None and len(items) < count.count:
-        seq = len(items)
-        item = _ask(
-            session,
-            lambda seq=seq: session.send(mavlink.MAVLink_mission_request_int_message(*ids, seq, _FENCE)),  # type: ignore[misc]
-            "MISSION_ITEM_INT",
-            seq,
-        )
-        if item is None:
-            return None
-        items.append(item)
-    if count is None:
-        return None
-    session.send(mavlink.MAVLink_mission_ack_message(*ids, mavlink.MAV_MISSION_ACCEPTED, _FENCE))
-    return items
 
 
 def _shapes(items: Sequence[Message]) -> list[FenceItem]:
@@ -104,22 +79,3 @@ def _shapes(items: Sequence[Message]) -> list[FenceItem]:
             found.append(FenceItem(corners, float(item.param1), inside))
         k += count
     return found
-
-
-def _ask(session: Session, send: Callable[[], None], name: str, seq: int | None = None) -> Message | None:
-    """Send a request until the vehicle answers with message *name* (of that *seq*); None without an answer."""
-    heard: list[Message] = []
-
-    def take(message: Message) -> None:
-        if getattr(message, "mission_type", _FENCE) == _FENCE and (seq is None or message.seq == seq):
-            heard.append(message)
-
-    stop = session.listen(name, take)
-    try:
-        for _ in range(_TRIES):
-            send()
-            if session.wait_for(lambda: heard[0] if heard else None, _PATIENCE) is not None:
-                return heard[0]
-    finally:
-        stop()
-    return None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -152,6 +153,8 @@ class Telemetry:
             "SYS_STATUS": self._sys_status,
             "NAMED_VALUE_FLOAT": self._named_value,
             "DISTANCE_SENSOR": self._distance,
+            "MISSION_CURRENT": partial(self._mission_item, 0),
+            "MISSION_ITEM_REACHED": partial(self._mission_item, 1),
             "SYSTEM_TIME": lambda m: self.watchdog.check_boot_time(m.time_boot_ms * 1e-3),
         }
 
@@ -291,6 +294,10 @@ class Telemetry:
         if m.name.rstrip("\0") == "PilotGain":
             self.latest["pilot_gain"] = m.value
 
+    def _mission_item(self, ahead: int, m: Message) -> None:
+        """Store the item under way: *ahead* of the one that the message names."""
+        self.latest["waypoint"] = float(m.seq + ahead)
+
     def _distance(self, m: Message) -> None:
         """Record the distance ahead; NaN beyond the sensor's range.
 
@@ -382,6 +389,7 @@ def observation(session: Session, telemetry: Telemetry, mode: str) -> Observatio
         speed=value("U"),
         d=value("d") if telemetry.t - telemetry.distance_t < _OLD else math.nan,
         d_starboard=value("d_starboard") if telemetry.t - telemetry.distance_t < _OLD else math.nan,
+        waypoint=value("waypoint"),
         output=telemetry.outputs,
         output_t=telemetry.output_t,
         armed=session.armed,

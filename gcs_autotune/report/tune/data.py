@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gcs_autotune.design import StepMetrics
+from gcs_autotune.design import StepMetrics, TrackMetrics
 from gcs_autotune.report.tune.story import TuneStory
 
 __all__ = ["SCHEMA", "summarise"]
@@ -30,6 +30,9 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "turn_rates": None
         if story.beside is None
         else dict(zip(("before", "after"), map(_metrics, story.beside), strict=True)),
+        "track": None
+        if story.track_before is None
+        else {"before": story.track_before.to_dict(), "after": _track(story.track_after)},
         "gains": {c.parameter: [c.old, c.new] for c in story.changes} if story.changes or proposal else None,
         "stable": None
         if proposal is None
@@ -39,6 +42,10 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "doubts": [*story.doubts, *(d.slug for d in (fit.doubts if fit else ()))],
         "differences": {name: list(pair) for name, pair in story.differences.items()},
     }
+
+
+def _track(metrics: TrackMetrics | None) -> dict[str, object] | None:
+    return None if metrics is None else metrics.to_dict()
 
 
 def _metrics(metrics: StepMetrics | None) -> dict[str, float] | None:

@@ -42,6 +42,7 @@ from gcs_autotune.report.tune.figures import (
     fit_figures,
     model_figures,
     relay_figures,
+    route_figure,
     step_figure,
     track_figure,
 )
@@ -53,6 +54,7 @@ from gcs_autotune.report.tune.tables import (
     margins_table,
     metrics_table,
     rates_table,
+    route_table,
     vehicle_table,
 )
 from gcs_autotune.report.tune.wording import (
@@ -106,7 +108,22 @@ def _key_figures(story: TuneStory) -> Iterator[KeyFigure]:
         yield KeyFigure(format_percent(story.fit.fit_percent), "model fit", "free run")
 
 
+def _line(story: TuneStory) -> Iterator[Section]:
+    if story.track_before is None:
+        return
+    kept = "were kept" if story.kept else "were not kept"
+    parts: tuple[Part, ...] = (
+        route_figure(story),
+        route_table(story.track_before, story.track_after),
+        Note("The distance is that from the leg under way or the one before it, whichever is nearer.", kind="quiet"),
+        Section("line-reasons", f"Why the new parameters {kept}", tuple(bullets(story.verdict_reasons))),
+    )
+    yield Section("line", "Mission before and after", parts, facts=IN_RESULT)
+
+
 def _step(story: TuneStory) -> Iterator[Section]:
+    if story.missions:
+        return
     measured = metrics_table(story.metrics_before, story.metrics_after)
     beside = "The same gains also control turn rate. This turn-rate step was flown with the old and the new gains."
     kept = "were kept" if story.kept else "were not kept"
@@ -204,6 +221,8 @@ def _margins(story: TuneStory) -> Iterator[Section]:
 
 
 def _track(story: TuneStory) -> Iterator[Section]:
+    if story.missions:
+        return
     yield Section("track", "Track", (track_figure(story),), facts=IN_RESULT)
 
 
@@ -232,6 +251,7 @@ def _files(story: TuneStory) -> Iterator[Section]:
 
 
 SECTIONS = (
+    _line,
     _step,
     _gains,
     _proof,

@@ -62,6 +62,7 @@ __all__ = [
     "model_figures",
     "relay_figures",
     "relay_series",
+    "route_figure",
     "step_figure",
     "step_series",
     "track_figure",
@@ -266,6 +267,21 @@ def track_figure(story: TuneStory) -> Figure:
     """Return the figure with the track over ground of all runs."""
     runs = {t.name: t for t in (story.step_before, *story.relays, story.step_after) if t is not None}
     return Figure("track", "Track over ground, north up.", partial(draw_track, runs))
+
+
+def route_figure(story: TuneStory) -> Figure:
+    """Return the tracks of a mission and its route."""
+    return Figure("route", "Track over ground, north up; black: the route.", partial(_draw_route, story.missions))
+
+
+def _draw_route(missions: Sequence[Trial]) -> Drawing | None:
+    drawing = draw_track({trial.name: trial for trial in missions})
+    if drawing is None:
+        return None
+    meta, axes = missions[-1].meta, drawing.axes[0]
+    x, y = (np.asarray(meta[name][1:-1], dtype=float) for name in ("waypoints_x", "waypoints_y"))
+    axes.plot(y, x, color=INK, linewidth=0.8, zorder=0)
+    return drawing
 
 
 def _levels(story: TuneStory) -> list[float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gcs_autotune.axes import AXES, OTHER_NAMES
-from gcs_autotune.design import Change, Proposal, StepMetrics
+from gcs_autotune.design import Change, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
@@ -51,6 +51,8 @@ class TuneStory:
     announced : the announcement, one line per entry.
     rates : message name -> (requested, measured rate) [Hz].
     beside : the turn-rate step flown with a heading step, with old and new gains.
+    missions : the flights of a tune of the line.
+    track_before, track_after : how they followed their route, with old and new parameters.
     kept : whether the new gains stayed; None if undecided; ``verdict_reasons`` has the reasons.
     parameters_before, parameters_after : as read from the vehicle; empty if not read.
     events : (vehicle time [s] or NaN, what happened).
@@ -80,6 +82,9 @@ class TuneStory:
     metrics_before: StepMetrics | None = None
     metrics_after: StepMetrics | None = None
     beside: tuple[StepMetrics, StepMetrics] | None = None
+    missions: tuple[Trial, ...] = ()
+    track_before: TrackMetrics | None = None
+    track_after: TrackMetrics | None = None
     kept: bool | None = None
     verdict_reasons: tuple[str, ...] = ()
     parameters_before: Mapping[str, float] = field(default_factory=dict)

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from gcs_autotune.design import Change, Margins, Proposal, StepMetrics
+from gcs_autotune.design import Change, Margins, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.report.toolkit.document import Table
 from gcs_autotune.report.toolkit.wording import (
     MOST_FACTOR,
@@ -28,6 +28,7 @@ __all__ = [
     "margins_table",
     "metrics_table",
     "rates_table",
+    "route_table",
     "vehicle_table",
 ]
 
@@ -115,6 +116,21 @@ def beside_table(story: TuneStory) -> Table:
     before, after = story.beside or (None, None)
     table = metrics_table(before, after)
     return replace(table, heads=("turn rate, lower is better", *table.heads[1:]))
+
+
+def route_table(before: TrackMetrics, after: TrackMetrics | None) -> Table:
+    """Return how the legs of a mission were followed, before and after."""
+    corners = [f"at corner {n}, greatest" for n in range(1, len(before.corners) + 1)]
+    labels = ("distance from the route, rms", "in the second half of legs, rms", *corners, "time")
+    values = [(m.rms, m.late, *m.corners, m.seconds) for m in (before, after) if m is not None]
+    units = ["m"] * (len(labels) - 1) + ["s"]
+    rows = tuple(
+        (label, *(_with_unit(value, unit) for value in told), *([format_change(*told)] if len(told) == 2 else []))
+        for label, unit, *told in zip(labels, units, *values, strict=True)
+    )
+    if after is None:
+        return Table(("lower is better", "present parameters"), "lr", rows)
+    return Table(("lower is better", "before", "after", "change"), "lrrr", rows)
 
 
 def _metrics_of_one(metrics: StepMetrics | None) -> Table:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 
-from gcs_autotune.design import Margins, Proposal, StepMetrics
+from gcs_autotune.design import Margins, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.report.toolkit.document import Tone, Verdict
 from gcs_autotune.report.toolkit.wording import (
     format_change,
@@ -60,6 +60,8 @@ def verdict_of(story: TuneStory) -> Verdict:
         sentences.append(improvement(story.metrics_before, story.metrics_after, "measured"))
         if story.beside is not None:
             sentences.append(turn_rates(*story.beside))
+    elif story.track_before is not None:
+        sentences.append(route_words(story.track_before, story.track_after))
     elif story.ending == "unchanged" and story.metrics_before is not None:
         sentences.append(as_it_is(story.metrics_before))
     elif story.proposal is not None:
@@ -80,6 +82,20 @@ def improvement(before: StepMetrics, after: StepMetrics, how: str) -> str:
         f"{format_share(after.overshoot)} (before: {format_share(before.overshoot)}); "
         f"{_settling_words(after)} (before: {settling_cell(before)})."
     )
+
+
+def route_words(before: TrackMetrics, after: TrackMetrics | None) -> str:
+    """Return one sentence on how the mission was followed."""
+    now = before if after is None else after
+    was = "" if after is None else f" (before: {format_quantity(before.rms, 'm', 2)} and {_metres(before.corners)})"
+    return (
+        f"Distance from the route (measured): {format_quantity(now.rms, 'm', 2)} rms; corners off by "
+        f"{_metres(now.corners)}{was}."
+    )
+
+
+def _metres(corners: Sequence[float]) -> str:
+    return ", ".join(format_number(corner, 2) for corner in corners) + " m"
 
 
 def turn_rates(before: StepMetrics, after: StepMetrics) -> str:

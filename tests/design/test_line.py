@@ -1,0 +1,85 @@
+"""The rules for following a mission, and the comparison of two flights of one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcs_autotune.design import HullTurn, TrackMetrics, follows_better, line_changes, track_metrics
+
+SLOW = HullTurn(1.2, math.radians(10.0), 3.5)
+PRESENT = {"WP_ACCEL": 0.0, "WP_RADIUS": 2.0, "PSC_POS_P": 0.2, "PSC_VEL_P": 1.0, "WP_PIVOT_ANGLE": 60.0}
+ROUTE = (0j, 30 + 0j, 30 + 30j)
+
+
+def chosen(hull: HullTurn) -> dict[str, float]:
+    return {c.parameter: c.new for c in line_changes(hull, PRESENT)}
+
+
+def test_a_corner_lasts_as_long_as_the_hull_needs_to_turn() -> None:
+    braking = chosen(SLOW)["WP_ACCEL"]
+    assert SLOW.speed / braking == pytest.approx(90.0 / 8.0 + 3.0 * 3.5, rel=0.05)
+
+
+def test_the_radius_holds_the_place_at_which_the_target_passes_a_u_turn() -> None:
+    new = chosen(SLOW)
+    assert new["WP_RADIUS"] >= SLOW.speed**2 / (4.0 * new["WP_ACCEL"])
+
+
+def test_a_quicker_hull_has_shorter_corners_and_a_higher_position_gain() -> None:
+    slow, quick = chosen(SLOW), chosen(replace(SLOW, rate=math.radians(40.0), lag=0.5))
+    assert quick["WP_ACCEL"] > 3.0 * slow["WP_ACCEL"]
+    assert quick["PSC_POS_P"] > slow["PSC_POS_P"]
+
+
+def test_a_boat_that_turns_on_the_spot_keeps_doing_so_unless_it_moves_away_meanwhile() -> None:
+    spot = replace(SLOW, pivots=True)
+    assert not {"WP_ACCEL", "WP_RADIUS", "WP_PIVOT_ANGLE"} & set(chosen(spot))
+    assert chosen(replace(spot, pivots_wide=True))["WP_PIVOT_ANGLE"] == 0.0
+
+
+def test_a_parameter_that_the_vehicle_lacks_or_has_already_is_not_changed() -> None:
+    new = chosen(SLOW)
+    assert line_changes(SLOW, new) == []
+
+
+def flight(places: list[complex], turned: tuple[float, ...]) -> TrackMetrics:
+    return track_metrics(np.arange(len(places), dtype=float), np.array(places), ROUTE, turned)
+
+
+def test_distances_are_those_from_the_nearer_of_two_legs() -> None:
+    first = [complex(x, 0.5) for x in range(30)]
+    beyond = [31 + 0j, 32 + 1j]
+    second = [complex(30.0, y) for y in range(2, 30)]
+    found = flight([*first, *beyond, *second], (0.0, 30.0, 59.5))
+    assert found.corners == (pytest.approx(2.0),)
+    assert found.rms == pytest.approx(math.sqrt((30 * 0.25 + 1.0 + 4.0) / 60.0))
+    assert found.settled == pytest.approx(0.25, abs=0.01)
+    assert (found.seconds, found.leg) == (59.5, 30.0)
+
+
+BEFORE = TrackMetrics(2.0, 0.5, 0.4, (3.0, 4.0), 100.0, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "better", "reason"),
+    [
+        ({"rms": 1.0}, True, "2.00 -> 1.00 m"),
+        ({"rms": 1.95}, False, "at least 5 % less"),
+        ({"rms": 1.0, "corners": (1.0, 5.0)}, False, "the widest is more than the 4.40 m"),
+        ({"rms": 1.0, "corners": (4.0, 4.0)}, False, "their mean is more than the 3.68 m"),
+        ({"rms": 1.0, "corners": (3.5, 2.0)}, True, "corners off by 3.00, 4.00 -> 3.50, 2.00 m"),
+        ({"rms": 1.0, "settled": 1.6}, False, "third quarter of legs 0.40 -> 1.60 m rms, more than"),
+        ({"rms": 1.0, "seconds": 160.0}, False, "more than the 150 s"),
+        ({"rms": math.nan}, False, "at least 5 % less"),
+    ],
+)
+def test_a_flight_is_better_only_if_nothing_is_clearly_worse(
+    change: dict[str, object], better: bool, reason: str
+) -> None:
+    verdict = follows_better(BEFORE, replace(BEFORE, **change))  # type: ignore[arg-type]
+    assert verdict.better is better
+    assert reason in " ".join(verdict.reasons)
