@@ -135,25 +135,25 @@ class Relays:
         noise_std : noise [rad or m] of a vehicle that needs no approach. criterion : the rule that may end it before
             its periods agree.
         """
+        return Relay(self.relay_settings(output, noise_std), name, criterion)
+
+    def relay_settings(self, output: float | None, noise_std: float | None = None) -> RelaySettings:
+        """Return the settings of a relay; arguments as for :meth:`relay`."""
         d, throttle = excitation_of(self.dof), self.throttle
         along = d.by_throttle
-        return Relay(
-            RelaySettings(
-                signal=d.signal,
-                force=d.names.force,
-                output=output,
-                hysteresis=self.settings.relay_hysteresis,
-                throttle=throttle,
-                reference_speed=(self.settings.speed or 0.0) if along else 0.0,
-                most_output=0.9 - abs(throttle) if along else 0.9,
-                first_output=min(0.3, 0.9 - abs(throttle)) if along else 0.3,
-                keep_still=self.keep_still,
-                least_hysteresis=d.least_hysteresis,
-                least_period=self.least_period,
-                noise_std=noise_std,
-            ),
-            name,
-            criterion,
+        return RelaySettings(
+            signal=d.signal,
+            force=d.names.force,
+            output=output,
+            hysteresis=self.settings.relay_hysteresis,
+            throttle=throttle,
+            reference_speed=(self.settings.speed or 0.0) if along else 0.0,
+            most_output=0.9 - abs(throttle) if along else 0.9,
+            first_output=min(0.3, 0.9 - abs(throttle)) if along else 0.3,
+            keep_still=self.keep_still,
+            least_hysteresis=d.least_hysteresis,
+            least_period=self.least_period,
+            noise_std=noise_std,
         )
 
 
