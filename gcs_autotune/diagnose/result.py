@@ -484,22 +484,22 @@ class Diagnosis(Displayed):
         causes = [
             (
                 f"{c.effect.slug} at {c.effect.place}",
-                c.meaning if i == 0 else "",
                 name,
                 format_value(v.value, v.std),
                 v.unit,
+                c.meaning if i == 0 else "",
             )
             for c in self.causes
             for i, (name, v) in enumerate(c.parameters.items())
         ]
-        heads = ("cause", "meaning", "parameter", "value ± standard error", "unit")
+        heads = ("cause", "parameter", "value ± standard error", "unit", "meaning")
         tables = [Table(heads, tuple(causes))] if causes else []
         wrong = [
-            (n.name, n.meaning, format_value(n.given, n.given_std), format_value(n.value, n.std), n.unit)
+            (n.name, format_value(n.given, n.given_std), format_value(n.value, n.std), n.unit, n.meaning)
             for n in self.wrong_numbers
         ]
         if wrong:
-            tables.append(Table(("wrong number", "meaning", "given", "from these runs", "unit"), tuple(wrong)))
+            tables.append(Table(("wrong number", "given", "from these runs", "unit", "meaning"), tuple(wrong)))
         gains = [
             f"{g.signal}: {format_number(g.before)} to {format_number(g.after)} {g.unit}, {g.held_out or g.metric}"
             for g in self.gains
