@@ -48,15 +48,17 @@ from gcs_autotune.models import Form, SingleDof
 from gcs_autotune.models import simulate as simulate_model
 from gcs_autotune.notebook import in_python
 from gcs_autotune.registry import lookup
-from gcs_autotune.report import plot
+from gcs_autotune.report import Comparison, plot
 from gcs_autotune.trial import Channel, Trial, save_trial, trial_of_columns
 
 __all__ = [
+    "Comparison",
     "Diagnosis",
     "Fit",
     "ModelFile",
     "Proposal",
     "Trial",
+    "compare",
     "design",
     "diagnose",
     "example_run",
@@ -290,6 +292,35 @@ def design(
     return design_from(
         source.model, loop, values, wish, inputs=source.inputs, names=source.names, covariance=source.covariance
     )
+
+
+@_with_python_arguments
+def compare(sources: Sequence[Path | str], *, parameters: Mapping[str, float] | None = None) -> Comparison:
+    """Return several run directories or logs of one craft side by side, and what changed.
+
+    ``print`` shows it as text and a notebook shows it as tables.
+
+    Raises
+    ------
+    UsageError
+        There are fewer than two sources, more than twelve, or one twice.
+    BadFile
+        A source cannot be read.
+    NotInformative
+        The runs have no loop and no model in common.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     for seed in (1, 2):
+    ...         save_trial(example_run(seed), Path(folder) / f"{seed}.csv")
+    ...     compare([f"{folder}/1.csv", f"{folder}/2.csv"]).changed
+    False
+    """
+    from gcs_autotune.workflow import compare as compare_runs
+
+    return compare_runs([Path(source) for source in sources], parameters=parameters)
 
 
 def example_run(seed: int = 1, duration: float = 60.0) -> Trial:
