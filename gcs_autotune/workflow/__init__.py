@@ -34,7 +34,7 @@ from gcs_autotune.workflow.self_planned import first_run
 from gcs_autotune.workflow.settings import CommonSettings, Connection, StudySettings, SuppliedGains, TuneSettings
 from gcs_autotune.workflow.study import study
 from gcs_autotune.workflow.supplied_gains import load_gains
-from gcs_autotune.workflow.tune import tune
+from gcs_autotune.workflow.tune import job_of, tune
 
 __all__ = [
     "COMPARED",
@@ -67,6 +67,7 @@ __all__ = [
     "fly_plan",
     "hold",
     "is_settled",
+    "job_of",
     "link_of",
     "listened_to",
     "load_flight_plan",
