@@ -69,11 +69,15 @@ GUARDING = (
 class Command:
     """One verb of the command line: its description, its options, and the function that runs it and returns the
     exit code.
+
+    everyday : options that ``--help`` shows, in this order; empty: all. examples : call -> what it does.
     """
 
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
+    everyday: tuple[str, ...] = ()
+    examples: tuple[tuple[str, str], ...] = ()
 
 
 def add_number(
