@@ -35,6 +35,7 @@ POSITIONALS = {
     "params restore": ("all.param", "--connect", "sitl:charlie"),
     "restore": (),
     "watch": ("a.csv", "b.csv"),
+    "compare": ("a.csv", "b.csv"),
     "doctor": (),
     "ports": (),
 }
