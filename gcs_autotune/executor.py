@@ -238,7 +238,8 @@ class DaskExecutor:
         now = WallClock().now()
         if now - self._looked >= _LOOK:
             self._looked = now
-            with suppress(OSError, TimeoutError):
+            self._verify_connected()
+            with suppress(OSError, TimeoutError, AttributeError):  # the last: the client was closed just now
                 self._threads = dict(self._client.nthreads())
         suited = sum(n for worker, n in self._threads.items() if worker not in self._refused)
         if self._threads and not suited:
