@@ -26,6 +26,7 @@ POSITIONALS = {
     "identify": ("a.csv",),
     "diagnose": ("a.csv",),
     "figures": ("a.csv",),
+    "study run": ("a.toml",),
     "thrusters": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
