@@ -424,9 +424,10 @@ local function fly(now)
   elseif verdict then
     note(2)
     finish(verdict)
-  elseif S.limits.distance and away() > 0.9 * S.limits.distance and R.n >= LEAST_REVERSALS then
-    note(1)
-    finish('space')
+  elseif S.limits.room and away() > S.limits.room and R.n >= LEAST_REVERSALS then
+    note(1) -- the record shows the response in both directions, and there is space to turn a boat
+    C1 = C1 or R.C
+    next_part(now)
   end
 end
 

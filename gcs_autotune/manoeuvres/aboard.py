@@ -14,7 +14,7 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 from gcs_autotune.firmware import ServoMap
-from gcs_autotune.manoeuvres.envelope import Envelope
+from gcs_autotune.manoeuvres.envelope import NEARLY, TO_COME_ABOUT, Envelope
 from gcs_autotune.manoeuvres.hold_controller import HELD_BEFORE, HELD_DURING, HoldGains
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 
@@ -45,7 +45,6 @@ def _limit(option: str) -> str:
 
 ABOARD_ENDINGS: Mapping[str, AboardEnding] = {
     "done": AboardEnding("completed", "all parts were flown"),
-    "space": AboardEnding("stopped", "the space ended. The record so far is used"),
     "stopped": AboardEnding("aborted", "stopped by this tool"),
     "expired": AboardEnding("aborted", "the script waited in vain for its start", "Start again"),
     "disarmed": AboardEnding("aborted", "the vehicle was disarmed"),
@@ -174,14 +173,15 @@ class AboardScript:
         }
 
     def _limits(self) -> dict[str, float | None]:
-        e = self.envelope
+        e, far = self.envelope, self.envelope.distance_limit
         return {
             "heading": e.heading_excursion,
             "depth_excursion": e.depth_excursion,
             "depth_max": e.depth_max,
             "depth_min": e.depth_min or None,
             "speed": e.speed_limit,
-            "distance": e.distance_limit,
+            "distance": far,
+            "room": min(NEARLY * far, far - min(TO_COME_ABOUT * e.cruise, 0.5 * far)),
             "turn_rate": e.turn_rate,
             "roll": e.roll,
             "pitch": e.pitch,

@@ -20,6 +20,7 @@ from gcs_autotune.errors import (
     LinkLost,
     NotAchieved,
     PreconditionFailed,
+    TelemetryFault,
     UsageError,
     WrongVehicle,
 )
@@ -267,10 +268,8 @@ class _Flight:
         while True:
             try:
                 now = craft.observe()
-            except LinkLost:
-                log.say("Lost contact. The script flies on or ends by itself. Waiting for the vehicle")
-                if not craft.session.await_return(self.settings.tune.patience):
-                    raise
+            except (LinkLost, TelemetryFault) as error:
+                self._outlast(error)
                 continue
             word = self._word()
             if _meaning(word) is not None:
@@ -289,6 +288,25 @@ class _Flight:
             )
             if self._errors() or now.t - begun > self._script.whole + GRACE:
                 raise NotAchieved(f"the script did not report its end{self._errors()}. Its outputs ended in neutral")
+
+    def _outlast(self, error: AutotuneError) -> None:
+        """Wait for a vehicle that fell silent, or whose telemetry is missing. The script flies on or ends by itself.
+
+        Raises
+        ------
+        LinkLost, TelemetryFault
+            The *error*, if the silence lasts longer than the patience, or the autopilot has restarted.
+        """
+        craft, patience = self._visit.craft, self.settings.tune.patience
+        self._visit.log.say(f"{error}. The script flies on or ends by itself; waiting for up to {patience:.0f} s")
+        begun, ticks = craft.clock.now(), craft.telemetry.output_ticks
+        while not craft.telemetry.watchdog.has_restarted and craft.clock.now() - begun < patience:
+            with suppress(LinkLost):
+                if craft.session.await_return(patience) and craft.session.wait_for(
+                    lambda: True if craft.telemetry.output_ticks > ticks or _meaning(self._word()) else None, 1.0
+                ):
+                    return
+        raise error
 
     def _unload(self) -> None:
         """Remove the script and restore the parameters."""

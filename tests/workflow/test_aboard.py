@@ -34,8 +34,15 @@ class Card:
         self._ear, self._mouth = mavlink.MAVLink(None), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self._out: list[Any] = []
         self.watch: Callable[[], object] = lambda: None
+        self.lost_until = 0.0
+
+    @property
+    def _is_lost(self) -> bool:
+        return self._autopilot.ms < 1e3 * self.lost_until
 
     def receive(self, data: bytes) -> None:
+        if self._is_lost:
+            return
         for message in self._ear.parse_buffer(data) or ():
             log = bytes(self._host.log)
             if message.get_type() == "LOG_REQUEST_LIST" and not self._autopilot.armed:
@@ -50,6 +57,8 @@ class Card:
     def advance_to(self, t: float) -> bytes:
         data = self._peer.advance_to(t)
         self.watch()
+        if self._is_lost:
+            return b""
         for message in self._out:
             data += message.pack(self._mouth)
             self._mouth.seq = (self._mouth.seq + 1) % 256
@@ -129,6 +138,25 @@ def test_an_rov_is_identified_in_depth(tmp_path):
     harness = Scripted(tmp_path, "falcon", SCHED_LOOP_RATE=100.0)
     fit = harness.aboard("depth")
     assert fit.dof == "heave"
+    harness.assert_gone()
+    harness.assert_restored()
+
+
+def test_a_silence_of_the_link_does_not_end_what_the_autopilot_flies(tmp_path):
+    harness = Scripted(tmp_path, SIM_RC_FAIL=0)
+    harness.when(FIRST, lambda: setattr(harness.card, "lost_until", harness.vehicle.seconds + 12.0))
+    fit = harness.aboard(silence=0.0)
+    assert fit.parameters["alpha_r"].value == pytest.approx(TRUTH["alpha_r"], rel=0.02)
+    assert any("The script flies on or ends by itself" in text for text in harness.said)
+    harness.assert_gone()
+    harness.assert_restored()
+
+
+def test_a_silence_longer_than_permitted_ends_the_script(tmp_path):
+    harness = Scripted(tmp_path, SIM_RC_FAIL=0)
+    harness.when(FIRST, lambda: setattr(harness.card, "lost_until", harness.vehicle.seconds + 12.0))
+    with pytest.raises(GuardTripped, match=r"lost contact with the ground station.*--silence"):
+        harness.aboard(silence=6.0)
     harness.assert_gone()
     harness.assert_restored()
 

@@ -200,7 +200,7 @@ def test_the_permitted_area_is_that_of_the_envelope():
 
 
 def test_a_boat_turns_towards_its_start_when_it_is_far_out():
-    pond = Pond(envelope=Envelope(distance=120.0))
+    pond = Pond(envelope=Envelope(distance=120.0, cruise=1.2))
     pond.go()
     farthest = 0.0
 
@@ -213,6 +213,8 @@ def test_a_boat_turns_towards_its_start_when_it_is_far_out():
     assert pond.run(900.0, ended)
     assert pond.word == "done"
     assert 48.0 < farthest < 120.0
+    ends = [values for _, kind, values in pond.host.rows if kind == "AXE"]
+    assert [(part, ending) for part, ending, *_ in ends] == [(3, 1), (5, 0), (7, 0)]
 
 
 def test_a_script_that_hangs_leaves_neutral_outputs():
