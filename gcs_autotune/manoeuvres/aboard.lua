@@ -12,7 +12,7 @@ local loaded, last_text, last_fence = millis():toint(), nil, nil
 local stage, word = 'ready', 'ready'
 local began, phase_began, index, ph = 0, 0, 0, 0
 local m = { psi = 0 }
-local home, first, rest, has_fence, seen_at
+local home, first, rest, had_rc, has_fence, seen_at
 local F = {}
 local logged, every = 0, nil -- a slow craft needs fewer rows a second than a quick one
 
@@ -109,7 +109,7 @@ local function order()
     return 'disarmed'
   elseif vehicle:get_mode() ~= S.mode then
     return 'mode changed'
-  elseif rc.has_valid_input and not rc:has_valid_input() then
+  elseif had_rc and not rc:has_valid_input() then
     return 'radio failsafe'
   elseif go:get() ~= S.id then
     return 'stopped'
@@ -377,6 +377,7 @@ local function start(now)
   for _, channel in ipairs(S.sticks) do
     rest[channel] = rc:get_pwm(channel)
   end
+  had_rc = rc.has_valid_input and rc:has_valid_input() -- ArduSub never has: it disarms by itself
   local why = order()
   if why then
     return finish(why)
