@@ -33,9 +33,11 @@ from gcs_autotune.cli.writing import put_out
 from gcs_autotune.errors import UsageError
 
 if TYPE_CHECKING:
-    from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
+    from gcs_autotune.observer import Observer
+    from gcs_autotune.report import TuneStory
+    from gcs_autotune.workflow import Connection, Operator, SuppliedGains, TuneSettings
 
-__all__ = ["COMMAND", "RESTORED", "tune_settings"]
+__all__ = ["COMMAND", "RESTORED", "tune_as", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
@@ -43,8 +45,13 @@ LINE = "line"
 """Tuned by a mission instead of a step, so it is no axis."""
 STANDS_ON = {LINE: "heading"}
 """What is tuned that is no axis -> the axis whose settings it uses."""
-ONLY_STEPS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "resume", "omega_0")
+ONLY_STEPS = (
+    *("step", "step_duration", "relay_output", "relay_hysteresis", "relays", "stop_rule", "throttle", "speed"),
+    *("model", "full_scale", "gains", "resume", "function", "beyond_ranges", "settling_time", "omega_0"),
+)
 """Options that `tune line` has no use for."""
+INSTEAD = {"throttle": "WP_SPEED sets the speed of AUTO", "speed": "WP_SPEED sets the speed of AUTO"}
+"""Option that `tune line` has no use for -> what to use."""
 RESTORED = 8
 """Exit code of ``tune`` if the new gains were tested, but the old gains proved better and are restored."""
 
@@ -70,6 +77,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(step, "step")
     add_number(step, "step-duration", "S")
     add_number(step, "leg-length", "M")
+    step.add_argument(
+        "--untuned",
+        action="store_true",
+        help="tune line: fly although speed or heading have ArduRover's own gains. Better: tune them first",
+    )
     add_experiment(parser)
     design = parser.add_argument_group("design")
     design.add_argument(
@@ -98,7 +110,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    args.what, args.axis = args.axis, STANDS_ON.get(args.axis, args.axis)
     _check(args)
     args.connect = args.connect or args.configured_link or None
     with connected(args, args.connect or AXES[args.axis].example) as connection:
@@ -107,15 +118,14 @@ def _run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
+    if not hasattr(args, "what"):
+        args.what, args.axis = args.axis, STANDS_ON.get(args.axis, args.axis)
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    if getattr(args, "what", "") == LINE:
-        useless = [name for name in ONLY_STEPS if getattr(args, name) is not None]
-        if useless:
-            names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
-            raise UsageError(f"{names} has no use for `tune line`, which flies a mission. Remove it")
-    elif args.leg_length is not None:
-        raise UsageError("--leg-length is for `tune line`. Remove it")
+    if args.what == LINE:
+        _check_line(args)
+    elif args.leg_length is not None or args.untuned:
+        raise UsageError(f"{'--untuned' if args.untuned else '--leg-length'} is for `tune line`. Remove it")
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
@@ -126,23 +136,47 @@ def _check(args: argparse.Namespace) -> None:
     check_files(args.gains, args.resume)
 
 
+def _check_line(args: argparse.Namespace) -> None:
+    """Check that no option was set that a tune of the line does not use."""
+    own = _own_parser()
+    useless = [name for name in ONLY_STEPS if getattr(args, name) != own.get_default(name)]
+    if useless:
+        names = " and ".join(f"--{name.replace('_', '-')}" for name in useless)
+        instead = next((f" ({INSTEAD[name]})" for name in useless if name in INSTEAD), "")
+        raise UsageError(f"`tune line` flies a mission and does not use {names}{instead}. Remove what it does not use")
+
+
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over an open link and show the result."""
     from gcs_autotune.report import tune_document
-    from gcs_autotune.workflow import LineSettings, tune, tune_line
 
     now = datetime.now()
-    settings, when = tune_settings(args, connection, now), now.isoformat(timespec="seconds")
+    settings = tune_settings(args, connection, now)
     with attending(args, "or --dry-run to change nothing") as (operator, observer):
-        if args.what == LINE:
-            story = tune_line(LineSettings(settings, args.leg_length), operator, observer, when)
-        else:
-            story = tune(settings, operator, observer, when)
+        story = tune_as(args, settings, operator, observer, now)
     if not args.remote:  # else standard output is the program's
         page = [f"Report: {Path(story.directory) / 'report.html'}"] if story.directory else []
         put_out(tune_document(story), *page, as_json=args.json)
     operator.ring()
     return RESTORED if story.ending == "restored" else 0
+
+
+def tune_as(
+    args: argparse.Namespace, settings: TuneSettings, operator: Operator, observer: Observer, now: datetime
+) -> TuneStory:
+    """Carry out the tune set on the command line, with the settings of :func:`tune_settings`; return its story.
+
+    Raises
+    ------
+    AutotuneError
+        The cause of an early end.
+    """
+    from gcs_autotune.workflow import LineSettings, tune, tune_line
+
+    when = now.isoformat(timespec="seconds")
+    if args.what == LINE:
+        return tune_line(LineSettings(settings, args.leg_length, args.untuned), operator, observer, when)
+    return tune(settings, operator, observer, when)
 
 
 def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:
@@ -193,16 +227,22 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
     )
 
 
-DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
+DROPPED = {"axis", "what", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
     *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
 }
 """Names of the options that have no effect when supplied gains are proved."""
 
 
-def _proving(args: argparse.Namespace) -> str:
-    """Return the command that proves the gains of a file under the present options."""
+def _own_parser() -> argparse.ArgumentParser:
+    """Return a parser with the defaults of this program, without those of a settings file."""
     parser = argparse.ArgumentParser(add_help=False)
     _add_arguments(parser)
+    return parser
+
+
+def _proving(args: argparse.Namespace) -> str:
+    """Return the command that proves the gains of a file under the present options."""
+    parser = _own_parser()
     words = ["gcs-autotune", "tune", args.axis]
     for name, value in vars(args).items():
         if name not in DROPPED and value != parser.get_default(name) and value not in (None, False):

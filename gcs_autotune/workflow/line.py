@@ -18,14 +18,18 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.design import (
     LINE_PARAMETERS,
     HullTurn,
+    OnLeg,
     TrackMetrics,
+    current_on,
     follows_better,
     line_changes,
+    too_short,
     track_metrics,
 )
 from gcs_autotune.errors import AutotuneError, NotInformative, PreconditionFailed, WrongVehicle
 from gcs_autotune.frames import from_flat
 from gcs_autotune.identify import AxisFit, fit_axis
+from gcs_autotune.limits import limit_of
 from gcs_autotune.link import (
     Journal,
     MavlinkCraft,
@@ -34,7 +38,7 @@ from gcs_autotune.link import (
     set_current,
     waypoint,
 )
-from gcs_autotune.manoeuvres import NEARLY, TO_COME_ABOUT, Envelope, FlyMission, ProofCourse
+from gcs_autotune.manoeuvres import NEARLY, TO_COME_ABOUT, Envelope, FlyMission, ProofCourse, how_far
 from gcs_autotune.observer import Observer
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
@@ -62,12 +66,18 @@ SWING = 8.0
 """How far a boat goes beyond a corner before the flight ends early [s at the working speed]. Project choice."""
 BEYOND = 20.0
 """Free water around the course [s at the working speed]. Project choice: Charlie goes 19 m beyond a corner."""
-LATE, LATEST = 1.4, 3.0
-"""Expected and longest duration of a flight, relative to its way at the working speed. Project choice."""
+LATE, SLOWEST = 1.4, 0.33
+"""Expected duration of a flight, relative to its way at the working speed; slowest speed to a waypoint, relative to the
+working speed. Project choice."""
+DRIFT = 0.8
+"""Largest drift at rest, relative to the working speed, against which a mission is flown. Project choice, as for
+``authority``."""
+SHORTEST = limit_of("leg-length").least
+"""Shortest possible leg [m]."""
 FULL = 0.9
 """Largest steering output that corners may need [fraction of full]."""
 NEEDED = ("PSC_POS_P", "PSC_VEL_P", "WP_RADIUS", "WP_SPEED")
-CONTEXT = ("CRUISE_SPEED", "CRUISE_THROTTLE", "WP_SPEED")
+CONTEXT = ("MOT_THR_MIN", "MOT_THST_EXPO")
 BEFORE, AFTER = "mission with present parameters", "mission with new parameters"
 """The stages."""
 UNTUNED: Mapping[str, Mapping[str, float]] = {
@@ -79,10 +89,14 @@ UNTUNED: Mapping[str, Mapping[str, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class LineSettings:
-    """One tune of the line: the settings that every tune has, and the length of a ``leg`` [m] (None: by its speed)."""
+    """One tune of the line: the settings that every tune has, and the length of a ``leg`` [m] (None: by its speed).
+
+    ``untuned``: fly even if speed or heading have ArduRover's own gains.
+    """
 
     tune: TuneSettings
     leg: float | None = None
+    untuned: bool = False
 
 
 def tune_line(settings: LineSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
@@ -114,7 +128,11 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
     if not (firmware.needs_way and firmware.mission_mode):
         raise WrongVehicle(f"{firmware.name} has no mission of a boat to tune. `tune line` is for ArduRover boats")
     log.meet(craft)
-    present = _learn(craft)
+    present, untuned = _learn(craft)
+    if untuned and not settings.untuned:
+        raise PreconditionFailed(f"{untuned}. To fly all the same, add --untuned")
+    if untuned:
+        log.say(f"{untuned} (--untuned: flown all the same)")
     log.parameters_before = present
     craft.parameters.watch(present)
     log.say(f"present parameters saved to {visit.record.save_parameters('before', present)}")
@@ -126,6 +144,7 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
     length = settings.leg or min(max(SECONDS * speed, LEAST_LEG), MOST_LEG)
     now = craft.observe()
     course = ProofCourse(now.x, now.y, now.psi, length)
+    _check_drift(craft, speed, now)
     _check_space(course, speed, envelope, now)
     seconds = LATE * course.way / speed
     legs = [Leg(BEFORE, seconds, kind="mission")] + [Leg(AFTER, seconds, kind="mission")] * (not tune.dry_run)
@@ -144,7 +163,7 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
             tune_loop(_Line(flights, tune, present), log, visit.agrees, journal, dry_run=tune.dry_run)
 
     def finish() -> None:
-        read_back(partial(_learn, craft), visit)
+        read_back(lambda: _learn(craft)[0], visit)
         for mission in flown:
             _set_item(craft, mission, log)
 
@@ -173,15 +192,13 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
     )
 
 
-def _learn(craft: MavlinkCraft) -> dict[str, float]:
-    """Return the parameters that are changed or needed, as far as the vehicle has them.
+def _learn(craft: MavlinkCraft) -> tuple[dict[str, float], str]:
+    """Return the parameters that are changed or needed, as far as the vehicle has them, and why they are not tuned.
 
     Raises
     ------
     WrongVehicle
         It lacks those that every ArduRover of 4.2 and later has.
-    PreconditionFailed
-        Speed or heading are not tuned.
     """
     gains = [name for axis in UNTUNED.values() for name in axis]
     found = craft.parameters.read_existing([*LINE_PARAMETERS, *CONTEXT, *gains])
@@ -195,13 +212,27 @@ def _learn(craft: MavlinkCraft) -> dict[str, float]:
         for axis, own in UNTUNED.items()
         if all(math.isclose(found.get(name, math.nan), value, rel_tol=1e-3) for name, value in own.items())
     ]
+    told = ""
     if untuned:
         has = "; ".join(", ".join(f"{n} {found[n]:g}" for n in UNTUNED[axis]) for axis in untuned)
         commands = ", then ".join(f"`gcs-autotune tune {axis}`" for axis in untuned)
+        told = f"{' and '.join(untuned)} not tuned: the vehicle has ArduRover's own gains ({has}). Run {commands} first"
+    return {name: value for name, value in found.items() if name not in gains}, told
+
+
+def _check_drift(craft: MavlinkCraft, speed: float, now: Observation) -> None:
+    """Check that a boat at rest does not drift nearly as fast as AUTO drives.
+
+    Raises
+    ------
+    PreconditionFailed
+        It does.
+    """
+    if not craft.armed and now.speed > DRIFT * speed:
         raise PreconditionFailed(
-            f"{' and '.join(untuned)} not tuned: the vehicle has ArduRover's own gains ({has}). Run {commands} first"
+            f"the boat drifts at {now.speed:.1f} m/s at rest, and AUTO drives at {speed:.1f} m/s. A current or wind of "
+            f"up to {DRIFT * speed:.1f} m/s is accepted. Wait for less, or raise WP_SPEED if the boat is fast enough"
         )
-    return {name: value for name, value in found.items() if name not in gains}
 
 
 def _check_space(course: ProofCourse, speed: float, envelope: Envelope, now: Observation) -> None:
@@ -223,17 +254,40 @@ def _check_space(course: ProofCourse, speed: float, envelope: Envelope, now: Obs
             f"the mission goes up to {needs:.0f} m from the start, and --max-distance is {limit:.0f} m. Use {smaller}"
             f"--max-distance {math.ceil(needs)}"
         )
+    seconds = LATE * course.way / speed
+    if seconds > envelope.time:
+        raise PreconditionFailed(
+            f"one flight takes about {seconds:.0f} s, and --max-time is {envelope.time:.0f} s. Use a smaller "
+            f"--leg-length or --max-time {math.ceil(seconds)}"
+        )
+    out = _beyond(course, speed, envelope)
+    if envelope.area is not None and out > 0.0:
+        raise PreconditionFailed(
+            f"the course leaves {envelope.area.source} by {how_far(out)}. {_what_fits(course, speed, envelope)}"
+        )
+
+
+def _beyond(course: ProofCourse, speed: float, envelope: Envelope) -> float:
+    """Return how far [m] the course leaves the area, with the distance in which the boat turns around; 0 inside."""
+    if envelope.area is None:
+        return 0.0
     ahead = [place for leg in itertools.pairwise(course.waypoints) for place in _ends(*leg, TO_COME_ABOUT * speed)]
-    if LATE * course.way / speed > envelope.time:
-        raise PreconditionFailed(
-            f"one flight takes about {LATE * course.way / speed:.0f} s, and --max-time is {envelope.time:.0f} s. Use a "
-            "smaller --leg-length or a larger --max-time"
-        )
-    if envelope.area is not None and any(envelope.area.beyond(*place) > 0.0 for place in ahead):
-        raise PreconditionFailed(
-            f"the course does not fit into {envelope.area.source}. Turn the boat so that the free water is ahead "
-            "and to starboard, or use a smaller --leg-length"
-        )
+    return max(envelope.area.beyond(*place) for place in ahead)
+
+
+def _what_fits(course: ProofCourse, speed: float, envelope: Envelope) -> str:
+    """Return which heading, or else which length of the legs, fits into the area."""
+    turns = sorted((math.radians(10.0 * k) for k in range(-17, 19)), key=abs)
+    lengths = [
+        course.length,
+        *(0.1 * k * course.length for k in range(9, 0, -1) if k * course.length >= 10.0 * SHORTEST),
+    ]
+    for length, turn in itertools.product(lengths, turns):
+        tried = replace(course, length=length, psi=course.psi + turn)
+        if not _beyond(tried, speed, envelope):
+            shorter = f"with --leg-length {length:.0f} and " if length < course.length else "with "
+            return f"It fits {shorter}the bow at {math.degrees(tried.psi) % 360.0:.0f} deg"
+    return "No course fits here. Take the boat to more open water, or use a larger area"
 
 
 def _ends(begin: Place, end: Place, metres: float) -> tuple[Place, Place]:
@@ -286,12 +340,11 @@ class _Flights:
         """Fly it from its first item on."""
         self.visit.log.say(stage)
         set_current(self.visit.craft.session, 1)
-        patience = LATEST * self.course.way / self.speed
-        return self.runner.fly(FlyMission(self.course.waypoints, patience, name), stage)
+        return self.runner.fly(FlyMission(self.course.waypoints, SLOWEST * self.speed, name), stage)
 
 
-def _measured(trial: Trial) -> TrackMetrics:
-    """Return the metrics of a flight, from its record; the run-in does not count.
+def _route(trial: Trial) -> tuple[list[complex], list[float]]:
+    """Return the ends of the legs [m, north + i east] and when the autopilot turned there [s]; the run-in is left out.
 
     Raises
     ------
@@ -307,9 +360,31 @@ def _measured(trial: Trial) -> TrackMetrics:
             f"{trial.name}: the vehicle did not report waypoint {missing[0]} as reached (MISSION_CURRENT). Use a "
             "better link"
         )
+    return [places[k - 1] for k in legs], [marks[k + 1] for k in legs]
+
+
+def _measured(trial: Trial) -> TrackMetrics:
+    """Return the metrics of a flight, from its record; errors as for :func:`_route`."""
     x, y = trial["x"], trial["y"]
-    track = x.values + 1j * np.interp(x.t, y.t, y.values)
-    return track_metrics(x.t, track, [places[k - 1] for k in legs], [marks[k + 1] for k in legs])
+    return track_metrics(x.t, x.values + 1j * np.interp(x.t, y.t, y.values), *_route(trial))
+
+
+def _on_legs(trial: Trial) -> tuple[OnLeg, ...]:
+    """Return how the boat drove the third quarter of each leg; errors as for :func:`_route`."""
+    x, found = trial["x"], []
+    place, psi, ahead = (
+        x.values + 1j * np.interp(x.t, trial["y"].t, trial["y"].values),
+        np.interp(x.t, trial["psi"].t, trial["psi"].values),
+        np.interp(x.t, trial["X"].t, trial["X"].values),
+    )
+    places, turned = _route(trial)
+    for k in range(1, len(places)):
+        along = ((place - places[k - 1]) / (places[k] - places[k - 1])).real
+        on = (x.t >= turned[k - 1]) & (x.t < turned[k]) & (along > 0.5) & (along < 0.75)
+        if np.count_nonzero(on) > 1:
+            velocity = (place[on][-1] - place[on][0]) / (x.t[on][-1] - x.t[on][0])
+            found.append(OnLeg(float(np.mean(psi[on])), complex(velocity), float(np.mean(ahead[on]))))
+    return tuple(found)
 
 
 class _Line:
@@ -326,7 +401,7 @@ class _Line:
 
     def read(self) -> Mapping[str, float]:
         """Return the parameters in place now."""
-        return _learn(self._craft)
+        return _learn(self._craft)[0]
 
     def lend(self, journal: Journal) -> GainLoan:
         """Return the transaction on the vehicle's parameters."""
@@ -350,8 +425,10 @@ class _Line:
             f"the hull turns with {math.degrees(hull.rate):.0f} deg/s at most at {hull.speed:.1f} m/s, in a radius of "
             f"{hull.radius:.1f} m, with a lag of {hull.lag:.1f} s"
         )
+        current = abs(current_on(hull.legs))
+        self._log.say(f"on the legs it was set by a current of {current:.2f} m/s")
         self._log.given_changes = tuple(line_changes(hull, self._present))
-        return Offer(self._log.given_changes)
+        return Offer(self._log.given_changes, too_short(hull, self._flights.course.length))
 
     def fly_baseline(self) -> None:
         """Nothing else is compared."""
@@ -387,4 +464,4 @@ class _Line:
         pivots = self._craft.skid and self._present.get("WP_PIVOT_ANGLE", 0.0) > 5.0
         before = self._log.track_before
         wide = pivots and before is not None and before.corners[-1] > 0.5 * speed / rate
-        return HullTurn(speed, rate, lag, pivots, wide)
+        return HullTurn(speed, rate, lag, pivots, wide, _on_legs(self._before))
