@@ -41,7 +41,7 @@ from benchmarks.speed import WAVES
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report import TuneStory
-from gcs_autotune.workflow import LineSettings, TuneSettings, Unattended, tune, tune_line
+from gcs_autotune.workflow import TuneSettings, Unattended, tune, tune_line
 from sitl import open_vehicle
 from sitl.actuators import TwinThrusterBoat
 from sitl.effects import HiddenEffect, make_effect
@@ -183,7 +183,7 @@ def tune_all(hull: str, water: str, seed: int, *, untuned: bool) -> Case:
 def _tuned(axis: str, settings: TuneSettings, *, untuned: bool) -> TuneStory:
     if axis != "line":
         return tune(settings, Unattended(), SilentObserver(), _WHEN)
-    line = LineSettings(replace(settings, axis="heading"), untuned=untuned)
+    line = replace(settings, axis="heading", untuned=untuned)
     return tune_line(line, Unattended(), SilentObserver(), _WHEN)
 
 

@@ -16,11 +16,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from gcs_autotune.cli import find_config, make_parser, read_config, tune_as, tune_settings
+from gcs_autotune.cli import find_config, make_parser, read_config, tune_settings
 from gcs_autotune.errors import AutotuneError, UsageError
 from gcs_autotune.link import Transport
 from gcs_autotune.untrusted_text import visible
-from gcs_autotune.workflow import Connection, is_settled, restore_run
+from gcs_autotune.workflow import Connection, is_settled, job_of, restore_run
 
 try:
     from MAVProxy.modules.lib.mp_module import MPModule
@@ -190,7 +190,7 @@ class AutotuneModule(MPModule):  # type: ignore[misc]  # MAVProxy has no types
             console = Console(force_terminal=False, width=100)
             settings = tune_settings(args, connection, now)
             with TerminalObserver(console, quiet=args.quiet) as observer:
-                story = tune_as(args, settings, self._person, observer, now)
+                story = job_of(args.what).run(settings, self._person, observer, now.isoformat(timespec="seconds"))
             print_document(console, tune_document(story))
 
         self._begin(f"tune {args.axis}", _Console(yes=args.yes), work)

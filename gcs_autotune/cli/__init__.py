@@ -16,12 +16,12 @@ from typing import NoReturn
 from gcs_autotune import __version__
 from gcs_autotune.cli.command import Command
 from gcs_autotune.cli.config_file import NO_CONFIG, ConfigFile, find_config, read_config, shown_value
-from gcs_autotune.cli.tune_cmd import RESTORED, tune_as, tune_settings
+from gcs_autotune.cli.tune_cmd import RESTORED, tune_settings
 from gcs_autotune.errors import EXIT_CODES, AutotuneError, OperatorStopped, UsageError, exit_code
 from gcs_autotune.registry import nearest_of
 from gcs_autotune.untrusted_text import visible
 
-__all__ = ["COMMANDS", "find_config", "main", "make_parser", "read_config", "tune_as", "tune_settings"]
+__all__ = ["COMMANDS", "find_config", "main", "make_parser", "read_config", "tune_settings"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,7 @@ COMMANDS: Mapping[str, Verb] = {
         "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",
     ),
+    "compare": Verb("show several runs of one craft side by side, and what changed", "compare_cmd"),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
     "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),
     "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),

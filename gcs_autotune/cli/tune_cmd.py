@@ -31,33 +31,21 @@ from gcs_autotune.cli.command import (
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import put_out
 from gcs_autotune.errors import UsageError
+from gcs_autotune.tunables import TUNABLES, tunable
 
 if TYPE_CHECKING:
-    from gcs_autotune.observer import Observer
-    from gcs_autotune.report import TuneStory
-    from gcs_autotune.workflow import Connection, Operator, SuppliedGains, TuneSettings
+    from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
 
-__all__ = ["COMMAND", "RESTORED", "tune_as", "tune_settings"]
+__all__ = ["COMMAND", "RESTORED", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
-LINE = "line"
-"""Tuned by a mission instead of a step, so it is no axis."""
-STANDS_ON = {LINE: "heading"}
-"""What is tuned that is no axis -> the axis whose settings it uses."""
-ONLY_STEPS = (
-    *("step", "step_duration", "relay_output", "relay_hysteresis", "relays", "stop_rule", "throttle", "speed"),
-    *("model", "full_scale", "gains", "resume", "function", "beyond_ranges", "settling_time", "omega_0"),
-)
-"""Options that `tune line` has no use for."""
-INSTEAD = {"throttle": "WP_SPEED sets the speed of AUTO", "speed": "WP_SPEED sets the speed of AUTO"}
-"""Option that `tune line` has no use for -> what to use."""
 RESTORED = 8
 """Exit code of ``tune`` if the new gains were tested, but the old gains proved better and are restored."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=sorted((*AXES, LINE)), help="the loop to tune")
+    parser.add_argument("axis", choices=sorted({*AXES, *TUNABLES}), help="the loop to tune")
     add_connection(parser, otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth")
     add_output(parser)
     add_fetch_log(parser)
@@ -119,13 +107,14 @@ def _run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
     if not hasattr(args, "what"):
-        args.what, args.axis = args.axis, STANDS_ON.get(args.axis, args.axis)
+        args.what, args.axis = args.axis, tunable(args.axis).axis
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    if args.what == LINE:
-        _check_line(args)
-    elif args.leg_length is not None or args.untuned:
-        raise UsageError(f"{'--untuned' if args.untuned else '--leg-length'} is for `tune line`. Remove it")
+    own = _own_parser()
+    useless = [name for name in tunable(args.what).useless if getattr(args, name) != own.get_default(name)]
+    if useless:
+        names = " and ".join(f"--{name.replace('_', '-')}" for name in useless)
+        raise UsageError(f"`tune {args.what}` does not use {names}. Remove what it does not use")
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
@@ -136,47 +125,20 @@ def _check(args: argparse.Namespace) -> None:
     check_files(args.gains, args.resume)
 
 
-def _check_line(args: argparse.Namespace) -> None:
-    """Check that no option was set that a tune of the line does not use."""
-    own = _own_parser()
-    useless = [name for name in ONLY_STEPS if getattr(args, name) != own.get_default(name)]
-    if useless:
-        names = " and ".join(f"--{name.replace('_', '-')}" for name in useless)
-        instead = next((f" ({INSTEAD[name]})" for name in useless if name in INSTEAD), "")
-        raise UsageError(f"`tune line` flies a mission and does not use {names}{instead}. Remove what it does not use")
-
-
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over an open link and show the result."""
     from gcs_autotune.report import tune_document
+    from gcs_autotune.workflow import job_of
 
     now = datetime.now()
-    settings = tune_settings(args, connection, now)
+    settings, when = tune_settings(args, connection, now), now.isoformat(timespec="seconds")
     with attending(args, "or --dry-run to change nothing") as (operator, observer):
-        story = tune_as(args, settings, operator, observer, now)
+        story = job_of(args.what).run(settings, operator, observer, when)
     if not args.remote:  # else standard output is the program's
         page = [f"Report: {Path(story.directory) / 'report.html'}"] if story.directory else []
         put_out(tune_document(story), *page, as_json=args.json)
     operator.ring()
     return RESTORED if story.ending == "restored" else 0
-
-
-def tune_as(
-    args: argparse.Namespace, settings: TuneSettings, operator: Operator, observer: Observer, now: datetime
-) -> TuneStory:
-    """Carry out the tune set on the command line, with the settings of :func:`tune_settings`; return its story.
-
-    Raises
-    ------
-    AutotuneError
-        The cause of an early end.
-    """
-    from gcs_autotune.workflow import LineSettings, tune, tune_line
-
-    when = now.isoformat(timespec="seconds")
-    if args.what == LINE:
-        return tune_line(LineSettings(settings, args.leg_length, args.untuned), operator, observer, when)
-    return tune(settings, operator, observer, when)
 
 
 def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:
@@ -204,6 +166,8 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         step_duration=args.step_duration,
         relay_output=args.relay_output,
         relay_hysteresis=inside(args.relay_hysteresis),
+        leg_length=args.leg_length,
+        untuned=args.untuned,
         throttle=args.throttle,
         speed=args.speed,
         model=args.function,

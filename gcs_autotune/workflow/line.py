@@ -54,10 +54,10 @@ from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.runner import ManoeuvreRunner
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tune_loop
-from gcs_autotune.workflow.tune import leave_report, read_back
+from gcs_autotune.workflow.tune import TuneJob, leave_report, read_back
 from gcs_autotune.workflow.tune_log import TuneLog
 
-__all__ = ["LineSettings", "tune_line"]
+__all__ = ["JOB", "tune_line"]
 
 SECONDS, LEAST_LEG, MOST_LEG = 25.0, 30.0, 120.0
 """Length of a leg at the working speed [s], and its limits [m]. Project choice: a slow boat is on its line by then."""
@@ -87,19 +87,7 @@ UNTUNED: Mapping[str, Mapping[str, float]] = {
 """Axis -> ArduRover's own gains. A boat that has all of them was not tuned."""
 
 
-@dataclass(frozen=True, slots=True)
-class LineSettings:
-    """One tune of the line: the settings that every tune has, and the length of a ``leg`` [m] (None: by its speed).
-
-    ``untuned``: fly even if speed or heading have ArduRover's own gains.
-    """
-
-    tune: TuneSettings
-    leg: float | None = None
-    untuned: bool = False
-
-
-def tune_line(settings: LineSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
+def tune_line(settings: TuneSettings, operator: Operator, observer: Observer, when: str) -> TuneStory:
     """Tune the line and return its story; the run directory holds everything on every ending.
 
     Raises
@@ -111,9 +99,8 @@ def tune_line(settings: LineSettings, operator: Operator, observer: Observer, wh
     AutotuneError
         What ended it early. By then vehicle and mission are as before (or ``NotAsFound`` states what is not).
     """
-    tune = settings.tune
-    record, log = RunDirectory(tune.directory), TuneLog(tune, when, observer, "line")
-    visit = visiting(tune, operator, log, record, tune.axis, dofs=("yaw",))
+    record, log = RunDirectory(settings.directory), TuneLog(settings, when, observer, "line")
+    visit = visiting(settings, operator, log, record, settings.axis, dofs=("yaw",))
     try:
         run_mission(visit, partial(_declare, settings), log)
     finally:
@@ -121,9 +108,9 @@ def tune_line(settings: LineSettings, operator: Operator, observer: Observer, wh
     return log.story()
 
 
-def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
+def _declare(settings: TuneSettings, visit: Visit[TuneLog]) -> Mission:
     """Return what this tune will do on the vehicle of *visit*; nothing moves yet."""
-    craft, log, tune = visit.craft, visit.log, settings.tune
+    craft, log = visit.craft, visit.log
     firmware = craft.firmware
     if not (firmware.needs_way and firmware.mission_mode):
         raise WrongVehicle(f"{firmware.name} has no mission of a boat to tune. `tune line` is for ArduRover boats")
@@ -139,15 +126,15 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
     speed = present.get("WP_SPEED", 0.0) or present.get("CRUISE_SPEED", 0.0)
     if not speed > 0.0:
         raise PreconditionFailed("WP_SPEED and CRUISE_SPEED are both 0, so AUTO does not drive. Set WP_SPEED first")
-    envelope = replace(tune.envelope, cruise=speed, heading_excursion=math.inf)
+    envelope = replace(settings.envelope, cruise=speed, heading_excursion=math.inf)
     envelope = replace(envelope, area=area_of_flight(craft, envelope.area, log))
-    length = settings.leg or min(max(SECONDS * speed, LEAST_LEG), MOST_LEG)
+    length = settings.leg_length or min(max(SECONDS * speed, LEAST_LEG), MOST_LEG)
     now = craft.observe()
     course = ProofCourse(now.x, now.y, now.psi, length)
     _check_drift(craft, speed, now)
     _check_space(course, speed, envelope, now)
     seconds = LATE * course.way / speed
-    legs = [Leg(BEFORE, seconds, kind="mission")] + [Leg(AFTER, seconds, kind="mission")] * (not tune.dry_run)
+    legs = [Leg(BEFORE, seconds, kind="mission")] + [Leg(AFTER, seconds, kind="mission")] * (not settings.dry_run)
     itinerary = Itinerary(legs)
 
     def keep(trial: Trial) -> None:
@@ -160,7 +147,7 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
             mission.set(_mission(course, craft, now))
             flown.append(mission)
             log.say("the proof mission is uploaded; the vehicle's own one is in the journal")
-            tune_loop(_Line(flights, tune, present), log, visit.agrees, journal, dry_run=tune.dry_run)
+            tune_loop(_Line(flights, settings, present), log, visit.agrees, journal, dry_run=settings.dry_run)
 
     def finish() -> None:
         read_back(lambda: _learn(craft)[0], visit)
@@ -177,7 +164,7 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
         modes=(firmware.mission_mode, firmware.manual_mode, firmware.rest_mode),
         movements=(
             f"a mission with legs of {length:.0f} m and corners of 90, 150 and 180 deg, flown "
-            f"{'once' if tune.dry_run else 'twice'} at {speed:.1f} m/s. The mission replaces the vehicle's own one "
+            f"{'once' if settings.dry_run else 'twice'} at {speed:.1f} m/s. The mission replaces the vehicle's own one "
             "during the run"
         ),
         needs=(
@@ -187,7 +174,7 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
             battery(now, envelope, itinerary.seconds),
         ),
         fly=fly,
-        writes="write no parameter (dry run)" if tune.dry_run else changes,
+        writes="write no parameter (dry run)" if settings.dry_run else changes,
         finish=finish,
     )
 
@@ -465,3 +452,6 @@ class _Line:
         before = self._log.track_before
         wide = pivots and before is not None and before.corners[-1] > 0.5 * speed / rate
         return HullTurn(speed, rate, lag, pivots, wide, _on_legs(self._before))
+
+
+JOB = TuneJob(tune_line, _declare)

@@ -104,12 +104,12 @@ def test_the_nearest_spelling_is_told_of_a_name_there_is_not(typed, meant, capsy
     ("typed", "why"),
     [
         ("tune line --settling-time 5", "does not use --settling-time. Remove"),
-        ("tune line --speed 1.2", "does not use --speed (WP_SPEED sets the speed of AUTO)"),
-        ("tune line --throttle 0.5 --relays 2", "does not use --relays and --throttle"),
+        ("tune line --speed 1.2", "does not use --speed. Remove"),
+        ("tune line --throttle 0.5 --relays 2", "`tune line` does not use --relays and --throttle"),
         ("tune line --function butterworth", "does not use --function"),
         ("tune line --beyond-ranges", "does not use --beyond-ranges"),
-        ("tune heading --untuned", "--untuned is for `tune line`"),
-        ("tune heading --leg-length 30", "--leg-length is for `tune line`"),
+        ("tune heading --untuned", "`tune heading` does not use --untuned"),
+        ("tune heading --leg-length 30", "`tune heading` does not use --leg-length"),
     ],
 )
 def test_an_option_that_the_loop_does_not_use_is_refused(typed, why, capsys):

@@ -15,7 +15,7 @@ from gcs_autotune.errors import AutotuneError, GuardTripped, NotAchieved, Precon
 from gcs_autotune.link import Journal
 from gcs_autotune.manoeuvres import Area, Envelope, Zone
 from gcs_autotune.observer import SilentObserver
-from gcs_autotune.workflow import LineSettings, Unattended, restore_run, tune_line
+from gcs_autotune.workflow import Unattended, restore_run, tune_line
 from sitl.autopilot.mission import Command, MissionItem
 from sitl.effects import parse_effect
 from sitl.place import HOME
@@ -49,7 +49,7 @@ def tuned(tmp_path: Path, meddling: Any = None, effects: Any = (), **parameters:
 def line(
     harness: SitlHarness, operator: Any = None, leg: float | None = 30.0, *, untuned: bool = False, **changes: Any
 ) -> Any:
-    settings = LineSettings(harness.settings(**changes), leg, untuned)
+    settings = harness.settings(leg_length=leg, untuned=untuned, **changes)
     return tune_line(settings, operator or Unattended(), Ear(harness.said), WHEN)
 
 
