@@ -15,8 +15,10 @@ calm water:
 * ``oracle``: the best of a random search over the parameters of ``tune line`` that flies both missions itself. The
   inner gains, and so the margins, are those of the tune; later half, corners and time may not exceed the tune's rule.
 
-``--seeds 1 --water calm --oracle 6`` is the quick form. With ``--save FILE`` every case is a line in FILE, and known
-ones are not flown again. ``--untuned`` flies ``tune line`` even if speed or heading have kept ArduPilot's own gains.
+``--firmware`` tunes on ArduPilot's own firmware instead (``ARDUPILOT_ROVER``), in calm water and once: its clock gives
+every run another noise. ``--seeds 1 --water calm --oracle 6`` is the quick form. With ``--save FILE`` every case is a
+line in FILE, and known ones are not flown again. ``--untuned`` flies ``tune line`` even if speed or heading have kept
+ArduPilot's own gains.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import random
 import sys
 import tempfile
@@ -33,16 +36,16 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
 
-from benchmarks.navigation import TRACKS, Ours, Score, mean, sail
+from benchmarks.navigation import TRACKS, Ours, Score, Theirs, mean, sail
 from benchmarks.reach import Aboard
 from benchmarks.results import Figure, count, headline
-from benchmarks.rivals.sea import NoAnswer
+from benchmarks.rivals.sea import BINARIES, NoAnswer
 from benchmarks.speed import WAVES
 from gcs_autotune.errors import AutotuneError
 from gcs_autotune.observer import SilentObserver
 from gcs_autotune.report import TuneStory
 from gcs_autotune.workflow import TuneSettings, Unattended, tune, tune_line
-from sitl import open_vehicle
+from sitl import load_vehicle, open_vehicle
 from sitl.actuators import TwinThrusterBoat
 from sitl.effects import HiddenEffect, make_effect
 
@@ -72,6 +75,8 @@ LATER, CORNERS, LONGER = 1.25, 1.05, 1.5
 _WHEN = "2026-11-26T12:00:00"
 _MANUAL, _SETTLED = 0, 40.0
 _GRAVITY = 9.81
+_WARM_UP = 240.0
+"""Seconds that the firmware's estimator needs until its heading stays where it is."""
 
 
 @dataclass(frozen=True)
@@ -252,6 +257,32 @@ def search(hull: str, tuned: Mapping[str, float], tries: int, seed: int = 1) -> 
     return best, where
 
 
+def on_firmware(hull: str, options: argparse.Namespace) -> bool:
+    """Tune *hull* under ArduPilot's firmware and print both scores; return whether it is not worse than before."""
+    scores: dict[str, Score] = {}
+    endings = []
+    with tempfile.TemporaryDirectory(prefix="tuned-lines-") as folder:
+        os.environ["XDG_STATE_HOME"] = folder
+        sea = Theirs(load_vehicle(hull), {}, [], options)
+        try:
+            sea.run(_WARM_UP)
+            for axis in ("speed", "heading", "line"):
+                if axis == "line":
+                    scores["before"] = mean([sail(sea, track) for track in TRACKS.values()])
+                run = (options.keep or Path(folder)) / f"{hull}-{axis}"
+                command = ["tune", axis, "--connect", sea.tuner_uri, "--yes", "--out", str(run)]
+                status = sea.host(command, run.with_suffix(".txt"))
+                told = run / "summary.json"
+                summary = json.loads(told.read_text()) if told.is_file() else {"ending": f"exit {status}"}
+                endings.append(summary["ending"])
+                print(f"{hull}: tune {axis}: {endings[-1]}, {run.with_suffix('.txt').read_text()[-600:]}", flush=True)
+            scores["after"] = mean([sail(sea, track) for track in TRACKS.values()])
+        finally:
+            sea.close()
+    print(f"{hull:14} firmware {'/'.join(endings):24} | {scores['before']} | {scores['after']}", flush=True)
+    return scores["after"].rms <= WORSE * scores["before"].rms
+
+
 def _saved(file: Path | None) -> list[Case]:
     if file is None or not file.is_file():
         return []
@@ -316,7 +347,21 @@ def main() -> int:
     parser.add_argument("--oracle", type=int, default=20, metavar="TRIES", help="tries of the search; 0: none (20)")
     parser.add_argument("--untuned", action="store_true")
     parser.add_argument("--save", type=Path, metavar="FILE")
+    parser.add_argument("--firmware", action="store_true", help="tune ArduPilot's own firmware on these hulls")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="where the runs on the firmware stay")
+    parser.add_argument("--instance", type=int, default=33)
+    parser.add_argument("--port", type=int, default=14830, help="first of three UDP ports")
     options = parser.parse_args()
+    if options.firmware:
+        if not os.environ.get(BINARIES["rover"]):
+            print(f"this flies ArduPilot's own firmware: set {BINARIES['rover']} to its binary")
+            return 2
+        good = [on_firmware(hull, options) for hull in options.hulls]
+        name = "not worse than before on ArduPilot's firmware"
+        headline(
+            "tuned_lines-firmware", "tune line on ArduPilot's firmware", [count(name, sum(good), len(good), least=1.0)]
+        )
+        return 0 if all(good) else 1
     print("hull           water  seed speed/heading/line       | default           | speed+heading     | line")
     cases = list(_cases(options))
     line = [c for c in cases if c.ending in ("kept", "restored", "unchanged")]
