@@ -27,6 +27,7 @@ from gcs_autotune.workflow.hold import HoldSettings, hold
 from gcs_autotune.workflow.line import tune_line
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
+from gcs_autotune.workflow.own_loops import load_models
 from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
@@ -71,6 +72,7 @@ __all__ = [
     "listened_to",
     "load_flight_plan",
     "load_gains",
+    "load_models",
     "precision_of",
     "preview_of_model",
     "recheck",
