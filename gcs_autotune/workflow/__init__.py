@@ -24,7 +24,7 @@ from gcs_autotune.workflow.flight_preview import preview_of_model
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan
 from gcs_autotune.workflow.hold import HoldSettings, hold
-from gcs_autotune.workflow.line import LineSettings, tune_line
+from gcs_autotune.workflow.line import tune_line
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
 from gcs_autotune.workflow.own_loops import load_models
@@ -49,7 +49,6 @@ __all__ = [
     "FlightResult",
     "FlySettings",
     "HoldSettings",
-    "LineSettings",
     "Operator",
     "Precision",
     "StudySettings",
