@@ -19,6 +19,7 @@ from gcs_autotune.cli.command import (
     add_loudness,
     add_number,
     add_output,
+    add_pull_test,
     add_remote,
     check_axis_limits,
     check_files,
@@ -26,6 +27,7 @@ from gcs_autotune.cli.command import (
     check_output,
     connected,
     envelope_from,
+    pull_test_of,
     run_directory,
 )
 from gcs_autotune.cli.remote import attending
@@ -41,17 +43,27 @@ FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
 LINE = "line"
 """Tuned by a mission instead of a step, so it is no axis."""
-STANDS_ON = {LINE: "heading"}
+ACTUATORS = "actuators"
+"""The motor parameters, proved by throttle levels and a speed step."""
+STANDS_ON = {LINE: "heading", ACTUATORS: "speed"}
 """What is tuned that is no axis -> the axis whose settings it uses."""
 ONLY_STEPS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "resume", "omega_0")
 """Options that `tune line` has no use for."""
+NO_GAINS = tuple(name for name in ONLY_STEPS if name not in ("step", "step_duration"))
+"""Options that `tune actuators` has no use for."""
+UNUSED = {LINE: (ONLY_STEPS, "flies a mission"), ACTUATORS: (NO_GAINS, "designs no gains")}
+"""What is tuned that is no axis -> options that it has no use for, and why."""
+PULLED = (ACTUATORS, "speed")
+"""What uses a pull test."""
 RESTORED = 8
 """Exit code of ``tune`` if the new gains were tested, but the old gains proved better and are restored."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=sorted((*AXES, LINE)), help="the loop to tune")
-    add_connection(parser, otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth")
+    parser.add_argument("axis", choices=sorted((*AXES, *STANDS_ON)), help="the loop to tune")
+    add_connection(
+        parser, otherwise="sitl:charlie for actuators, heading, line, speed and yaw, sitl:videoray for depth"
+    )
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
@@ -71,6 +83,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(step, "step-duration", "S")
     add_number(step, "leg-length", "M")
     add_experiment(parser)
+    add_pull_test(parser)
     design = parser.add_argument_group("design")
     design.add_argument(
         "--model",
@@ -109,12 +122,16 @@ def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    if getattr(args, "what", "") == LINE:
-        useless = [name for name in ONLY_STEPS if getattr(args, name) is not None]
+    what = getattr(args, "what", args.axis)
+    if what in UNUSED:
+        options, why = UNUSED[what]
+        useless = [name for name in options if getattr(args, name) is not None]
         if useless:
             names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
-            raise UsageError(f"{names} has no use for `tune line`, which flies a mission. Remove it")
-    elif args.leg_length is not None:
+            raise UsageError(f"{names} has no use for `tune {what}`, which {why}. Remove it")
+    if what not in PULLED and args.pull_test is not None:
+        raise UsageError(f"--pull-test is for {' and '.join(f'`tune {name}`' for name in PULLED)}. Remove it")
+    if what != LINE and args.leg_length is not None:
         raise UsageError("--leg-length is for `tune line`. Remove it")
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
@@ -123,18 +140,20 @@ def _check(args: argparse.Namespace) -> None:
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains tests existing gains and --model designs new gains. Use one of the two")
     check_model_file(args.model)
-    check_files(args.gains, args.resume)
+    check_files(args.gains, args.resume, args.pull_test)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over an open link and show the result."""
     from gcs_autotune.report import tune_document
-    from gcs_autotune.workflow import LineSettings, tune, tune_line
+    from gcs_autotune.workflow import LineSettings, tune, tune_actuators, tune_line
 
     now = datetime.now()
     settings, when = tune_settings(args, connection, now), now.isoformat(timespec="seconds")
     with attending(args, "or --dry-run to change nothing") as (operator, observer):
-        if args.what == LINE:
+        if args.what == ACTUATORS:
+            story = tune_actuators(settings, operator, observer, when)
+        elif args.what == LINE:
             story = tune_line(LineSettings(settings, args.leg_length), operator, observer, when)
         else:
             story = tune(settings, operator, observer, when)
@@ -190,11 +209,22 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         beyond_ranges=args.beyond_ranges,
         gains=_gains(args),
         proving=_proving(args),
+        pull_test=pull_test_of(args),
     )
 
 
 DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
-    *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
+    *(
+        "settling_time",
+        "configured_link",
+        "omega_0",
+        "relay_hysteresis",
+        "relays",
+        "delay",
+        "structure",
+        "gains",
+        "pull_test",
+    )
 }
 """Names of the options that have no effect when supplied gains are proved."""
 
