@@ -60,7 +60,7 @@ from gcs_autotune.workflow.pull_map import PulledMap, pulled_map
 from gcs_autotune.workflow.record import RunDirectory
 from gcs_autotune.workflow.settings import TuneSettings
 from gcs_autotune.workflow.tunable_loop import GainLoan, Offer, ProofResult, tune_loop
-from gcs_autotune.workflow.tune import leave_report, read_back
+from gcs_autotune.workflow.tune import TuneJob, leave_report, read_back
 from gcs_autotune.workflow.tune_log import TuneLog
 
 __all__ = ["tune_actuators"]
@@ -415,3 +415,6 @@ def _held(run: Trial, step: Trial) -> tuple[float, float]:
     alike = abs(there - here) <= UNLIKE * abs(mean)
     spread = float(np.std(parts)) / math.sqrt(len(parts))
     return mean, math.hypot(spread, 0.5 * abs(there - here)) if alike else math.inf
+
+
+JOB = TuneJob(tune_actuators, _declare)
