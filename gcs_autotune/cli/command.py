@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from gcs_autotune.manoeuvres import Envelope
     from gcs_autotune.mavlink import SigningKey
     from gcs_autotune.report import StageBar, TerminalObserver
+    from gcs_autotune.thrusters import PullTest
     from gcs_autotune.workflow import Connection
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "add_loudness",
     "add_number",
     "add_output",
+    "add_pull_test",
     "add_remote",
     "check_axis_limits",
     "check_files",
@@ -42,6 +44,7 @@ __all__ = [
     "connection_of",
     "envelope_from",
     "progress_bar",
+    "pull_test_of",
     "run_directory",
     "uri_of",
     "watching",
@@ -325,6 +328,26 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
         choices=("linear", "nonlinear", "affine"),
         help="damping of the model: linear, nonlinear (quadratic) or affine (both) (default: chosen from the data)",
     )
+
+
+def add_pull_test(parser: argparse.ArgumentParser) -> None:
+    """Add the option of the pull test that supplies the thrust curve."""
+    parser.add_argument(
+        "--pull-test",
+        type=Path,
+        metavar="FILE",
+        help="thrust curve from a pull test of one thruster: a CSV file with the columns command[1] or pwm[us], and "
+        "force[N] or T[kgf] (see `thrusters`)",
+    )
+
+
+def pull_test_of(args: argparse.Namespace) -> PullTest | None:
+    """Return the pull test of ``--pull-test``; None without the option."""
+    if args.pull_test is None:
+        return None
+    from gcs_autotune.thrusters import read_pull_test
+
+    return read_pull_test(args.pull_test)
 
 
 @contextmanager

@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.actuators import tune_actuators
 from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.comparison import COMPARED, compare, fits_in
 from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
@@ -82,6 +83,7 @@ __all__ = [
     "save_parameters",
     "study",
     "tune",
+    "tune_actuators",
     "tune_line",
     "write_diagnosis",
 ]

@@ -56,6 +56,7 @@ from gcs_autotune.report.tune.tables import (
     metrics_table,
     rates_table,
     route_table,
+    thrust_table,
     vehicle_table,
 )
 from gcs_autotune.report.tune.wording import (
@@ -120,6 +121,14 @@ def _line(story: TuneStory) -> Iterator[Section]:
         Section("line-reasons", f"Why the new parameters {kept}", tuple(bullets(story.verdict_reasons))),
     )
     yield Section("line", "Mission before and after", parts, facts=IN_RESULT)
+
+
+def _thrust(story: TuneStory) -> Iterator[Section]:
+    if story.thrust_before is None:
+        return
+    note = "Thrust is relative to the best proportional one. The commands are those that the weaker direction can give."
+    parts: tuple[Part, ...] = (thrust_table(story.thrust_before, story.thrust_after), Note(note, kind="quiet"))
+    yield Section("thrust", "Thrust at each command", parts, facts=IN_RESULT)
 
 
 def _step(story: TuneStory) -> Iterator[Section]:
@@ -253,6 +262,7 @@ def _files(story: TuneStory) -> Iterator[Section]:
 
 SECTIONS = (
     _line,
+    _thrust,
     _step,
     _gains,
     _proof,
