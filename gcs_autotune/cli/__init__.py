@@ -54,6 +54,7 @@ COMMANDS: Mapping[str, Verb] = {
     "experiment": Verb(
         "fly relay experiments and identify one degree of freedom; writes no parameter", "experiment_cmd"
     ),
+    "aboard": Verb("have the autopilot fly the experiments by a script, for slow links", "aboard_cmd"),
     "fly": Verb("fly a standard manoeuvre (zig-zag, circle, steps ...): preview, flight, figures, model", "fly_cmd"),
     "hold": Verb("hold heading or depth with a controller of our own, in manual mode", "hold_cmd"),
     "authority": Verb("compute from models what a craft can do, and the limits ArduPilot should have", "authority_cmd"),
