@@ -26,7 +26,7 @@ from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
-from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, line_changes
+from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, too_short
 from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
@@ -61,6 +61,7 @@ __all__ = [
     "LoopResponse",
     "Margins",
     "Missing",
+    "OnLeg",
     "OpenLoop",
     "ParameterLimit",
     "Prediction",
@@ -78,6 +79,7 @@ __all__ = [
     "authority_of",
     "combine",
     "crossings",
+    "current_on",
     "design",
     "design_from",
     "follows_better",
@@ -95,6 +97,7 @@ __all__ = [
     "shortfall_of",
     "step_metrics",
     "throttle_of",
+    "too_short",
     "track_metrics",
     "turn_rate_step",
 ]

@@ -23,17 +23,18 @@ from gcs_autotune.report.toolkit.document import (
     Section,
     Table,
     bullets,
+    cautions,
     notes,
 )
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
-    doubt_sentences,
     format_change,
     format_moment,
     format_number,
     format_percent,
     format_quantity,
     format_share,
+    remarks,
     sentence,
 )
 from gcs_autotune.report.tune.data import summarise
@@ -77,7 +78,7 @@ MOST_PARAMETERS = 24
 def tune_document(story: TuneStory) -> Document:
     """Return the report of a tune, as far as the tune was completed. Its JSON form is ``summary.json``."""
     fit = story.fit
-    doubts = (*story.doubts, *(() if fit is None else doubt_sentences(fit.doubts)))
+    doubts = (*cautions(story.doubts), *(() if fit is None else remarks(fit.doubts)))
     return Document(
         title=f"{story.title[:1].upper()}{story.title[1:]}: {story.ending}",
         about=(str(story.vehicle.get("name", "vehicle not identified")),),
