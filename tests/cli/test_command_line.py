@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs_autotune.cli import COMMANDS, main, make_parser
+from gcs_autotune.cli import COMMANDS, fly_cmd, main, make_parser
 from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.link import Journal
 
@@ -226,6 +226,8 @@ def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
         said = process.stderr.read()
         assert process.wait(30) == 130
     assert "mode and armed state restored" in said
+    assert said.splitlines()[-1] == f"Report: {tmp_path / 'r' / 'report.html'}"
+    assert "--resume" in said
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     assert summary["ending"] == "aborted"
     assert summary["differences"] == {}
@@ -328,6 +330,17 @@ def options_of(verb: str) -> set[str]:
     parser = make_parser(only=verb)
     verbs = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     return {a.option_strings[-1] for a in verbs.choices[verb]._actions if a.option_strings}
+
+
+@pytest.mark.parametrize(
+    ("options", "seconds"),
+    [((), 1800.0), (("--max-time", "120"), 120.0), (("--max-time", "120", "--total-time", "9"), 540.0)],
+)
+def test_max_time_limits_the_whole_of_a_self_planned_trial(options, seconds):
+    args = make_parser(only="fly").parse_args(["fly", "--until", "alpha_r 5%", *options])
+    precision = fly_cmd._precision(args)
+    assert precision is not None
+    assert precision.seconds == seconds
 
 
 def test_sitl_lists_its_vehicles():
