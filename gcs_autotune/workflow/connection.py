@@ -11,7 +11,7 @@ from gcs_autotune.errors import AutotuneError, WrongVehicle
 from gcs_autotune.firmware import Axis, Firmware
 from gcs_autotune.link import NEEDED_RATES, TWITCH, WANTED_RATES, MavlinkCraft, Session, open_craft
 from gcs_autotune.mavlink import Message
-from gcs_autotune.observer import Observer, Vitals, Words
+from gcs_autotune.observer import Intention, Observer, Vitals, Words
 from gcs_autotune.workflow.open_runs import refuse_open_runs
 from gcs_autotune.workflow.operator import Operator
 from gcs_autotune.workflow.record import RunDirectory
@@ -53,13 +53,15 @@ LEAST_WATCHING: Mapping[str, float] = {"ATTITUDE": 1.0, "SERVO_OUTPUT_RAW": 1.0}
 """Message -> lowest rate [Hz] at which a craft can be watched."""
 
 
-def arming(craft: MavlinkCraft) -> str:
+def arming(craft: MavlinkCraft) -> Intention:
     """Return a warning of what happens at arming: steering thrusters produce thrust during their check."""
     armed = "leave the vehicle armed" if craft.armed else "arm the vehicle, and disarm it at the end"
+    brief = "no, the vehicle is armed already" if craft.armed else "yes, and disarms at the end"
     steers_by_thrust = craft.skid or not craft.firmware.needs_way
     twitched = "turning thrusters" if steers_by_thrust else "steering"
     without = "" if steers_by_thrust else ", without thrust,"
-    return f"{armed}; move the {twitched} by {100.0 * TWITCH:.0f} %{without} to check the response and its delay"
+    moved = f"; move the {twitched} by {100.0 * TWITCH:.0f} %{without} to check the response and its delay"
+    return Intention(f"{armed}{moved}", "Arms", brief)
 
 
 def telemetry_rates(control_rate: float) -> dict[str, float]:

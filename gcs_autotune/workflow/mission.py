@@ -15,6 +15,7 @@ from gcs_autotune.craft import Observation
 from gcs_autotune.errors import OperatorStopped, PreconditionFailed
 from gcs_autotune.link import Journal, MavlinkCraft, fingerprint_of
 from gcs_autotune.manoeuvres import Envelope, restore_on_exit
+from gcs_autotune.observer import Intention, Intentions
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.announcement import after_a_silence
 from gcs_autotune.workflow.background import agreed, ask_now, beside
@@ -122,7 +123,7 @@ class Mission:
     itinerary: Itinerary
     modes: tuple[str, ...]
     movements: str
-    needs: tuple[str, ...]
+    needs: tuple[Intention | str, ...]
     fly: Callable[[Journal], None]
     writes: str = "write no parameter"
     held: Mapping[str, float] | None = None
@@ -186,14 +187,18 @@ def _announce(mission: Mission, visit: Visit[Log]) -> None:
     """
     craft, modes = visit.craft, mission.modes
     visit.log.itinerary = mission.itinerary
+    used, back = " and ".join(modes), craft.mode
+    in_modes = f"use mode{'s' * (len(modes) > 1)} {used}, and return to {back} at the end"
     visit.log.announce(
-        (
-            arming(craft),
-            f"use mode{'s' * (len(modes) > 1)} {' and '.join(modes)}, and return to {craft.mode} at the end",
-            f"move: {mission.movements}",
-            *mission.needs,
-            *after_a_silence(visit.common, armed=craft.armed),
-            mission.writes,
+        Intentions(
+            (
+                arming(craft),
+                Intention(in_modes, "Modes", f"{used}, then {back} again"),
+                Intention(f"move: {mission.movements}", "Moves", mission.movements),
+                *(need if isinstance(need, Intention) else Intention(need) for need in mission.needs),
+                *after_a_silence(visit.common, armed=craft.armed),
+                Intention(mission.writes, "Writes", mission.writes.removeprefix("write ")),
+            )
         )
     )
     if not visit.agrees("Go ahead?"):
