@@ -14,6 +14,8 @@ local began, phase_began, index, ph = 0, 0, 0, 0
 local m = { psi = 0 }
 local home, first, rest, had_rc, has_fence, seen_at
 local F = {}
+local LAPSE, LAPSE_SHARE = 1000, 0.02
+local lapse, ticked = 0, nil
 local logged, every = 0, nil -- a slow craft needs fewer rows a second than a quick one
 
 local function say(text)
@@ -450,6 +452,11 @@ local function update()
     return update, 500
   end
   local switched = R.last
+  lapse, ticked = lapse + math.max(now - (ticked or now) - S.hold, 0), now
+  if lapse > LAPSE + LAPSE_SHARE * (now - began) then
+    finish('late') -- for so long the outputs were neutral
+    return update, 100
+  end
   fly(now)
   local gap = every or clamp((now - phase_began) / PER_HALF, QUICK, SLOW)
   if stage == 'fly' and (now - logged >= gap or R.last ~= switched) then
