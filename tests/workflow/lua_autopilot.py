@@ -41,6 +41,7 @@ ahrs = { get_yaw = function() return py.yaw() end, get_gyro = function() return 
   get_roll = function() return py.roll() end, get_pitch = function() return py.pitch() end,
   get_relative_position_NED_origin = pos,
   get_velocity_NED = function() if py.has_position() then return vector(py.velocity()) end end }
+baro = { get_altitude = function() return py.altitude() end }
 arming = { is_armed = function() return py.armed() end }
 vehicle = { get_mode = function() return py.mode() end }
 rc = { has_valid_input = function() return py.rc_ok() end, get_pwm = function(_, c) return py.pwm(c) end }
@@ -142,6 +143,7 @@ class LuaHost:
             "has_position": lambda: self.has_position,
             "position": lambda: (estimate.x, estimate.y, estimate.z),
             "velocity": lambda: (estimate.vx, estimate.vy, estimate.vz),
+            "altitude": lambda: -estimate.z,
             "armed": lambda: autopilot.armed,
             "mode": lambda: autopilot.mode.number,
             "rc_ok": lambda: not autopilot.failsafe,
