@@ -158,4 +158,23 @@ COMMAND = Command(
     "written. Without --connect a simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "connect",
+        "for",
+        "model",
+        "law",
+        "throttle",
+        "step",
+        "max-distance",
+        "max-time",
+        "yes",
+        "out",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune hold heading", "try it on a simulated boat"),
+        ("gcs-autotune hold line --connect /dev/ttyUSB0", "follow a line ahead"),
+        ("gcs-autotune hold depth --connect udp:14550 --model runs/DEPTH", "an ROV with the model of an earlier run"),
+    ),
 )
