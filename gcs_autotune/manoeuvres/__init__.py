@@ -23,7 +23,7 @@ from gcs_autotune.manoeuvres.hold_controller import HELD_DURING
 from gcs_autotune.manoeuvres.keep_distance import KeepDistance
 from gcs_autotune.manoeuvres.keep_position import KeepPosition
 from gcs_autotune.manoeuvres.kind import ManoeuvreKind, Preset
-from gcs_autotune.manoeuvres.layered import FollowWall, Layered, OwnLoops, Trajectory, read_points
+from gcs_autotune.manoeuvres.layered import FollowWall, Layered, OwnLoops, Trajectory, read_points, seen_from
 from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outcome, limited_orders
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.own_loop import KeepSetPoint, UnderOwnLoop
@@ -112,6 +112,7 @@ __all__ = [
     "read_area",
     "read_points",
     "restore_on_exit",
+    "seen_from",
     "state_on",
     "windows_of",
 ]

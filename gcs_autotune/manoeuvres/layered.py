@@ -21,7 +21,7 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Manoeuvre
 if TYPE_CHECKING:
     from gcs_autotune.control import AxisLoop, Helm, Reach, TimedPath
 
-__all__ = ["KINDS", "FollowWall", "Layered", "OwnLoops", "read_points"]
+__all__ = ["KINDS", "FollowWall", "Layered", "OwnLoops", "Trajectory", "read_points", "seen_from"]
 
 SETTLE = 10.0
 """Shortest time at the end of a path that ends at rest [s]."""
@@ -276,7 +276,8 @@ def _speed(options: Mapping[str, float], reach: Reach) -> float:
     return options.get("speed", 0.0) or SHARE * reach.speed
 
 
-def _at(now: Observation, ahead: float, starboard: float) -> tuple[float, float]:
+def seen_from(now: Observation, ahead: float, starboard: float) -> tuple[float, float]:
+    """Return (north, east) [m] of the point that far *ahead* and to *starboard* [m] of the craft."""
     s, c = math.sin(now.psi), math.cos(now.psi)
     return now.x + ahead * c - starboard * s, now.y + ahead * s + starboard * c
 
@@ -349,7 +350,7 @@ def _check_outside_circle(now: Observation, reach: Reach, place: tuple[float, fl
 
 
 def _goto(options: Mapping[str, float], now: Observation, reach: Reach) -> TimedPath:
-    place = _at(now, options["ahead"], options["starboard"])
+    place = seen_from(now, options["ahead"], options["starboard"])
     return _to(now, reach, place, _speed(options, reach), now.z)
 
 
@@ -361,7 +362,7 @@ def _plane(options: Mapping[str, float], now: Observation, reach: Reach) -> Time
         (0.0, max(1.5 * abs(z - now.z) / DIVE_SPEED, 1.0) + SETTLE / 2.0),
         ((now.x, now.y, now.z, now.psi), (now.x, now.y, z, now.psi)),
     )
-    return _after(dive, _to(replace(now, z=z), reach, _at(now, options["ahead"], 0.0), _speed(options, reach), z))
+    return _after(dive, _to(replace(now, z=z), reach, seen_from(now, options["ahead"], 0.0), _speed(options, reach), z))
 
 
 DIVE_SPEED = 0.15
@@ -382,7 +383,7 @@ class Trajectory(Layered):
 
         places = [(now.x, now.y, now.z, now.psi)]
         for _, ahead, starboard in self.points:
-            x, y = _at(now, ahead, starboard)
+            x, y = seen_from(now, ahead, starboard)
             bearing = math.atan2(y - places[-1][1], x - places[-1][0])
             # a craft without thrust sideways points along its way
             psi = now.psi if reach.sideways else places[-1][3] + math.remainder(bearing - places[-1][3], 2.0 * math.pi)

@@ -34,6 +34,8 @@ from gcs_autotune.manoeuvres import (
     Step,
     StepSettings,
     UnderOwnLoop,
+    how_far,
+    seen_from,
 )
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
@@ -53,6 +55,7 @@ from gcs_autotune.workflow.announcement import battery, how_long, room
 from gcs_autotune.workflow.context import TuneContext
 from gcs_autotune.workflow.experiment import learn
 from gcs_autotune.workflow.experiments import SWING_AHEAD, dive_for, measure, noise_in, resolution
+from gcs_autotune.workflow.flight_area import area_of_flight
 from gcs_autotune.workflow.itinerary import WALL_RELAY, Itinerary, Leg, legs_beside, legs_of_experiment, pace_of
 from gcs_autotune.workflow.mission import Mission, Visit, run_mission, visiting
 from gcs_autotune.workflow.operator import Operator
@@ -134,7 +137,8 @@ def hold(settings: HoldSettings, operator: Operator, observer: Observer, when: s
 def _declare(task: Task, flown: list[Held], visit: Visit[TuneLog]) -> Mission:
     """Return what this run will do on the vehicle of *visit*; it puts its result into *flown*."""
     tune = task.settings.tune
-    context, craft = learn(tune, visit), visit.craft
+    area = area_of_flight(visit.craft, None, visit.log)
+    context, craft = learn(replace(tune, envelope=replace(tune.envelope, area=area)), visit), visit.craft
     kind = context.axis.kind
     task.check(context)
     given = supplied(task.settings.models, context.axis.name, tune.full_scale)
@@ -247,6 +251,15 @@ class HoldLine(Task):
     def check(self, context: TuneContext) -> None:
         """Raise for a craft that does not go ahead, or a line that is out of bounds."""
         lookup(LINE_LAWS, self.settings.guidance, "line law")
+        area, s, now = context.settings.envelope.area, self.settings, context.craft.observe()
+        if area is not None:
+            ends = (seen_from(now, 0.0, s.offset), seen_from(now, s.length, s.offset))
+            beyond = max(area.beyond(*end) for end in ends)
+            if beyond > 0.0:
+                raise PreconditionFailed(
+                    f"the line goes {how_far(beyond)} outside {area.source}. Use another --line-offset or "
+                    "--line-length. Nothing was armed"
+                )
         if not context.craft.firmware.needs_way:
             raise WrongVehicle("a line is followed under way; this vehicle is steered at rest. Use heading or depth")
 
