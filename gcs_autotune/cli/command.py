@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.cli.console import BELL_VARIABLE
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
-from gcs_autotune.documents import check_run_folder, load_json
+from gcs_autotune.documents import check_run_folder, load_json, model_file
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
@@ -48,6 +49,7 @@ __all__ = [
     "run_directory",
     "uri_of",
     "watching",
+    "what_remains",
 ]
 
 
@@ -72,11 +74,15 @@ GUARDING = (
 class Command:
     """One verb of the command line: its description, its options, and the function that runs it and returns the
     exit code.
+
+    everyday : options that ``--help`` shows, in this order; empty: all. examples : call -> what it does.
     """
 
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
+    everyday: tuple[str, ...] = ()
+    examples: tuple[tuple[str, str], ...] = ()
 
 
 def add_number(
@@ -398,7 +404,7 @@ def check_model_file(path: Path | None) -> None:
     if path is None:
         return
     check_files(path)
-    if not isinstance(load_json(path, "a model file"), dict):
+    if not isinstance(load_json(model_file(path), "a model file"), dict):
         raise BadFile(
             f"{path} is not a model file: it contains no JSON object with a model. Write one with identify --save"
         )
@@ -417,8 +423,27 @@ def _connection(args: argparse.Namespace, uri: str, signing: SigningKey | None) 
 
 def run_directory(args: argparse.Namespace, uri: str, now: datetime, what: str = "") -> Path:
     """Return ``--out``, or a new folder below ``runs/`` named after the time, the vehicle and *what* was done (its
-    axis)."""
-    if args.out is not None:
-        return Path(args.out)
+    axis). It is kept in *args*, for :func:`what_remains`.
+    """
     label = "".join(c if c.isalnum() else "-" for c in uri.removeprefix("sitl:").partition("?")[0]).strip("-")
-    return fresh(Path("runs") / f"{now:%Y%m%d-%H%M%S}-{label}-{what or args.axis}")
+    name = f"{now:%Y%m%d-%H%M%S}-{label}-{what or args.axis}"
+    directory = Path(args.out) if args.out is not None else fresh(Path("runs") / name)
+    args.directory, args.uri = directory, uri
+    return directory
+
+
+def what_remains(args: argparse.Namespace) -> Iterator[str]:
+    """Yield what a run that ended early has left on disk, and the command that continues a plan.
+
+    A tune states itself which of its records it can use again.
+    """
+    from gcs_autotune.workflow import PLAN_FILE
+
+    directory: Path | None = getattr(args, "directory", None)
+    if directory is None or not any(directory.glob("trials/*.csv")):
+        return
+    page = directory / "report.html"
+    yield f"Report: {page}" if page.exists() else f"Recorded in {directory}"
+    if (directory / PLAN_FILE).exists():
+        words = ["gcs-autotune", "fly", "--connect", args.uri, "--resume", str(directory)]
+        yield f"To continue: {shlex.join(words)}"

@@ -196,15 +196,21 @@ def _list() -> int:
 
 
 def _precision(args: argparse.Namespace) -> Precision | None:
-    """Return the precision required by ``--until``. It is parsed before anything is opened."""
+    """Return the precision required by ``--until``. It is parsed before anything is opened.
+
+    Who limits the time of such a trial by ``--max-time`` means the whole trial, not each of its manoeuvres.
+    """
     if args.until is None:
         return None
     from gcs_autotune.workflow import precision_of
 
-    row = limit_of("total-time")
+    row, each = limit_of("total-time"), limit_of("max-time")
     minutes = row.default if args.total_time is None else args.total_time
     assert minutes is not None  # the table has a default
-    return precision_of(args.until, args.form, minutes * row.factor)
+    seconds = minutes * row.factor
+    if args.total_time is None and args.max_time != each.default:
+        seconds = min(seconds, args.max_time * each.factor)
+    return precision_of(args.until, args.form, seconds)
 
 
 def _plan(
@@ -306,4 +312,24 @@ COMMAND = Command(
     "figures and a model from the record. No parameter is written. Without --connect a simulated boat is used.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "list",
+        "preview",
+        "connect",
+        "throttle",
+        "force",
+        "area",
+        "max-distance",
+        "max-time",
+        "resume",
+        "yes",
+        "out",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune fly --list", "all manoeuvres, with their space and options"),
+        ("gcs-autotune fly zig-zag --preview", "space and time, without flying"),
+        ("gcs-autotune fly zig-zag --connect /dev/ttyUSB0 --throttle 0.5", "a zig-zag at half throttle"),
+    ),
 )

@@ -67,6 +67,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(step, "step")
     add_number(step, "step-duration", "S")
     add_number(step, "leg-length", "M")
+    step.add_argument(
+        "--untuned",
+        action="store_true",
+        help="tune line: fly although speed or heading have ArduRover's own gains. Better: tune them first",
+    )
     add_experiment(parser)
     add_pull_test(parser)
     design = parser.add_argument_group("design")
@@ -96,7 +101,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    args.what, args.axis = args.axis, tunable(args.axis).axis
     _check(args)
     args.connect = args.connect or args.configured_link or None
     with connected(args, args.connect or AXES[args.axis].example) as connection:
@@ -105,13 +109,15 @@ def _run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
+    if not hasattr(args, "what"):
+        args.what, args.axis = args.axis, tunable(args.axis).axis
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    what = getattr(args, "what", args.axis)
-    useless = [name for name in tunable(what).useless if getattr(args, name) is not None]
+    own = _own_parser()
+    useless = [name for name in tunable(args.what).useless if getattr(args, name) != own.get_default(name)]
     if useless:
-        names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
-        raise UsageError(f"{names} has no use for `tune {what}`. Remove it")
+        names = " and ".join(f"--{name.replace('_', '-')}" for name in useless)
+        raise UsageError(f"`tune {args.what}` does not use {names}. Remove what it does not use")
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
@@ -164,6 +170,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         relay_output=args.relay_output,
         relay_hysteresis=inside(args.relay_hysteresis),
         leg_length=args.leg_length,
+        untuned=args.untuned,
         throttle=args.throttle,
         speed=args.speed,
         model=args.function,
@@ -188,7 +195,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
     )
 
 
-DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
+DROPPED = {"axis", "what", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
     *(
         "settling_time",
         "configured_link",
@@ -204,10 +211,16 @@ DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model"
 """Names of the options that have no effect when supplied gains are proved."""
 
 
-def _proving(args: argparse.Namespace) -> str:
-    """Return the command that proves the gains of a file under the present options."""
+def _own_parser() -> argparse.ArgumentParser:
+    """Return a parser with the defaults of this program, without those of a settings file."""
     parser = argparse.ArgumentParser(add_help=False)
     _add_arguments(parser)
+    return parser
+
+
+def _proving(args: argparse.Namespace) -> str:
+    """Return the command that proves the gains of a file under the present options."""
+    parser = _own_parser()
     words = ["gcs-autotune", "tune", args.axis]
     for name, value in vars(args).items():
         if name not in DROPPED and value != parser.get_default(name) and value not in (None, False):
@@ -231,4 +244,24 @@ COMMAND = Command(
     "used.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "connect",
+        "throttle",
+        "settling-time",
+        "step",
+        "max-distance",
+        "max-time",
+        "model",
+        "dry-run",
+        "yes",
+        "out",
+        "resume",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune tune heading", "try it on a simulated boat"),
+        ("gcs-autotune tune heading --connect /dev/ttyUSB0", "a boat on a telemetry radio"),
+        ("gcs-autotune tune depth --connect udp:14550 --max-depth 5", "an ROV, not deeper than 5 m"),
+    ),
 )

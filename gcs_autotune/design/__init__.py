@@ -26,7 +26,7 @@ from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
-from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, line_changes
+from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, too_short
 from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.motor_law import (
     SPEED_GAINS,
@@ -77,6 +77,7 @@ __all__ = [
     "Missing",
     "MotorFit",
     "MotorLaw",
+    "OnLeg",
     "OpenLoop",
     "ParameterLimit",
     "Prediction",
@@ -94,6 +95,7 @@ __all__ = [
     "authority_of",
     "combine",
     "crossings",
+    "current_on",
     "design",
     "design_from",
     "fit_motor_law",
@@ -117,6 +119,7 @@ __all__ = [
     "shortfall_of",
     "step_metrics",
     "throttle_of",
+    "too_short",
     "track_metrics",
     "turn_rate_step",
 ]

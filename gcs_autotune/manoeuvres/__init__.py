@@ -12,6 +12,8 @@ an ROV away from the surface. The table :data:`MANOEUVRES` contains all of them.
 
 from __future__ import annotations
 
+from gcs_autotune.manoeuvres.aboard import ABOARD_ENDINGS, MOST_CORNERS, AboardEnding, AboardScript, headroom
+from gcs_autotune.manoeuvres.aboard import PLAN as ABOARD_PLAN
 from gcs_autotune.manoeuvres.approach import Steering
 from gcs_autotune.manoeuvres.area import Area, Zone, how_far, read_area
 from gcs_autotune.manoeuvres.between_runs import CalmCheck, ComeBack, ComeToRest
@@ -27,7 +29,7 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outco
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.own_loop import KeepSetPoint, UnderOwnLoop
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, NominalPlant, PlantState, Preview, fly_on, preview
-from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion
+from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion, WallRelay
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
@@ -40,6 +42,8 @@ from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 from gcs_autotune.manoeuvres.zig_zag import ZigZag, ZigZagSettings
 
 __all__ = [
+    "ABOARD_ENDINGS",
+    "ABOARD_PLAN",
     "BOTH_WAYS",
     "DEEP",
     "DISARMED_ITSELF",
@@ -50,9 +54,12 @@ __all__ = [
     "LEAST_REVERSALS",
     "LEVELS",
     "MANOEUVRES",
+    "MOST_CORNERS",
     "NEARLY",
     "SPEED_TIME",
     "TO_COME_ABOUT",
+    "AboardEnding",
+    "AboardScript",
     "Area",
     "CalmCheck",
     "ComeBack",
@@ -94,12 +101,14 @@ __all__ = [
     "TurnAbout",
     "TurnAboutSettings",
     "UnderOwnLoop",
+    "WallRelay",
     "ZigZag",
     "ZigZagSettings",
     "Zone",
     "common_windows",
     "far_out",
     "fly_on",
+    "headroom",
     "how_far",
     "limited_orders",
     "preview",

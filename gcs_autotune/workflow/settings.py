@@ -137,6 +137,7 @@ class TuneSettings(CommonSettings):
     ----------
     axis : the loop, or the degree of freedom of an experiment.
     leg_length : length of a leg [m] of the mission that proves them; None: by the speed.
+    untuned : whether to fly that mission even if speed or heading have ArduRover's own gains.
     step, step_duration : size of the step that proves gains [rad, m, m/s or rad/s], and duration [s] of each half.
     relay_output, relay_hysteresis : amplitude of the relays [fraction of full output] and their hysteresis [rad or m].
     model : family of the reference model. settling_time [s], omega_0 [rad/s] : speed of the reference model.
@@ -159,6 +160,7 @@ class TuneSettings(CommonSettings):
 
     axis: str
     leg_length: float | None = None
+    untuned: bool = False
     step: float | None = None
     step_duration: float | None = None
     relay_output: float | None = None

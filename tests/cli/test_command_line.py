@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import os
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs_autotune.cli import COMMANDS, main
+from gcs_autotune.cli import COMMANDS, fly_cmd, main, make_parser
 from gcs_autotune.errors import EXIT_CODES
 from gcs_autotune.link import Journal
 
@@ -55,7 +56,10 @@ def test_tune_heading_does_the_main_job_with_no_option_at_all(capsys, tmp_path, 
     assert (directory / "report.html").exists()
     assert "better in a measured step" in out
     assert "gcs-autotune params restore" in out
-    assert "will arm the vehicle" in err
+    rows = [line.split()[0] for line in err.splitlines() if line and not line.startswith(" ")]
+    shown = ["Arms", "Modes", "Moves", "Space", "Time", "Battery", "Writes"]
+    assert [row for row in rows if row in shown] == shown
+    assert "will arm the vehicle" not in err
 
 
 @pytest.fixture(scope="module")
@@ -222,6 +226,8 @@ def test_ctrl_c_on_the_process_ends_it_in_order_with_code_130(tmp_path):
         said = process.stderr.read()
         assert process.wait(30) == 130
     assert "mode and armed state restored" in said
+    assert said.splitlines()[-1] == f"Report: {tmp_path / 'r' / 'report.html'}"
+    assert "--resume" in said
     summary = json.loads((tmp_path / "r" / "summary.json").read_text())
     assert summary["ending"] == "aborted"
     assert summary["differences"] == {}
@@ -289,6 +295,54 @@ def test_help_lists_every_command_and_every_exit_code(capsys):
     assert all(f"  {code}  " in out or f"{code:5d}  " in out for _, code, _ in EXIT_CODES)
 
 
+def test_without_a_command_the_help_is_shown(capsys):
+    assert main([]) == 0
+    assert "exit codes:" in capsys.readouterr().out
+
+
+EVERYDAY = [name for name, verb in COMMANDS.items() if verb.load().everyday]
+
+
+@pytest.mark.parametrize("verb", EVERYDAY)
+def test_help_is_short_and_help_all_has_every_option(verb, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = []
+    for option in ("--help", "--help-all"):
+        with pytest.raises(SystemExit) as ended:
+            main([verb, option])
+        assert ended.value.code == 0
+        shown.append(capsys.readouterr().out)
+    short, whole = shown
+    command = COMMANDS[verb].load()
+    assert len(command.everyday) <= 14
+    assert len(short.splitlines()) < 0.75 * len(whole.splitlines())
+    assert max(map(len, short.splitlines())) <= 80
+    assert all(f"--{option}" in short and f"--{option}" in whole for option in command.everyday)
+    assert short.endswith(f"lists all {len(options_of(verb))} options.\n")
+    for call, _ in command.examples:
+        words = call.split()
+        assert words[:2] == ["gcs-autotune", verb]
+        assert {w for w in words if w.startswith("--")} <= options_of(verb)
+
+
+def options_of(verb: str) -> set[str]:
+    """The long options of a command."""
+    parser = make_parser(only=verb)
+    verbs = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    return {a.option_strings[-1] for a in verbs.choices[verb]._actions if a.option_strings}
+
+
+@pytest.mark.parametrize(
+    ("options", "seconds"),
+    [((), 1800.0), (("--max-time", "120"), 120.0), (("--max-time", "120", "--total-time", "9"), 540.0)],
+)
+def test_max_time_limits_the_whole_of_a_self_planned_trial(options, seconds):
+    args = make_parser(only="fly").parse_args(["fly", "--until", "alpha_r 5%", *options])
+    precision = fly_cmd._precision(args)
+    assert precision is not None
+    assert precision.seconds == seconds
+
+
 def test_sitl_lists_its_vehicles():
     done = subprocess.run(
         [sys.executable, "-m", "gcs_autotune", "sitl", "--list"], capture_output=True, text=True, check=True
@@ -306,7 +360,7 @@ def test_an_experiment_identifies_surge_and_writes_no_parameter(capsys, tmp_path
     assert fit["dof"] == "surge"
     assert fit["parameters"]["alpha_u"]["value"] == pytest.approx(8.2372 / 8.0, rel=0.02)
     assert fit["parameters"]["beta_u"]["value"] == pytest.approx(4.4283 / 8.0, rel=0.03)
-    assert "will write no parameter" in err
+    assert "Writes   no parameter" in err
     journal = map(json.loads, (out / "journal.jsonl").read_text().splitlines())
     assert {e["event"] for e in journal} == {"opened", "ordering", "ordered", "closed"}, "no parameter is borrowed"
 
