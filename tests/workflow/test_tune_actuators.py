@@ -202,7 +202,7 @@ def test_an_experiment_with_an_rov_takes_no_pull_test(tmp_path: Path) -> None:
     [
         ("actuators", "command[1],force[V]\n0,0\n", r"force\[V\]|\[V\]"),
         ("actuators", "command[1],force[N]\n0.5,3\n", "only 1 different commands"),
-        ("heading", "command[1],force[N]\n0.5,3\n", "--pull-test has no use for `tune heading`"),
+        ("heading", "command[1],force[N]\n0.5,3\n", "`tune heading` does not use --pull-test"),
     ],
 )
 def test_the_command_line_refuses_a_bad_table(
