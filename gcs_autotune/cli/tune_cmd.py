@@ -36,10 +36,12 @@ from gcs_autotune.tunables import TUNABLES, tunable
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
 
-__all__ = ["COMMAND", "RESTORED", "tune_settings"]
+__all__ = ["COMMAND", "FUNCTIONS", "RESTORED", "add_style", "check_style", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
+STYLES = ("normal", "gentle", "quick")
+"""Names of ``design.STYLES``, listed here for the same reason."""
 RESTORED = 8
 """Exit code of ``tune`` if the new gains were tested, but the old gains proved better and are restored."""
 
@@ -81,6 +83,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "or any NAME,VALUE file",
     )
     add_number(design, "full-scale")
+    add_style(design)
     design.add_argument("--function", choices=FUNCTIONS, default="bessel", help="reference model (default bessel)")
     design.add_argument(
         "--beyond-ranges",
@@ -90,6 +93,30 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(design, "settling-time", "S")
     add_number(design, "omega-0", "RAD_S")
     add_envelope(parser)
+
+
+def add_style(group: argparse._ArgumentGroup) -> None:
+    """Add the option ``--style``."""
+    group.add_argument(
+        "--style",
+        choices=STYLES,
+        default=STYLES[0],
+        help="margins and bandwidth: normal (default), gentle (half the bandwidth, larger margins) or quick (smaller "
+        "margins); numbers in docs/tune.md",
+    )
+
+
+def check_style(args: argparse.Namespace) -> None:
+    """Check that only one option sets the speed of the loop.
+
+    Raises
+    ------
+    UsageError
+        ``--style`` is combined with another one.
+    """
+    speeds = [f"--{name.replace('_', '-')}" for name in ("omega_0", "settling_time") if getattr(args, name) is not None]
+    if args.style != STYLES[0] and speeds:
+        raise UsageError(f"--style {args.style} and {speeds[0]} both set the speed of the loop. Use one of them")
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -115,6 +142,7 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError(f"--model needs a model file. For the reference model use --function {args.model}")
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains tests existing gains and --model designs new gains. Use one of the two")
+    check_style(args)
     check_model_file(args.model)
     check_files(args.gains, args.resume)
 
@@ -168,6 +196,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         full_scale=args.full_scale,
         settling_time=args.settling_time,
         omega_0=args.omega_0,
+        style=args.style,
         structure=args.structure,
         delay=args.delay,
         dry_run=args.dry_run,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 
-from gcs_autotune.design import LAWS
+from gcs_autotune.design import LAWS, STYLES
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.observer import Observer
@@ -101,6 +101,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
             room(axis.dof, context.speed, settings, now, whole),
             how_long(itinerary, patient.seconds),
             battery(now, settings.envelope, itinerary.seconds),
+            *([] if settings.gains is not None else [f"design for style {settings.style}: {STYLES[settings.style]}"]),
         ),
         fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
         writes="write no parameter (dry run)" if settings.dry_run else changes,
