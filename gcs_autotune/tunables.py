@@ -24,28 +24,28 @@ class Tunable:
     ----------
     axis : the axis whose settings it uses.
     job : module and attribute of its ``workflow.tune.TuneJob``.
-    after : what ``tune all`` tunes before it, because it stands on it; None: not part of ``tune all``.
+    stands_on : what ``tune all`` tunes before it and checks again after it; None: not part of ``tune all``.
     useless : options that it has no use for.
     """
 
     name: str
     axis: str
     job: str = "gcs_autotune.workflow.tune:JOB"
-    after: tuple[str, ...] | None = None
+    stands_on: tuple[str, ...] | None = None
     useless: tuple[str, ...] = ("leg_length",)
 
 
 TUNABLES: Mapping[str, Tunable] = {
     t.name: t
     for t in (
-        Tunable("speed", "speed", after=()),
-        Tunable("heading", "heading", after=("speed",)),
-        Tunable("depth", "depth", after=()),
+        Tunable("speed", "speed", stands_on=()),
+        Tunable("heading", "heading", stands_on=()),
+        Tunable("depth", "depth", stands_on=()),
         Tunable(
             "line",
             "heading",
             "gcs_autotune.workflow.line:JOB",
-            after=("speed", "heading"),
+            stands_on=("speed", "heading"),
             useless=(*STEP_OPTIONS, "resume"),
         ),
     )

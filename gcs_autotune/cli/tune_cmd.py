@@ -31,7 +31,7 @@ from gcs_autotune.cli.command import (
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import put_out
 from gcs_autotune.errors import UsageError
-from gcs_autotune.tunables import TUNABLES, tunable
+from gcs_autotune.tunables import STEP_OPTIONS, TUNABLES, tunable
 
 if TYPE_CHECKING:
     from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
@@ -40,6 +40,12 @@ __all__ = ["COMMAND", "FUNCTIONS", "RESTORED", "add_style", "check_style", "tune
 
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
+ALL = "all"
+"""All loops of the vehicle, in the order of ``TUNABLES``."""
+FIRST = next(iter(TUNABLES))
+"""The axis whose settings `tune all` starts with."""
+OF_ONE_LOOP = (*STEP_OPTIONS, "leg_length", "settling_time", "full_scale", "delay", "structure")
+"""Options that `tune all` has no use for, because they are for one loop."""
 STYLES = ("normal", "gentle", "quick")
 """Names of ``design.STYLES``, listed here for the same reason."""
 RESTORED = 8
@@ -47,7 +53,7 @@ RESTORED = 8
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=sorted({*AXES, *TUNABLES}), help="the loop to tune")
+    parser.add_argument("axis", choices=[*sorted({*AXES, *TUNABLES}), ALL], help="the loop to tune")
     add_connection(parser, otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth")
     add_output(parser)
     add_fetch_log(parser)
@@ -120,7 +126,7 @@ def check_style(args: argparse.Namespace) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    args.what, args.axis = args.axis, tunable(args.axis).axis
+    args.what, args.axis = args.axis, FIRST if args.axis == ALL else tunable(args.axis).axis
     _check(args)
     args.connect = args.connect or args.configured_link or None
     with connected(args, args.connect or AXES[args.axis].example) as connection:
@@ -132,7 +138,8 @@ def _check(args: argparse.Namespace) -> None:
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
     what = getattr(args, "what", args.axis)
-    useless = [name for name in tunable(what).useless if getattr(args, name) is not None]
+    without = OF_ONE_LOOP if what == ALL else tunable(what).useless
+    useless = [name for name in without if getattr(args, name) is not None]
     if useless:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
         raise UsageError(f"{names} has no use for `tune {what}`. Remove it")
@@ -152,6 +159,8 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
     from gcs_autotune.report import tune_document
     from gcs_autotune.workflow import job_of
 
+    if args.what == ALL:
+        return _tune_all(args, connection)
     now = datetime.now()
     settings, when = tune_settings(args, connection, now), now.isoformat(timespec="seconds")
     with attending(args, "or --dry-run to change nothing") as (operator, observer):
@@ -161,6 +170,21 @@ def _tune(args: argparse.Namespace, connection: Connection) -> int:
         put_out(tune_document(story), *page, as_json=args.json)
     operator.ring()
     return RESTORED if story.ending == "restored" else 0
+
+
+def _tune_all(args: argparse.Namespace, connection: Connection) -> int:
+    """Tune all loops over an open link and show the result."""
+    from gcs_autotune.report import job_document
+    from gcs_autotune.workflow import tune_all
+
+    now = datetime.now()
+    settings = tune_settings(args, connection, now)
+    with attending(args, "or --dry-run to change nothing") as (operator, observer):
+        story = tune_all(settings, operator, observer, now.isoformat(timespec="seconds"))
+    if not args.remote:
+        put_out(job_document(story), f"Report: {Path(story.directory) / 'report.html'}", as_json=args.json)
+    operator.ring()
+    return RESTORED if any(step.ending == "restored" for step in story.steps) else 0
 
 
 def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:
@@ -183,7 +207,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
     return TuneSettings(
         axis=args.axis,
         connection=connection,
-        directory=run_directory(args, connection.uri, now),
+        directory=run_directory(args, connection.uri, now, getattr(args, "what", "")),
         step=inside(args.step),
         step_duration=args.step_duration,
         relay_output=args.relay_output,

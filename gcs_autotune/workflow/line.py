@@ -114,7 +114,7 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
     if not (firmware.needs_way and firmware.mission_mode):
         raise WrongVehicle(f"{firmware.name} has no mission of a boat to tune. `tune line` is for ArduRover boats")
     log.meet(craft)
-    present = _learn(craft)
+    present = _learn(craft, untuned=tune.untuned)
     log.parameters_before = present
     craft.parameters.watch(present)
     log.say(f"present parameters saved to {visit.record.save_parameters('before', present)}")
@@ -173,8 +173,10 @@ def _declare(settings: LineSettings, visit: Visit[TuneLog]) -> Mission:
     )
 
 
-def _learn(craft: MavlinkCraft) -> dict[str, float]:
+def _learn(craft: MavlinkCraft, *, untuned: bool = False) -> dict[str, float]:
     """Return the parameters that are changed or needed, as far as the vehicle has them.
+
+    untuned : whether speed or heading may be untuned.
 
     Raises
     ------
@@ -190,16 +192,16 @@ def _learn(craft: MavlinkCraft) -> dict[str, float]:
         raise WrongVehicle(
             f"{craft.session.vehicle} has no parameter {', '.join(missing)}. `tune line` needs ArduRover 4.2 or later"
         )
-    untuned = [
+    own_gains = [
         axis
         for axis, own in UNTUNED.items()
         if all(math.isclose(found.get(name, math.nan), value, rel_tol=1e-3) for name, value in own.items())
     ]
-    if untuned:
-        has = "; ".join(", ".join(f"{n} {found[n]:g}" for n in UNTUNED[axis]) for axis in untuned)
-        commands = ", then ".join(f"`gcs-autotune tune {axis}`" for axis in untuned)
+    if own_gains and not untuned:
+        has = "; ".join(", ".join(f"{n} {found[n]:g}" for n in UNTUNED[axis]) for axis in own_gains)
+        commands = ", then ".join(f"`gcs-autotune tune {axis}`" for axis in own_gains)
         raise PreconditionFailed(
-            f"{' and '.join(untuned)} not tuned: the vehicle has ArduRover's own gains ({has}). Run {commands} first"
+            f"{' and '.join(own_gains)} not tuned: the vehicle has ArduRover's own gains ({has}). Run {commands} first"
         )
     return {name: value for name, value in found.items() if name not in gains}
 

@@ -91,6 +91,7 @@ class CommonSettings:
     resume : directory of an earlier run to continue from.
     fetch_log : whether to fetch the vehicle's own log of the run afterwards.
     envelope : the safety limits.
+    agreed : whether the operator has agreed beforehand to what the run announces, as part of a longer job.
 
     Raises
     ------
@@ -109,6 +110,7 @@ class CommonSettings:
     resume: Path | None = None
     fetch_log: bool = False
     envelope: Envelope = field(default_factory=Envelope)
+    agreed: bool = False
 
     def __post_init__(self) -> None:
         """Check that the numbers are within their limits."""
@@ -151,6 +153,7 @@ class TuneSettings(CommonSettings):
     gains : gains to prove instead of designing any. proving : the command that proves gains of a file under these
         settings, without the file name.
     beyond_ranges : whether gains may leave their documented ranges.
+    untuned : whether a tune that stands on other loops is flown although these are not tuned.
 
     Raises
     ------
@@ -176,6 +179,7 @@ class TuneSettings(CommonSettings):
     gains: SuppliedGains | None = None
     proving: str = ""
     beyond_ranges: bool = False
+    untuned: bool = False
 
     def __post_init__(self) -> None:
         """Check that the numbers are within their limits and that the stop rule exists."""

@@ -90,7 +90,8 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
     patient = Itinerary(tune_legs(replace(context, settings=replace(settings, stop_rule=SETTLED)), slow, now))
     whole = excursion_of(context, now, (itinerary, patient) if settings.ends_early else (itinerary,))
     gains = ", ".join(axis.names.own(g.parameter) for g in axis.gains)
-    changes = f"write some of {gains}, after asking again, and restore the old values unless the new ones are better"
+    again = "" if settings.agreed else ", after asking again,"
+    changes = f"write some of {gains}{again} and restore the old values unless the new ones are better"
 
     loop = autopilot_loop(context)
     return Mission(

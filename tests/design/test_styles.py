@@ -48,7 +48,7 @@ def test_the_margins_of_a_style_are_kept_and_a_gentle_loop_is_slower() -> None:
     rise = {style: proposal.after.metrics.rise for style, proposal in found.items()}
     assert rise["gentle"] >= 1.9 * rise["normal"]
     assert found["gentle"].after.metrics.travel < 0.8 * found["normal"].after.metrics.travel
-    assert found["quick"].after.metrics.itae <= found["normal"].after.metrics.itae
+    assert found["quick"].after.metrics.itae <= 1.02 * found["normal"].after.metrics.itae
 
 
 def test_a_slower_loop_is_better_for_a_gentle_style_if_the_actuator_travels_less() -> None:
