@@ -60,6 +60,7 @@ COMMANDS: Mapping[str, Verb] = {
         "check how well the heading, depth or speed loop is still tuned; drives no actuator directly",
         "recheck_cmd",
     ),
+    "compare": Verb("show several runs of one craft side by side, and what changed", "compare_cmd"),
     "watch": Verb("check later logs for changes of the craft since it was tuned", "watch_cmd"),
     "thrusters": Verb("map a thruster's command to force from a bollard pull test", "thrusters_cmd"),
     "logs": Verb("show the contents of a telemetry or onboard log, or import its runs", "logs_cmd"),

@@ -7,13 +7,14 @@
   ``nominal_plant`` and compute the required space as an ``excursion``. ``announcement`` reports all of it.
 * ``tunable_loop`` defines the sequence of every tune. The autopilot's loops in ``autopilot_loop`` use
   ``identification``, ``stop_rule``, ``proof`` and ``designing``.
-* ``restore`` restores a vehicle after an interrupted run. ``study``, ``diagnosis`` and ``authority`` need
+* ``restore`` restores a vehicle after an interrupted run. ``study``, ``diagnosis``, ``authority`` and ``compare`` need
   only records, not a vehicle.
 """
 
 from __future__ import annotations
 
 from gcs_autotune.workflow.authority import authority
+from gcs_autotune.workflow.comparison import COMPARED, compare, fits_in
 from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
 from gcs_autotune.workflow.diagnosis import DiagnosisSettings, run_diagnosis, write_diagnosis
 from gcs_autotune.workflow.doctor import Finding, examine, listened_to
@@ -37,6 +38,7 @@ from gcs_autotune.workflow.tune import job_of, tune
 from gcs_autotune.workflow.tune_all import tune_all
 
 __all__ = [
+    "COMPARED",
     "PLAN_FILE",
     "CommonSettings",
     "Connection",
@@ -55,11 +57,13 @@ __all__ = [
     "TuneSettings",
     "Unattended",
     "authority",
+    "compare",
     "design_at_desk",
     "examine",
     "experiment",
     "fetch_onboard_log",
     "first_run",
+    "fits_in",
     "fly",
     "fly_plan",
     "hold",

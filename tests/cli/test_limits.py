@@ -34,6 +34,7 @@ POSITIONALS = {
     "params restore": ("all.param", "--connect", "sitl:charlie"),
     "restore": (),
     "watch": ("a.csv", "b.csv"),
+    "compare": ("a.csv", "b.csv"),
     "doctor": (),
     "ports": (),
 }

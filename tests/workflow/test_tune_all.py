@@ -158,7 +158,8 @@ def test_a_job_is_gone_on_from_only_as_it_was_begun(tmp_path, scripted) -> None:
         bench.tune(resume=bench.job, style="gentle")
     with pytest.raises(UsageError, match=r"contains no job\.json"):
         bench.tune(resume=tmp_path)
-    (bench.job / "03-depth" / "journal.jsonl").write_text("")
+    opened = {"event": "opened", "schema": 1, "vehicle": {}, "link": "memory", "mode": "MANUAL", "armed": False}
+    (bench.job / "03-depth" / "journal.jsonl").write_text(json.dumps({**opened, "fingerprint": {}}) + "\n")
     with pytest.raises(PreconditionFailed, match="gcs-autotune restore"):
         bench.tune(resume=bench.job)
 
