@@ -60,6 +60,8 @@ GOES_ON = (DataError, DesignError, NotAchieved, ParameterMissing, PreconditionFa
 """Errors of a step after which the next step is flown. All others end the job: a stop, a lost link, a tripped limit, an
 order of another station, and a vehicle that was not restored."""
 BACK = "return to the start"
+SETTING_OUT_TIME = 15.0
+"""Time [s] of each step to connect, arm and disarm. Measured with simulated vehicles."""
 
 
 class _Begun(Struct, frozen=True):
@@ -189,7 +191,8 @@ class _Job:
             except GOES_ON as error:
                 steps.append(JobStep(row.name, ending="rejected", reason=str(error)))
             else:
-                seconds = missions[row.name].itinerary.seconds + overhead(len(missions[row.name].itinerary.legs))
+                legs = missions[row.name].itinerary
+                seconds = legs.seconds + overhead(len(legs.legs)) + self._between(craft, is_first=not steps)
                 steps.append(JobStep(row.name, seconds=seconds))
             parameters = {**log.parameters_before, **parameters}
         steps += self._rechecks(steps, done, craft)
@@ -209,7 +212,14 @@ class _Job:
         for name in TUNABLES:
             if name in under and not self._settings.dry_run:
                 again = f"recheck {name}"
-                yield done.get(again) or JobStep(again, seconds=pace.check + 2.0 * pace.relay)
+                seconds = pace.check + 2.0 * pace.relay + self._between(craft)
+                yield done.get(again) or JobStep(again, seconds=seconds)
+
+    def _between(self, craft: MavlinkCraft, *, is_first: bool = False) -> float:
+        """Return the time [s] before a step: connecting, and the return of a boat with two turns."""
+        if is_first or not craft.firmware.needs_way:
+            return SETTING_OUT_TIME
+        return SETTING_OUT_TIME + 2.0 * (TO_COME_ABOUT + pace_of(craft.steered_by).turn)
 
     def _announcement(
         self, visit: Visit[MissionLog], steps: Sequence[JobStep], left: dict[str, Mission]
