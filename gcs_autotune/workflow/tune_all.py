@@ -60,8 +60,9 @@ GOES_ON = (DataError, DesignError, NotAchieved, ParameterMissing, PreconditionFa
 """Errors of a step after which the next step is flown. All others end the job: a stop, a lost link, a tripped limit, an
 order of another station, and a vehicle that was not restored."""
 BACK = "return to the start"
-SETTING_OUT_TIME = 15.0
-"""Time [s] of each step to connect, arm and disarm. Measured with simulated vehicles."""
+SETTING_OUT_TIME, AWAY = 15.0, 30.0
+"""Time [s] of each step to connect, arm and disarm, and of a boat to come back to its start. Measured with simulated
+vehicles."""
 
 
 class _Begun(Struct, frozen=True):
@@ -182,10 +183,10 @@ class _Job:
             if row.name in done:
                 steps.append(done[row.name])
                 continue
+            at: Any = replace(visit, log=log)  # the same visit, with the log of a tune
             try:
-                missions[row.name] = job_of(row.name).declare(
-                    replace(self._of(row), directory=visit.record.path, untuned=True), replace(visit, log=log)
-                )
+                own = replace(self._of(row), directory=visit.record.path, untuned=True)
+                missions[row.name] = job_of(row.name).declare(own, at)
             except WrongVehicle:
                 continue  # it has no such loop
             except GOES_ON as error:
@@ -212,14 +213,14 @@ class _Job:
         for name in TUNABLES:
             if name in under and not self._settings.dry_run:
                 again = f"recheck {name}"
-                seconds = pace.check + 2.0 * pace.relay + self._between(craft)
+                seconds = pace.check + 3.0 * pace.relay + self._between(craft)
                 yield done.get(again) or JobStep(again, seconds=seconds)
 
     def _between(self, craft: MavlinkCraft, *, is_first: bool = False) -> float:
         """Return the time [s] before a step: connecting, and the return of a boat with two turns."""
         if is_first or not craft.firmware.needs_way:
             return SETTING_OUT_TIME
-        return SETTING_OUT_TIME + 2.0 * (TO_COME_ABOUT + pace_of(craft.steered_by).turn)
+        return SETTING_OUT_TIME + AWAY + 2.0 * (TO_COME_ABOUT + pace_of(craft.steered_by).turn)
 
     def _announcement(
         self, visit: Visit[MissionLog], steps: Sequence[JobStep], left: dict[str, Mission]

@@ -160,7 +160,7 @@ def _sections(story: JobStory) -> Iterator[Section]:
         kind="quiet",
     )
     yield Section("loops", "Loops", (Table(heads, "llrrlllr", rows), errors), facts=IN_RESULT)
-    reasons = [f"{s.name}: {s.reason}" for s in story.steps if s.reason and s.ending != "kept"]
+    reasons = tuple(f"{s.name}: {s.reason}" for s in story.steps if s.reason and s.ending != "kept")
     if reasons:
         yield Section("reasons", "What was not kept, and why", tuple(bullets(reasons)), facts=IN_RESULT)
     if story.resume:
@@ -177,15 +177,14 @@ def _details(story: JobStory) -> Iterator[Part]:
     announced, took = story.seconds
     if took:
         yield Note(f"Announced {format_seconds(announced)}, took {format_seconds(took)} of the vehicle's time.")
-    yield from bullets([f"{s.name}: {s.directory}/report.html" for s in story.steps if s.directory])
+    yield from bullets(tuple(f"{s.name}: {s.directory}/report.html" for s in story.steps if s.directory))
     yield Section("announced", "Announced before the start", tuple(bullets(story.announced)))
 
 
 def _rows(step: JobStep) -> Iterator[tuple[str, ...]]:
     measured = [_pair(step, *names) for names in (("itae", "rms"), ("overshoot", "corners"), ("settling", ""))]
-    gains = list((step.gains or {}).items()) or [("", None)]
-    for k, (name, pair) in enumerate(gains):
-        old, new = ("", "") if pair is None else (format_number(pair[0]), format_number(pair[1]))
+    gains = [(name, *map(format_number, pair)) for name, pair in (step.gains or {}).items()]
+    for k, (name, old, new) in enumerate(gains or [("", "", "")]):
         first = k == 0
         cells = measured if first else ["", "", ""]
         yield (step.name if first else "", name, old, new, *cells, step.ending if first else "")
