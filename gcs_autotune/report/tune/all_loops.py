@@ -153,13 +153,13 @@ def _verdict(story: JobStory) -> Verdict:
 
 def _sections(story: JobStory) -> Iterator[Section]:
     rows = tuple(row for step in story.steps for row in _rows(step))
-    heads = ("loop", "gain", "old", "new", "error", "overshoot", "settling", "result")
+    heads = ("loop", "gain", "old -> new", "error", "overshoot", "settling", "result")
     errors = Note(
         "Error: ITAE of the unit step [s²]; of a line, the rms distance from the route, and as overshoot the farthest "
         "corner. Before and after; predicted only where no proof was flown.",
         kind="quiet",
     )
-    yield Section("loops", "Loops", (Table(heads, "llrrlllr", rows), errors), facts=IN_RESULT)
+    yield Section("loops", "Loops", (Table(heads, "lllllll", rows, wide=heads[4:6]), errors), facts=IN_RESULT)
     reasons = tuple(f"{s.name}: {s.reason}" for s in story.steps if s.reason and s.ending != "kept")
     if reasons:
         yield Section("reasons", "What was not kept, and why", tuple(bullets(reasons)), facts=IN_RESULT)
@@ -183,11 +183,11 @@ def _details(story: JobStory) -> Iterator[Part]:
 
 def _rows(step: JobStep) -> Iterator[tuple[str, ...]]:
     measured = [_pair(step, *names) for names in (("itae", "rms"), ("overshoot", "corners"), ("settling", ""))]
-    gains = [(name, *map(format_number, pair)) for name, pair in (step.gains or {}).items()]
-    for k, (name, old, new) in enumerate(gains or [("", "", "")]):
+    gains = [(name, " -> ".join(map(format_number, pair))) for name, pair in (step.gains or {}).items()]
+    for k, (name, change) in enumerate(gains or [("", "")]):
         first = k == 0
         cells = measured if first else ["", "", ""]
-        yield (step.name if first else "", name, old, new, *cells, step.ending if first else "")
+        yield (step.name if first else "", name, change, *cells, step.ending if first else "")
 
 
 def _pair(step: JobStep, name: str, of_line: str) -> str:
