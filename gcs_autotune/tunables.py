@@ -10,10 +10,21 @@ from dataclasses import dataclass
 
 from gcs_autotune.axes import AXES
 
-__all__ = ["STEP_OPTIONS", "TUNABLES", "Tunable", "tunable"]
+__all__ = ["DESIGN_OPTIONS", "STEP_OPTIONS", "TUNABLES", "Tunable", "tunable"]
 
 STEP_OPTIONS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "omega_0")
 """Options of a tune whose proof is a step."""
+DESIGN_OPTIONS = (
+    "relays",
+    "stop_rule",
+    "throttle",
+    "speed",
+    "full_scale",
+    "function",
+    "beyond_ranges",
+    "settling_time",
+)
+"""Options of a tune that flies experiments and designs gains from them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,29 +35,44 @@ class Tunable:
     ----------
     axis : the axis whose settings it uses.
     job : module and attribute of its ``workflow.tune.TuneJob``.
-    stands_on : what ``tune all`` tunes before it and checks again after it; None: not part of ``tune all``.
+    after : what it stands on: ``tune all`` tunes that before it and checks it again after it; None: not part of that.
     useless : options that it has no use for.
     """
 
     name: str
     axis: str
     job: str = "gcs_autotune.workflow.tune:JOB"
-    stands_on: tuple[str, ...] | None = None
-    useless: tuple[str, ...] = ("leg_length",)
+    after: tuple[str, ...] | None = None
+    useless: tuple[str, ...] = ("leg_length", "untuned", "pull_test")
 
 
 TUNABLES: Mapping[str, Tunable] = {
     t.name: t
     for t in (
-        Tunable("speed", "speed", stands_on=()),
-        Tunable("heading", "heading", stands_on=()),
-        Tunable("depth", "depth", stands_on=()),
+        Tunable("speed", "speed", after=(), useless=("leg_length", "untuned")),
+        Tunable("heading", "heading", after=()),
+        Tunable("depth", "depth", after=()),
         Tunable(
             "line",
             "heading",
             "gcs_autotune.workflow.line:JOB",
-            stands_on=("speed", "heading"),
-            useless=(*STEP_OPTIONS, "resume"),
+            after=("speed", "heading"),
+            useless=(*STEP_OPTIONS, *DESIGN_OPTIONS, "resume", "pull_test"),
+        ),
+        Tunable(
+            "actuators",
+            "speed",
+            "gcs_autotune.workflow.actuators:JOB",
+            useless=(
+                "relay_output",
+                "relay_hysteresis",
+                "model",
+                "gains",
+                "omega_0",
+                "resume",
+                "leg_length",
+                "untuned",
+            ),
         ),
     )
 }

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from gcs_autotune.cli.console import BELL_VARIABLE
 from gcs_autotune.cli.secret import PASSPHRASE_VARIABLE, signing_of
 from gcs_autotune.cli.writing import fresh
-from gcs_autotune.documents import check_run_folder, load_json
+from gcs_autotune.documents import check_run_folder, load_json, model_file
 from gcs_autotune.errors import BadFile, UsageError
 from gcs_autotune.limits import Limit, axes_of, finite, limit_of
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from gcs_autotune.manoeuvres import Envelope
     from gcs_autotune.mavlink import SigningKey
     from gcs_autotune.report import StageBar, TerminalObserver
+    from gcs_autotune.thrusters import PullTest
     from gcs_autotune.workflow import Connection
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "add_loudness",
     "add_number",
     "add_output",
+    "add_pull_test",
     "add_remote",
     "check_axis_limits",
     "check_files",
@@ -42,6 +44,7 @@ __all__ = [
     "connection_of",
     "envelope_from",
     "progress_bar",
+    "pull_test_of",
     "run_directory",
     "uri_of",
     "watching",
@@ -69,11 +72,15 @@ GUARDING = (
 class Command:
     """One verb of the command line: its description, its options, and the function that runs it and returns the
     exit code.
+
+    everyday : options that ``--help`` shows, in this order; empty: all. examples : call -> what it does.
     """
 
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
+    everyday: tuple[str, ...] = ()
+    examples: tuple[tuple[str, str], ...] = ()
 
 
 def add_number(
@@ -323,6 +330,26 @@ def add_experiment(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_pull_test(parser: argparse.ArgumentParser) -> None:
+    """Add the option of the pull test that supplies the thrust curve."""
+    parser.add_argument(
+        "--pull-test",
+        type=Path,
+        metavar="FILE",
+        help="thrust curve from a pull test of one thruster: a CSV file with the columns command[1] or pwm[us], and "
+        "force[N] or T[kgf] (see `thrusters`)",
+    )
+
+
+def pull_test_of(args: argparse.Namespace) -> PullTest | None:
+    """Return the pull test of ``--pull-test``; None without the option."""
+    if args.pull_test is None:
+        return None
+    from gcs_autotune.thrusters import read_pull_test
+
+    return read_pull_test(args.pull_test)
+
+
 @contextmanager
 def connected(args: argparse.Namespace, uri: str) -> Iterator[Connection]:
     """Open *uri* first, before the slow imports, and yield the connection.
@@ -375,7 +402,7 @@ def check_model_file(path: Path | None) -> None:
     if path is None:
         return
     check_files(path)
-    if not isinstance(load_json(path, "a model file"), dict):
+    if not isinstance(load_json(model_file(path), "a model file"), dict):
         raise BadFile(
             f"{path} is not a model file: it contains no JSON object with a model. Write one with identify --save"
         )

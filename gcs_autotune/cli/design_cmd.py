@@ -151,4 +151,22 @@ COMMAND = Command(
     "--for relay it predicts the limit cycle of a relay. Nothing is written to a vehicle.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "for",
+        "own",
+        "parameters",
+        "settling-time",
+        "omega-0",
+        "gain-margin",
+        "phase-margin",
+        "speed",
+        "save",
+        "page",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune design runs/LAST --for heading", "gains from the model of a run"),
+        ("gcs-autotune design boat.json --for speed --save boat.param", "gains as a parameter file"),
+        ("gcs-autotune design boat.json --for relay --dof yaw", "the limit cycle of a relay"),
+    ),
 )

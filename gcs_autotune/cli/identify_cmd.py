@@ -264,4 +264,22 @@ COMMAND = Command(
     "r[rad/s], N[N m], telemetry logs (.tlog) or onboard logs (.bin). Several runs are fitted together.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "dof",
+        "structure",
+        "validate",
+        "choose",
+        "columns",
+        "parameters",
+        "full-scale",
+        "save",
+        "page",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune identify zigzag.csv", "a table with units in its header"),
+        ("gcs-autotune identify flight.bin --dof yaw --save boat.json", "a dataflash log, and the model as a file"),
+        ("gcs-autotune identify a.csv --validate b.csv", "fit one run, predict another"),
+    ),
 )

@@ -19,6 +19,7 @@ from gcs_autotune.cli.command import (
     add_loudness,
     add_number,
     add_output,
+    add_pull_test,
     add_remote,
     check_axis_limits,
     check_files,
@@ -26,6 +27,7 @@ from gcs_autotune.cli.command import (
     check_output,
     connected,
     envelope_from,
+    pull_test_of,
     run_directory,
 )
 from gcs_autotune.cli.remote import attending
@@ -44,7 +46,10 @@ ALL = "all"
 """All loops of the vehicle, in the order of ``TUNABLES``."""
 FIRST = next(iter(TUNABLES))
 """The axis whose settings `tune all` starts with."""
-OF_ONE_LOOP = (*STEP_OPTIONS, "leg_length", "settling_time", "full_scale", "delay", "structure")
+OF_ONE_LOOP = (
+    *STEP_OPTIONS,
+    *("leg_length", "settling_time", "full_scale", "delay", "structure", "untuned", "pull_test"),
+)
 """Options that `tune all` has no use for, because they are for one loop."""
 STYLES = ("normal", "gentle", "quick")
 """Names of ``design.STYLES``, listed here for the same reason."""
@@ -54,7 +59,7 @@ RESTORED = 8
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=[*sorted({*AXES, *TUNABLES}), ALL], help="the loop to tune")
-    add_connection(parser, otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth")
+    add_connection(parser, otherwise="sitl:charlie, or sitl:videoray for depth")
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
@@ -73,7 +78,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_number(step, "step")
     add_number(step, "step-duration", "S")
     add_number(step, "leg-length", "M")
+    step.add_argument(
+        "--untuned",
+        action="store_true",
+        help="tune line: fly although speed or heading have ArduRover's own gains. Better: tune them first",
+    )
     add_experiment(parser)
+    add_pull_test(parser)
     design = parser.add_argument_group("design")
     design.add_argument(
         "--model",
@@ -126,7 +137,6 @@ def check_style(args: argparse.Namespace) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    args.what, args.axis = args.axis, FIRST if args.axis == ALL else tunable(args.axis).axis
     _check(args)
     args.connect = args.connect or args.configured_link or None
     with connected(args, args.connect or AXES[args.axis].example) as connection:
@@ -135,14 +145,16 @@ def _run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
+    if not hasattr(args, "what"):
+        args.what, args.axis = args.axis, FIRST if args.axis == ALL else tunable(args.axis).axis
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    what = getattr(args, "what", args.axis)
-    without = OF_ONE_LOOP if what == ALL else tunable(what).useless
-    useless = [name for name in without if getattr(args, name) is not None]
+    own = _own_parser()
+    without = OF_ONE_LOOP if args.what == ALL else tunable(args.what).useless
+    useless = [name for name in without if getattr(args, name) != own.get_default(name)]
     if useless:
-        names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
-        raise UsageError(f"{names} has no use for `tune {what}`. Remove it")
+        names = " and ".join(f"--{name.replace('_', '-')}" for name in useless)
+        raise UsageError(f"`tune {args.what}` does not use {names}. Remove what it does not use")
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
     if args.model is not None and str(args.model) in FUNCTIONS:
@@ -151,7 +163,7 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--gains tests existing gains and --model designs new gains. Use one of the two")
     check_style(args)
     check_model_file(args.model)
-    check_files(args.gains, args.resume)
+    check_files(args.gains, args.resume, args.pull_test)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
@@ -213,6 +225,7 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         relay_output=args.relay_output,
         relay_hysteresis=inside(args.relay_hysteresis),
         leg_length=args.leg_length,
+        untuned=args.untuned,
         throttle=args.throttle,
         speed=args.speed,
         model=args.function,
@@ -234,19 +247,36 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         beyond_ranges=args.beyond_ranges,
         gains=_gains(args),
         proving=_proving(args),
+        pull_test=pull_test_of(args),
     )
 
 
-DROPPED = {"axis", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
-    *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
+DROPPED = {"axis", "what", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
+    *(
+        "settling_time",
+        "configured_link",
+        "omega_0",
+        "relay_hysteresis",
+        "relays",
+        "delay",
+        "structure",
+        "gains",
+        "pull_test",
+    )
 }
 """Names of the options that have no effect when supplied gains are proved."""
 
 
-def _proving(args: argparse.Namespace) -> str:
-    """Return the command that proves the gains of a file under the present options."""
+def _own_parser() -> argparse.ArgumentParser:
+    """Return a parser with the defaults of this program, without those of a settings file."""
     parser = argparse.ArgumentParser(add_help=False)
     _add_arguments(parser)
+    return parser
+
+
+def _proving(args: argparse.Namespace) -> str:
+    """Return the command that proves the gains of a file under the present options."""
+    parser = _own_parser()
     words = ["gcs-autotune", "tune", args.axis]
     for name, value in vars(args).items():
         if name not in DROPPED and value != parser.get_default(name) and value not in (None, False):
@@ -270,4 +300,24 @@ COMMAND = Command(
     "used.",
     add_arguments=_add_arguments,
     run=_run,
+    everyday=(
+        "connect",
+        "throttle",
+        "settling-time",
+        "step",
+        "max-distance",
+        "max-time",
+        "model",
+        "dry-run",
+        "yes",
+        "out",
+        "resume",
+        "verbose",
+        "json",
+    ),
+    examples=(
+        ("gcs-autotune tune heading", "try it on a simulated boat"),
+        ("gcs-autotune tune heading --connect /dev/ttyUSB0", "a boat on a telemetry radio"),
+        ("gcs-autotune tune depth --connect udp:14550 --max-depth 5", "an ROV, not deeper than 5 m"),
+    ),
 )

@@ -27,19 +27,20 @@ from gcs_autotune.manoeuvres.manoeuvre import Commands, Ending, Manoeuvre, Outco
 from gcs_autotune.manoeuvres.open_loop import DOF_OF, OpenLoopProgramme
 from gcs_autotune.manoeuvres.own_loop import KeepSetPoint, UnderOwnLoop
 from gcs_autotune.manoeuvres.preview import DEEP, SPEED_TIME, NominalPlant, PlantState, Preview, fly_on, preview
-from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion
+from gcs_autotune.manoeuvres.relay import LEAST_REVERSALS, Relay, StopCriterion, WallRelay
 from gcs_autotune.manoeuvres.relay_settings import RelaySettings
 from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restore_on_exit
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
 from gcs_autotune.manoeuvres.table import MANOEUVRES
-from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
+from gcs_autotune.manoeuvres.throttle_steps import BOTH_WAYS, LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
 from gcs_autotune.manoeuvres.turn_about import TurnAbout, TurnAboutSettings
 from gcs_autotune.manoeuvres.zig_zag import ZigZag, ZigZagSettings
 
 __all__ = [
+    "BOTH_WAYS",
     "DEEP",
     "DISARMED_ITSELF",
     "DOF_OF",
@@ -93,6 +94,7 @@ __all__ = [
     "TurnAbout",
     "TurnAboutSettings",
     "UnderOwnLoop",
+    "WallRelay",
     "ZigZag",
     "ZigZagSettings",
     "Zone",

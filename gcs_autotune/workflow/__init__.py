@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+from gcs_autotune.workflow.actuators import tune_actuators
 from gcs_autotune.workflow.authority import authority
 from gcs_autotune.workflow.comparison import COMPARED, compare, fits_in
 from gcs_autotune.workflow.desk_design import DeskSettings, design_at_desk
@@ -24,9 +25,10 @@ from gcs_autotune.workflow.flight_preview import preview_of_model
 from gcs_autotune.workflow.flight_result import FlightResult
 from gcs_autotune.workflow.fly import PLAN_FILE, fly, fly_plan
 from gcs_autotune.workflow.hold import HoldSettings, hold
-from gcs_autotune.workflow.line import LineSettings, tune_line
+from gcs_autotune.workflow.line import tune_line
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
+from gcs_autotune.workflow.own_loops import load_models
 from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
@@ -49,7 +51,6 @@ __all__ = [
     "FlightResult",
     "FlySettings",
     "HoldSettings",
-    "LineSettings",
     "Operator",
     "Precision",
     "StudySettings",
@@ -73,6 +74,7 @@ __all__ = [
     "listened_to",
     "load_flight_plan",
     "load_gains",
+    "load_models",
     "precision_of",
     "preview_of_model",
     "recheck",
@@ -82,6 +84,7 @@ __all__ = [
     "save_parameters",
     "study",
     "tune",
+    "tune_actuators",
     "tune_all",
     "tune_line",
     "write_diagnosis",

@@ -101,6 +101,10 @@ def learn(settings: TuneSettings, visit: Visit[TuneLog]) -> TuneContext:
     """Learn what is flown and how fast; nothing moves yet."""
     craft = visit.craft
     axis = _axis(settings.axis, craft.firmware)
+    if settings.pull_test is not None and not craft.firmware.needs_way:
+        raise WrongVehicle(
+            f"--pull-test is for the throttle of a boat. An {craft.firmware.kind} is identified by relays"
+        )
     visit.log.meet(craft)
     check_depth_is_reported(craft, axis.dof)
     present = craft.parameters.read_existing(["CRUISE_THROTTLE", "CRUISE_SPEED"])

@@ -17,6 +17,7 @@ from gcs_autotune.manoeuvres import Envelope, StepSettings
 from gcs_autotune.mavlink import SigningKey
 from gcs_autotune.models import Form
 from gcs_autotune.registry import lookup
+from gcs_autotune.thrusters import PullTest
 
 __all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "StudySettings", "SuppliedGains", "TuneSettings"]
 
@@ -140,6 +141,7 @@ class TuneSettings(CommonSettings):
     ----------
     axis : the loop, or the degree of freedom of an experiment.
     leg_length : length of a leg [m] of the mission that proves them; None: by the speed.
+    untuned : whether to fly that mission even if speed or heading have ArduRover's own gains.
     step, step_duration : size of the step that proves gains [rad, m, m/s or rad/s], and duration [s] of each half.
     relay_output, relay_hysteresis : amplitude of the relays [fraction of full output] and their hysteresis [rad or m].
     model : family of the reference model. settling_time [s], omega_0 [rad/s] : speed of the reference model.
@@ -153,7 +155,7 @@ class TuneSettings(CommonSettings):
     gains : gains to prove instead of designing any. proving : the command that proves gains of a file under these
         settings, without the file name.
     beyond_ranges : whether gains may leave their documented ranges.
-    untuned : whether a tune that stands on other loops is flown although these are not tuned.
+    pull_test : pull test of one thruster, the source of the thrust curve.
 
     Raises
     ------
@@ -163,6 +165,7 @@ class TuneSettings(CommonSettings):
 
     axis: str
     leg_length: float | None = None
+    untuned: bool = False
     step: float | None = None
     step_duration: float | None = None
     relay_output: float | None = None
@@ -179,7 +182,7 @@ class TuneSettings(CommonSettings):
     gains: SuppliedGains | None = None
     proving: str = ""
     beyond_ranges: bool = False
-    untuned: bool = False
+    pull_test: PullTest | None = None
 
     def __post_init__(self) -> None:
         """Check that the numbers are within their limits and that the stop rule exists."""

@@ -154,7 +154,7 @@ class _Job:
             The answer was no.
         """
         settings, log = replace(self._of(TUNABLES["speed"]), agreed=False), MissionLog(self._observer)
-        rows = [row for row in TUNABLES.values() if row.stands_on is not None]
+        rows = [row for row in TUNABLES.values() if row.after is not None]
         axes = [f.axes[row.axis] for f in FIRMWARE.values() for row in rows if row.axis in f.axes]
         compiled = {"dofs": tuple({a.dof for a in axes}), "laws": tuple({a.law for a in axes})}
         record = RunDirectory(self._next("announcement"))
@@ -208,7 +208,7 @@ class _Job:
     def _rechecks(self, steps: Sequence[JobStep], done: dict[str, JobStep], craft: MavlinkCraft) -> Iterator[JobStep]:
         """Yield the rechecks of the loops on which another one stands."""
         names = {step.name for step in steps if step.ending != "rejected"}
-        under = [below for name in names for below in TUNABLES[name].stands_on or () if below in names]
+        under = [below for name in names for below in TUNABLES[name].after or () if below in names]
         pace = pace_of(craft.steered_by)
         for name in TUNABLES:
             if name in under and not self._settings.dry_run:
@@ -306,12 +306,12 @@ class _Job:
         endings = {s.name: s.ending for s in self._steps}
         if step.is_recheck:
             name = step.name.removeprefix("recheck ")
-            above = [row.name for row in TUNABLES.values() if name in (row.stands_on or ())]
+            above = [row.name for row in TUNABLES.values() if name in (row.after or ())]
             if endings.get(name) != "kept" or not any(endings.get(other) == "kept" for other in above):
                 return "because nothing has changed since its own proof"
             return ""
         failed = ("aborted", "rejected", "skipped")
-        below = [name for name in TUNABLES[step.name].stands_on or () if endings.get(name) in failed]
+        below = [name for name in TUNABLES[step.name].after or () if endings.get(name) in failed]
         return f"because it stands on {' and '.join(below)}" if below else ""
 
     def _flown(self, step: JobStep) -> JobStep:

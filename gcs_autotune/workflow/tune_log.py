@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_autotune.design import Change, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, Linearity, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
 from gcs_autotune.observer import Observer, Progress
@@ -41,6 +41,8 @@ class TuneLog(MissionLog):
         self.metrics_before: StepMetrics | None = None
         self.metrics_after: StepMetrics | None = None
         self.beside: tuple[StepMetrics, StepMetrics] | None = None
+        self.thrust_before: Linearity | None = None
+        self.thrust_after: Linearity | None = None
         self.track_before: TrackMetrics | None = None
         self.track_after: TrackMetrics | None = None
         self.verdict: tuple[bool | None, tuple[str, ...]] = (None, ())
@@ -135,6 +137,8 @@ class TuneLog(MissionLog):
             metrics_after=self.metrics_after,
             beside=self.beside,
             missions=tuple(t for t in self._trials if t.meta.get("manoeuvre") == "mission"),
+            thrust_before=self.thrust_before,
+            thrust_after=self.thrust_after,
             track_before=self.track_before,
             track_after=self.track_after,
             kept=kept,

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
+from dataclasses import replace
 from typing import Any
 
 from gcs_autotune.clock import Clock
 from gcs_autotune.craft import Actuate, Command, Intervention, Observation, SteeredBy
 from gcs_autotune.errors import AutotuneError, LinkError, LinkLost, ModeRefused, NoReply, NotAsFound
-from gcs_autotune.firmware import Firmware, ServoMap, SetFailsafe
+from gcs_autotune.firmware import Firmware, ServoMap, SetFailsafe, read_servo_map
 from gcs_autotune.link.parameters.client import Parameters
 from gcs_autotune.link.session import Session
 from gcs_autotune.link.vehicle.actuation_check import await_neutral, check_outputs_follow, check_overrides_taken
@@ -106,6 +107,11 @@ class MavlinkCraft:
     def learn_failsafes(self) -> None:
         """Read from the parameters which failsafes act without a ground station, after what time, and how."""
         self._interference.failsafes = read_failsafes(self.parameters, self._firmware)
+
+    def learn_outputs(self) -> None:
+        """Read the relation between servo outputs and forces again, after a change of SERVOn_MIN, TRIM or MAX."""
+        self._config = replace(self._config, servos=read_servo_map(self.parameters, self._firmware))
+        self.telemetry.servos = self._config.servos
 
     @property
     def firmware(self) -> Firmware:
@@ -311,7 +317,7 @@ class MavlinkCraft:
             check_uplink(self.session, self._streamer, self.latency)
             self._arm()
             self.set_mode(self._firmware.manual_mode)
-            check_outputs_follow(self._streamer, self.telemetry, self.observe, self.mode)
+            check_outputs_follow(self._streamer, self.telemetry, self.observe, self.mode, skid=self.skid)
         except LinkLost:
             self._let_go()
             self._explain_silence()

@@ -60,10 +60,10 @@ from gcs_autotune.report.toolkit.figures import draw_track, inputs_of
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
     contradictions_in,
-    doubt_sentences,
     format_error,
     format_moment,
     format_share,
+    remarks,
     sentence,
 )
 from gcs_autotune.trial import Trial
@@ -116,7 +116,7 @@ def diagnosis_document(
         lead_figures=(_after(examined) or _before(examined))[:1],
         key_figures=tuple(k for k in _key_figures(diagnosis) if k.number != UNKNOWN),
         contradictions=contradictions_in(diagnosis.doubts),
-        doubts=doubt_sentences(diagnosis.doubts) or None,
+        doubts=remarks(diagnosis.doubts) or None,
         sections=tuple(section for make in SECTIONS for section in make(examined)),
         facts=diagnosis.to_dict(),
     )

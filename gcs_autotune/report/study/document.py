@@ -39,7 +39,12 @@ from gcs_autotune.report.toolkit.document import (
     bullets,
 )
 from gcs_autotune.report.toolkit.figures import INTERVALS_CAPTION, draw_fit, draw_intervals, draw_track
-from gcs_autotune.report.toolkit.wording import contradictions_in, doubt_sentences, format_moment, format_percent
+from gcs_autotune.report.toolkit.wording import (
+    contradictions_in,
+    format_moment,
+    format_percent,
+    remarks,
+)
 
 __all__ = ["damping_section", "fit_document", "method_list", "model_section", "study_document"]
 
@@ -63,7 +68,7 @@ def study_document(study: Study) -> Document:
         verdict=verdict_of(fit, unseen),
         key_figures=tuple(_key_figures(fit, unseen)),
         contradictions=contradictions_in(fit.doubts),
-        doubts=doubt_sentences(fit.doubts),
+        doubts=remarks(fit.doubts),
         sections=tuple(section for make in SECTIONS for section in make(study)),
         facts=fit.to_dict(),
     )
@@ -75,7 +80,7 @@ def fit_document(fit: Fit[Model]) -> Document:
         title=structure_title(fit),
         verdict=verdict_of(fit),
         contradictions=contradictions_in(fit.doubts),
-        doubts=doubt_sentences(fit.doubts),
+        doubts=remarks(fit.doubts),
         sections=(model_section(fit), *damping_section(fit)),
         facts=fit.to_dict(),
     )

@@ -8,10 +8,12 @@ out, so a section can list optional parts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
+
+from gcs_autotune.identify import Grade
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -123,6 +125,23 @@ Part = Note | Table | Figure | Section
 
 
 @dataclass(frozen=True, slots=True)
+class Remark:
+    """A doubt and its remedy as text, with its grade."""
+
+    text: str
+    grade: Grade = "caution"
+
+
+GRADES: Mapping[Grade, str] = {"distrust": "Do not trust", "caution": "Caution", "note": "Note"}
+"""Grade of a doubt -> its word, the gravest first."""
+
+
+def cautions(texts: Iterable[str]) -> tuple[Remark, ...]:
+    """Return each of the sentences as a caution."""
+    return tuple(Remark(text) for text in texts)
+
+
+@dataclass(frozen=True, slots=True)
 class Document:
     """A report as data, which a renderer can show in several ways.
 
@@ -132,7 +151,7 @@ class Document:
     verdict : None for a list without a verdict.
     lead : the result in plain words, before the verdict, with *lead_figures*.
     contradictions : inconsistencies in the data, shown first.
-    doubts : sentences with their remedies; None if doubts do not apply. doubted : subject of the doubts.
+    doubts : doubts with their remedies; None if doubts do not apply. doubted : subject of the doubts.
     facts : the JSON form without the sections.
     """
 
@@ -146,9 +165,14 @@ class Document:
     lead_figures: tuple[Figure, ...] = ()
     key_figures: tuple[KeyFigure, ...] = ()
     contradictions: tuple[str, ...] = ()
-    doubts: tuple[str, ...] | None = None
+    doubts: tuple[Remark, ...] | None = None
     doubted: str = "fit"
     facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def graded(self) -> tuple[tuple[str, Remark], ...]:
+        """The doubts with the words of their grades, the gravest first."""
+        return tuple((word, d) for grade, word in GRADES.items() for d in self.doubts or () if d.grade == grade)
 
 
 def is_empty(part: Part) -> bool:

@@ -58,7 +58,7 @@ def _pieces(document: Document) -> Iterator[RenderableType]:
         yield from _section(section)
     if document.doubts:
         yield _title("Doubts" if document.doubted == "fit" else f"Doubts about the {document.doubted}", DOUBTFUL)
-        yield from (_bullet(text) for text in document.doubts)
+        yield from (_bullet(f"{word}: {doubt.text}") for word, doubt in document.graded)
     elif document.doubts is not None:
         yield _apart(_text(f"No doubts about the {document.doubted}."))
     if not document.lead:

@@ -23,17 +23,18 @@ from gcs_autotune.report.toolkit.document import (
     Section,
     Table,
     bullets,
+    cautions,
     notes,
 )
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
-    doubt_sentences,
     format_change,
     format_moment,
     format_number,
     format_percent,
     format_quantity,
     format_share,
+    remarks,
     sentence,
 )
 from gcs_autotune.report.tune.data import summarise
@@ -55,6 +56,7 @@ from gcs_autotune.report.tune.tables import (
     metrics_table,
     rates_table,
     route_table,
+    thrust_table,
     vehicle_table,
 )
 from gcs_autotune.report.tune.wording import (
@@ -77,7 +79,7 @@ MOST_PARAMETERS = 24
 def tune_document(story: TuneStory) -> Document:
     """Return the report of a tune, as far as the tune was completed. Its JSON form is ``summary.json``."""
     fit = story.fit
-    doubts = (*story.doubts, *(() if fit is None else doubt_sentences(fit.doubts)))
+    doubts = (*cautions(story.doubts), *(() if fit is None else remarks(fit.doubts)))
     return Document(
         title=f"{story.title[:1].upper()}{story.title[1:]}: {story.ending}",
         about=(str(story.vehicle.get("name", "vehicle not identified")),),
@@ -119,6 +121,14 @@ def _line(story: TuneStory) -> Iterator[Section]:
         Section("line-reasons", f"Why the new parameters {kept}", tuple(bullets(story.verdict_reasons))),
     )
     yield Section("line", "Mission before and after", parts, facts=IN_RESULT)
+
+
+def _thrust(story: TuneStory) -> Iterator[Section]:
+    if story.thrust_before is None:
+        return
+    note = "Thrust is relative to the best proportional one. The commands are those that the weaker direction can give."
+    parts: tuple[Part, ...] = (thrust_table(story.thrust_before, story.thrust_after), Note(note, kind="quiet"))
+    yield Section("thrust", "Thrust at each command", parts, facts=IN_RESULT)
 
 
 def _step(story: TuneStory) -> Iterator[Section]:
@@ -252,6 +262,7 @@ def _files(story: TuneStory) -> Iterator[Section]:
 
 SECTIONS = (
     _line,
+    _thrust,
     _step,
     _gains,
     _proof,
