@@ -162,7 +162,12 @@ def preview_document(
         sections=(
             Section("record", "Prediction", (*figures, track), facts=IN_RESULT),
             *(
-                Section(f"cycle-{name}", f"Limit cycle of {name}", (goldfarb_figure(*pair, f"goldfarb-{name}"),))
+                Section(
+                    f"cycle-{name}",
+                    f"Limit cycle of {name}",
+                    (goldfarb_figure(*pair, f"goldfarb-{name}"),),
+                    facts=IN_RESULT,
+                )
                 for name, pair in cycles.items()
             ),
         ),

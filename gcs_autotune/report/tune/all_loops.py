@@ -162,7 +162,7 @@ def _sections(story: JobStory) -> Iterator[Section]:
     yield Section("loops", "Loops", (Table(heads, "lllllll", rows, wide=heads[4:6]), errors), facts=IN_RESULT)
     reasons = tuple(f"{s.name}: {s.reason}" for s in story.steps if s.reason and s.ending != "kept")
     if reasons:
-        yield Section("reasons", "What was not kept, and why", tuple(bullets(reasons)), facts=IN_RESULT)
+        yield Section("reasons", "Remarks", tuple(bullets(reasons)), facts=IN_RESULT)
     if story.resume:
         yield Section(
             "resume", "How to continue", (Note(story.resume, "The next step:", kind="command"),), facts=IN_RESULT
