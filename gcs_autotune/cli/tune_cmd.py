@@ -32,13 +32,15 @@ from gcs_autotune.cli.command import (
 )
 from gcs_autotune.cli.remote import attending
 from gcs_autotune.cli.writing import put_out
-from gcs_autotune.errors import UsageError
+from gcs_autotune.errors import ManoeuvreError, UsageError, exit_code
 from gcs_autotune.tunables import STEP_OPTIONS, TUNABLES, tunable
 
 if TYPE_CHECKING:
-    from gcs_autotune.workflow import Connection, SuppliedGains, TuneSettings
+    from gcs_autotune.observer import Observer
+    from gcs_autotune.report import Document
+    from gcs_autotune.workflow import Connection, Operator, SuppliedGains, TuneSettings
 
-__all__ = ["COMMAND", "FUNCTIONS", "RESTORED", "add_style", "check_style", "tune_settings"]
+__all__ = ["COMMAND", "FUNCTIONS", "RESTORED", "add_style", "carry_out", "check_style", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
@@ -168,35 +170,37 @@ def _check(args: argparse.Namespace) -> None:
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over an open link and show the result."""
-    from gcs_autotune.report import tune_document
-    from gcs_autotune.workflow import job_of
-
-    if args.what == ALL:
-        return _tune_all(args, connection)
     now = datetime.now()
     settings, when = tune_settings(args, connection, now), now.isoformat(timespec="seconds")
     with attending(args, "or --dry-run to change nothing") as (operator, observer):
-        story = job_of(args.what).run(settings, operator, observer, when)
+        document, directory, endings = carry_out(args, settings, operator, observer, when)
     if not args.remote:  # else standard output is the program's
-        page = [f"Report: {Path(story.directory) / 'report.html'}"] if story.directory else []
-        put_out(tune_document(story), *page, as_json=args.json)
+        page = [f"Report: {Path(directory) / 'report.html'}"] if directory else []
+        put_out(document, *page, as_json=args.json)
     operator.ring()
-    return RESTORED if story.ending == "restored" else 0
+    if "aborted" in endings:  # a step of several; the others were flown
+        return exit_code(ManoeuvreError())
+    return RESTORED if "restored" in endings else 0
 
 
-def _tune_all(args: argparse.Namespace, connection: Connection) -> int:
-    """Tune all loops over an open link and show the result."""
-    from gcs_autotune.report import job_document
-    from gcs_autotune.workflow import tune_all
+def carry_out(
+    args: argparse.Namespace, settings: TuneSettings, operator: Operator, observer: Observer, when: str
+) -> tuple[Document, str, tuple[str, ...]]:
+    """Tune what the command line states. Return the report, its directory, and the ending of each step.
 
-    now = datetime.now()
-    settings = tune_settings(args, connection, now)
-    with attending(args, "or --dry-run to change nothing") as (operator, observer):
-        story = tune_all(settings, operator, observer, now.isoformat(timespec="seconds"))
-    if not args.remote:
-        put_out(job_document(story), f"Report: {Path(story.directory) / 'report.html'}", as_json=args.json)
-    operator.ring()
-    return RESTORED if any(step.ending == "restored" for step in story.steps) else 0
+    Raises
+    ------
+    AutotuneError
+        The cause of an early end.
+    """
+    from gcs_autotune.report import job_document, tune_document
+    from gcs_autotune.workflow import job_of, tune_all
+
+    if args.what == ALL:
+        job = tune_all(settings, operator, observer, when)
+        return job_document(job), job.directory, tuple(step.ending for step in job.steps)
+    story = job_of(args.what).run(settings, operator, observer, when)
+    return tune_document(story), story.directory, (story.ending,)
 
 
 def tune_settings(args: argparse.Namespace, connection: Connection, now: datetime) -> TuneSettings:
@@ -295,14 +299,15 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
 
 
 COMMAND = Command(
-    description="Tune one loop of an ArduPilot boat or ROV. A step is flown with the present gains, then with the "
-    "new gains. The new gains stay only if they follow the step better. Without --connect a simulated vehicle is "
+    description="Tune one loop of an ArduPilot boat or ROV, or all of them in order. A step is flown with the present "
+    "gains, then with the new gains. The new gains stay only if they follow the step better. Without --connect a simulated vehicle is "
     "used.",
     add_arguments=_add_arguments,
     run=_run,
     everyday=(
         "connect",
         "throttle",
+        "style",
         "settling-time",
         "step",
         "max-distance",
@@ -318,6 +323,7 @@ COMMAND = Command(
     examples=(
         ("gcs-autotune tune heading", "try it on a simulated boat"),
         ("gcs-autotune tune heading --connect /dev/ttyUSB0", "a boat on a telemetry radio"),
+        ("gcs-autotune tune all --connect /dev/ttyUSB0", "all loops in order, after one question"),
         ("gcs-autotune tune depth --connect udp:14550 --max-depth 5", "an ROV, not deeper than 5 m"),
     ),
 )
