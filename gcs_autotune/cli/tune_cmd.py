@@ -300,8 +300,8 @@ def _gains(args: argparse.Namespace) -> SuppliedGains | None:
 
 COMMAND = Command(
     description="Tune one loop of an ArduPilot boat or ROV, or all of them in order. A step is flown with the present "
-    "gains, then with the new gains. The new gains stay only if they follow the step better. Without --connect a simulated vehicle is "
-    "used.",
+    "gains, then with the new gains. The new gains stay only if they follow the step better. Without --connect a "
+    "simulated vehicle is used.",
     add_arguments=_add_arguments,
     run=_run,
     everyday=(
