@@ -165,18 +165,16 @@ def test_a_job_is_gone_on_from_only_as_it_was_begun(tmp_path, scripted) -> None:
 
 
 @pytest.mark.slow
-def test_a_boat_is_tuned_stopped_resumed_and_put_back_as_a_whole(tmp_path, plainly) -> None:
-    bench = Bench(tmp_path, "blueboat")
+def test_a_job_is_stopped_resumed_and_put_back_as_a_whole(tmp_path, plainly) -> None:
+    bench = Bench(tmp_path, "bluerov2")
     before = dict(bench.harness.vehicle.parameters.values)
 
     class Stops:
-        """Presses Ctrl-C during the step with the new gains of the heading."""
+        """Presses Ctrl-C during the step with the new gains of the depth."""
 
         def stop_requested(self) -> bool:
-            return any("step with new gains" in text for text in bench.said[self.since() :])
-
-        def since(self) -> int:
-            return next((k for k, t in enumerate(bench.said) if "of 5: heading" in t), len(bench.said))
+            begun = next((k for k, text in enumerate(bench.said) if "of 2: depth" in text), len(bench.said))
+            return any("step with new gains" in text for text in bench.said[begun:])
 
         def ask(self, question: str, while_waiting: Callable[[], object]) -> bool:
             return True
@@ -186,19 +184,18 @@ def test_a_boat_is_tuned_stopped_resumed_and_put_back_as_a_whole(tmp_path, plain
     autopilot = bench.harness.vehicle.autopilot
     assert not autopilot.armed and all(pwm in (0, 1500) for pwm in autopilot.pwm)
     now = bench.harness.vehicle.parameters.values
-    assert {n for n, v in now.items() if v != before[n]} <= {f"ATC_SPEED_{x}" for x in "PI"} | {
-        "CRUISE_SPEED",
-        "CRUISE_THROTTLE",
+    assert {name.partition("_YAW_")[0] for name, value in now.items() if value != before[name]} <= {
+        "ATC_RAT",
+        "ATC_ANG",
     }
     story = bench.tune(resume=bench.job)
     assert "using from" in " ".join(bench.said)
-    assert bench.endings["speed"] == bench.endings["heading"] == "kept"
-    assert bench.endings["line"] in ("kept", "restored")
+    assert bench.endings == {"heading": "kept", "depth": "kept"}
     announced, took = story.seconds
-    assert took <= 1.3 * announced
+    assert took <= 1.2 * announced
     assert all(Journal.read(path).is_settled for path in bench.job.glob("*/journal.jsonl"))
-    assert restore_run(Connection("memory", opened=bench.link), bench.job, Unattended(), SilentObserver()) == {}
-    restore_parameters(
-        Connection("memory", opened=bench.link), bench.job / "parameters_before.param", Unattended(), SilentObserver()
-    )
+    link = Connection("memory", opened=bench.link)
+    bench.link.stays_open = True
+    assert restore_run(link, bench.job, Unattended(), SilentObserver()) == {}
+    restore_parameters(link, bench.job / "parameters_before.param", Unattended(), SilentObserver())
     assert dict(bench.harness.vehicle.parameters.values) == before
