@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 
-from gcs_autotune.design import LAWS, STYLES
+from gcs_autotune.design import LAWS
 from gcs_autotune.errors import AutotuneError, BadFile, UsageError
 from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.observer import Observer
 from gcs_autotune.registry import lookup
 from gcs_autotune.report import TuneStory, proof_command, write_story
 from gcs_autotune.tunables import tunable
-from gcs_autotune.workflow.announcement import battery, how_long, room
+from gcs_autotune.workflow.announcement import battery, how_long, room, styled
 from gcs_autotune.workflow.autopilot_loop import autopilot_loop, learn_parameters
 from gcs_autotune.workflow.connection import axis_of
 from gcs_autotune.workflow.context import TuneContext, tune_runner
@@ -102,7 +102,7 @@ def _declare(settings: TuneSettings, earlier: Earlier, visit: Visit[TuneLog]) ->
             room(axis.dof, context.speed, settings, now, whole),
             how_long(itinerary, patient.seconds),
             battery(now, settings.envelope, itinerary.seconds),
-            *([] if settings.gains is not None else [f"design for style {settings.style}: {STYLES[settings.style]}"]),
+            *([] if settings.gains is not None else [styled(settings.style)]),
         ),
         fly=lambda journal: tune_loop(loop, log, visit.agrees, journal, dry_run=settings.dry_run),
         writes="write no parameter (dry run)" if settings.dry_run else changes,

@@ -16,7 +16,6 @@ from typing import Any
 from msgspec import Struct
 
 from gcs_autotune.axes import AXES, axis_kind
-from gcs_autotune.design import STYLES
 from gcs_autotune.documents import conformed, load_json
 from gcs_autotune.errors import (
     BadFile,
@@ -33,11 +32,11 @@ from gcs_autotune.firmware import FIRMWARE
 from gcs_autotune.frames import flat
 from gcs_autotune.link import Journal, MavlinkCraft, Transport, difference, fingerprint_of, same_float32
 from gcs_autotune.manoeuvres import TO_COME_ABOUT, ComeBack
-from gcs_autotune.observer import Observer, SilentObserver
+from gcs_autotune.observer import Intention, Intentions, Observer, SilentObserver
 from gcs_autotune.plain_json import json_text
 from gcs_autotune.report import JobStep, JobStory, job_document, to_html, to_json
 from gcs_autotune.tunables import TUNABLES, Tunable
-from gcs_autotune.workflow.announcement import battery, exactly
+from gcs_autotune.workflow.announcement import battery, exactly, styled
 from gcs_autotune.workflow.connection import arming
 from gcs_autotune.workflow.excursion import overhead
 from gcs_autotune.workflow.experiments import speed_for
@@ -84,7 +83,7 @@ class _Plan:
     begun: _Begun
     steps: tuple[JobStep, ...]
     parameters: dict[str, float]
-    announced: tuple[str, ...]
+    announced: Intentions
     vehicle: str
 
 
@@ -126,7 +125,13 @@ class _Job:
         options += " --dry-run" * self._settings.dry_run
         uri, directory = self._settings.connection.uri, str(self._path)
         story = JobStory(
-            self._when, plan.vehicle, self._link.is_simulated, uri, directory, announced=plan.announced, options=options
+            self._when,
+            plan.vehicle,
+            self._link.is_simulated,
+            uri,
+            directory,
+            announced=plan.announced.texts,
+            options=options,
         )
         stopped = ""
         try:
@@ -203,7 +208,8 @@ class _Job:
             home = self._earlier.home or home
         begun = _Begun(here, fingerprint, settings.style, settings.dry_run, home, [])
         left = {step.name: missions[step.name] for step in steps if step.ending == "open" and step.name in missions}
-        return _Plan(begun, tuple(steps), parameters, tuple(self._announcement(visit, steps, left)), str(vehicle))
+        announced = Intentions(tuple(self._announcement(visit, steps, left)))
+        return _Plan(begun, tuple(steps), parameters, announced, str(vehicle))
 
     def _rechecks(self, steps: Sequence[JobStep], done: dict[str, JobStep], craft: MavlinkCraft) -> Iterator[JobStep]:
         """Yield the rechecks of the loops on which another one stands."""
@@ -224,31 +230,37 @@ class _Job:
 
     def _announcement(
         self, visit: Visit[MissionLog], steps: Sequence[JobStep], left: dict[str, Mission]
-    ) -> Iterator[str]:
+    ) -> Iterator[Intention]:
         craft, settings = visit.craft, self._settings
         flown = [step for step in steps if step.ending == "open"]
         back = ", with a return to the start before each" if craft.firmware.needs_way else ""
-        yield f"{arming(craft)}, for each step"
-        yield f"tune in this order: {', '.join(step.name for step in flown)}{back}"
+        yield replace(arming(craft), text=f"{arming(craft).text}, for each step")
+        order = f"{', '.join(step.name for step in flown)}{back}"
+        yield Intention(f"tune in this order: {order}", "Order", order)
         for step in steps:
             if step.ending == "rejected":
-                yield f"not tune {step.name}: {step.reason}"
+                yield Intention(f"not tune {step.name}: {step.reason}", f"Not {step.name}", step.reason)
         for name, mission in left.items():
-            yield f"for {name}, move: {mission.movements}"
-            yield f"for {name}, {mission.needs[0]}"
+            yield Intention(f"for {name}, move: {mission.movements}")
+            space = mission.needs[0]
+            told = space if isinstance(space, Intention) else Intention(space)
+            yield Intention(f"for {name}, {told.text}", name.capitalize(), told.brief or told.text)
         seconds = sum(step.seconds for step in flown)
         each = ", ".join(f"{step.name} {exactly(step.seconds)}" for step in flown)
-        yield f"take about {exactly(seconds)} of the vehicle's time: {each}"
+        brief = f"about {exactly(seconds)} of the vehicle's time"
+        yield Intention(f"take {brief}: {each}", "Time", brief)
         yield battery(craft.observe(), settings.envelope, seconds)
-        yield f"design for style {settings.style}: {STYLES[settings.style]}"
-        yield (
-            "write no parameter (dry run)"
+        yield styled(settings.style)
+        written = (
+            "no parameter (dry run)"
             if settings.dry_run
-            else "write gains of these loops without asking again. Each step keeps new ones only if they prove better, "
-            "and restores the old ones otherwise"
+            else "gains of these loops without asking again. Each step keeps new ones only if they prove better, and "
+            "restores the old ones otherwise"
         )
-        modes = sorted({mode for mission in left.values() for mode in mission.modes})
-        yield f"use modes {', '.join(modes)}, and return to {craft.mode} after each step"
+        yield Intention(f"write {written}", "Writes", written)
+        modes = ", ".join(sorted({mode for mission in left.values() for mode in mission.modes}))
+        in_modes = f"use modes {modes}, and return to {craft.mode} after each step"
+        yield Intention(in_modes, "Modes", f"{modes}, then {craft.mode} again")
 
     def _done(self, craft: MavlinkCraft) -> dict[str, JobStep]:
         """Return the finished steps of the job that is resumed; check that its vehicle has not changed since.
