@@ -35,7 +35,7 @@ class Tunable:
     ----------
     axis : the axis whose settings it uses.
     job : module and attribute of its ``workflow.tune.TuneJob``.
-    after : what ``tune all`` tunes before it, because it stands on it; None: not part of ``tune all``.
+    after : what it stands on: ``tune all`` tunes that before it and checks it again after it; None: not part of that.
     useless : options that it has no use for.
     """
 
@@ -50,7 +50,7 @@ TUNABLES: Mapping[str, Tunable] = {
     t.name: t
     for t in (
         Tunable("speed", "speed", after=(), useless=("leg_length", "untuned")),
-        Tunable("heading", "heading", after=("speed",)),
+        Tunable("heading", "heading", after=()),
         Tunable("depth", "depth", after=()),
         Tunable(
             "line",

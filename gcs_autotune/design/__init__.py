@@ -46,10 +46,10 @@ from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
 from gcs_autotune.design.result import Change, Hunting, Margins, Prediction, Proposal, StepMetrics
-from gcs_autotune.design.spec import Spec
+from gcs_autotune.design.spec import STYLES, Spec, Style
 from gcs_autotune.design.step_metrics import combine, step_metrics
 from gcs_autotune.design.track_metrics import TrackMetrics, follows_better, track_metrics
-from gcs_autotune.design.verdict import Verdict, is_better, is_followed, is_no_worse, scatter_of
+from gcs_autotune.design.verdict import Verdict, is_better, is_calmer, is_followed, is_no_worse, scatter_of
 
 __all__ = [
     "LAWS",
@@ -58,6 +58,7 @@ __all__ = [
     "SHORTER",
     "SPEED_GAINS",
     "STEERING_GAINS",
+    "STYLES",
     "USED",
     "Actuator",
     "Authority",
@@ -88,6 +89,7 @@ __all__ = [
     "Scenario",
     "Spec",
     "StepMetrics",
+    "Style",
     "TrackMetrics",
     "Verdict",
     "analyse_own",
@@ -103,6 +105,7 @@ __all__ = [
     "holding",
     "in_fractions",
     "is_better",
+    "is_calmer",
     "is_followed",
     "is_more_linear",
     "is_no_worse",

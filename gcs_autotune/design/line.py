@@ -94,6 +94,7 @@ class HullTurn:
     ``rate``: greatest turn rate [rad/s]. ``lag``: its time constant with the delay [s].
     ``pivots``: whether the autopilot turns it on the spot at sharp corners. ``pivots_wide``: whether it moves away
     meanwhile, by half the radius of a turn under way or more. ``legs``: how it drove straight legs; none if unknown.
+    ``bandwidth``: that of the style, relative to the fastest corners and corrections.
     """
 
     speed: float
@@ -102,6 +103,12 @@ class HullTurn:
     pivots: bool = False
     pivots_wide: bool = False
     legs: Sequence[OnLeg] = ()
+    bandwidth: float = 1.0
+
+    @property
+    def used(self) -> float:
+        """Share of the greatest turn rate that corners use."""
+        return SHARE * self.bandwidth
 
     @property
     def rounds(self) -> bool:
@@ -111,7 +118,7 @@ class HullTurn:
     @property
     def corner(self) -> float:
         """Duration of a corner of 90 degrees [s]."""
-        return CORNER / (SHARE * self.rate) + LAGS * self.lag
+        return CORNER / (self.used * self.rate) + LAGS * self.lag
 
     @property
     def radius(self) -> float:
@@ -159,7 +166,7 @@ def _chosen(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple[str,
     if hull.rounds:
         yield from _for_corners(hull)
     yield "PSC_VEL_P", VELOCITY_GAIN, "a gain that suits slow and quick hulls"
-    yield "PSC_POS_P", _position_gain(hull), f"{LAG_PRODUCT:g} over the lag of {hull.lag:.1f} s"
+    yield "PSC_POS_P", _position_gain(hull), f"{hull.bandwidth * LAG_PRODUCT:g} over the lag of {hull.lag:.1f} s"
 
 
 def _attainable(hull: HullTurn) -> float:
@@ -205,7 +212,7 @@ def _turn_limits(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple
 
 def _position_gain(hull: HullTurn) -> float:
     low, high = POSITION_GAIN
-    return _rounded(min(max(LAG_PRODUCT / hull.lag, low), high))
+    return _rounded(min(max(hull.bandwidth * LAG_PRODUCT / hull.lag, low), high))
 
 
 def _for_corners(hull: HullTurn) -> Iterator[tuple[str, float, str]]:
@@ -214,8 +221,8 @@ def _for_corners(hull: HullTurn) -> Iterator[tuple[str, float, str]]:
     yield (
         "WP_ACCEL",
         braking,
-        f"a corner of 90 deg takes {needs:.1f} s at {SHARE:.0%} of {math.degrees(hull.rate):.0f} deg/s with a lag of "
-        f"{hull.lag:.1f} s",
+        f"a corner of 90 deg takes {needs:.1f} s at {hull.used:.0%} of {math.degrees(hull.rate):.0f} deg/s with a lag "
+        f"of {hull.lag:.1f} s",
     )
     passes = hull.speed**2 / (4.0 * braking)
     yield (

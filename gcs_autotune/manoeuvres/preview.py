@@ -135,13 +135,18 @@ class Preview:
             f"(predicted from {self.craft.source})"
         )
 
+    @property
+    def motion(self) -> SingleDof | None:
+        """The model of the motion that the manoeuvre drives; None if there is none."""
+        force = str(self.trial.meta.get("force", ""))
+        return self.craft.yaw if force == "N" else self.craft.others.get(force)
+
     def cycle(self) -> PredictedCycle | None:
         """Return the limit cycle that the first harmonic predicts for a relay on a known model; None if there is none.
 
         Output and hysteresis are those at which the simulated relay ended.
         """
-        meta, force = self.trial.meta, str(self.trial.meta.get("force", ""))
-        motion = self.craft.yaw if force == "N" else self.craft.others.get(force)
+        meta, motion = self.trial.meta, self.motion
         if meta.get("manoeuvre") not in RELAYS or self.craft.assumed or motion is None:
             return None
         from gcs_autotune.identify.relay import predict_cycle  # takes a second

@@ -71,6 +71,7 @@ from gcs_autotune.report.toolkit.live import StageBar, TerminalObserver
 from gcs_autotune.report.toolkit.page import to_html
 from gcs_autotune.report.toolkit.terminal import print_document, to_terminal
 from gcs_autotune.report.toolkit.wording import beside_telemetry, format_factor
+from gcs_autotune.report.tune.all_loops import JobStep, JobStory, job_document
 from gcs_autotune.report.tune.document import tune_document
 from gcs_autotune.report.tune.run_directory import write_story
 from gcs_autotune.report.tune.story import TuneStory
@@ -94,6 +95,8 @@ __all__ = [
     "HeldLine",
     "HeldLoop",
     "HeldPosition",
+    "JobStep",
+    "JobStory",
     "LoopCheck",
     "LoopNumbers",
     "MethodOutcome",
@@ -126,6 +129,7 @@ __all__ = [
     "hint_notes",
     "hint_title",
     "hold_document",
+    "job_document",
     "lead_sentence",
     "log_document",
     "method_list",

@@ -38,6 +38,7 @@ from gcs_autotune.workflow.settings import CommonSettings, Connection, StudySett
 from gcs_autotune.workflow.study import study
 from gcs_autotune.workflow.supplied_gains import load_gains
 from gcs_autotune.workflow.tune import job_of, tune
+from gcs_autotune.workflow.tune_all import tune_all
 
 __all__ = [
     "COMPARED",
@@ -87,6 +88,7 @@ __all__ = [
     "study",
     "tune",
     "tune_actuators",
+    "tune_all",
     "tune_line",
     "write_diagnosis",
 ]

@@ -139,3 +139,13 @@ def test_corners_that_do_not_fit_on_a_leg_are_refused_with_the_leg_that_is_enoug
     assert f"the legs are 20 m. Use --leg-length {enough} or more" in why
     assert too_short(SLOW, enough) == ""
     assert too_short(replace(SLOW, pivots=True), 20.0) == ""  # it turns on the spot
+
+
+def test_a_gentle_line_turns_more_slowly_and_corrects_less() -> None:
+    hull = HullTurn(1.2, math.radians(20.0), 1.5)
+    normal, gentle = (
+        {c.parameter: c.new for c in line_changes(h, PRESENT)} for h in (hull, replace(hull, bandwidth=0.5))
+    )
+    assert gentle["WP_ACCEL"] < normal["WP_ACCEL"]
+    assert gentle["WP_RADIUS"] > normal["WP_RADIUS"]
+    assert gentle["PSC_POS_P"] == pytest.approx(0.5 * normal["PSC_POS_P"], rel=0.06)
