@@ -17,8 +17,9 @@ import numpy as np
 
 from gcs_autotune.design.laws.rover_speed import CRUISE, throttle_of
 from gcs_autotune.design.result import Change
+from gcs_autotune.design.track_metrics import TrackMetrics
 
-__all__ = ["LINE_PARAMETERS", "HullTurn", "OnLeg", "current_on", "line_changes", "too_short"]
+__all__ = ["LINE_PARAMETERS", "HullTurn", "OnLeg", "current_on", "line_changes", "pivots_wide", "too_short"]
 
 CORNER = math.radians(90.0)
 """The corner that a boat rounds without leaving the route by more than it must. Project choice: the most common one."""
@@ -37,6 +38,9 @@ ATTAINABLE, NEARLY_FULL = 0.9, 0.9
 full] and was slower than WP_SPEED by as much: some thrust is left for steering. Project choice."""
 FEED_FORWARD = 0.1
 """Error of the throttle by the cruise pair [fraction of full] above which the pair is set anew. Project choice."""
+AWAY = 0.5
+"""Distance of a pivoting boat from the route, relative to the radius of its turns, from which it should turn under way
+instead. Project choice."""
 GRAVITY = 9.80665
 DIGITS = 2
 
@@ -117,6 +121,14 @@ class HullTurn:
     def radius(self) -> float:
         """Smallest radius of its turns [m]."""
         return self.speed / self.rate
+
+
+def pivots_wide(flown: TrackMetrics, radius: float) -> bool:
+    """Return whether a boat that pivots moved away meanwhile by half the *radius* [m] of a turn under way or more.
+
+    The widest corner counts: a current carries the boat back onto the route at another.
+    """
+    return max(flown.corners) > AWAY * radius
 
 
 def line_changes(hull: HullTurn, present: Mapping[str, float]) -> list[Change]:

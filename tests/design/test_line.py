@@ -15,6 +15,7 @@ from gcs_autotune.design import (
     current_on,
     follows_better,
     line_changes,
+    pivots_wide,
     too_short,
     track_metrics,
 )
@@ -139,3 +140,8 @@ def test_corners_that_do_not_fit_on_a_leg_are_refused_with_the_leg_that_is_enoug
     assert f"the legs are 20 m. Use --leg-length {enough} or more" in why
     assert too_short(SLOW, enough) == ""
     assert too_short(replace(SLOW, pivots=True), 20.0) == ""  # it turns on the spot
+
+
+def test_a_pivoting_boat_that_a_current_carries_away_at_one_corner_moves_away() -> None:
+    assert pivots_wide(replace(BEFORE, corners=(4.04, 1.68, 1.74)), 3.5)  # a BlueBoat that sways, in 0.3 m/s
+    assert not pivots_wide(replace(BEFORE, corners=(0.4, 0.6, 1.0)), 3.5)
