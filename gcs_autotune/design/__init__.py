@@ -26,7 +26,7 @@ from gcs_autotune.design.laws import LAWS, OTHER_MODE, Law
 from gcs_autotune.design.laws.law import Scenario
 from gcs_autotune.design.laws.loops import holding
 from gcs_autotune.design.laws.rover_speed import pulse_of, throttle_of
-from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, too_short
+from gcs_autotune.design.line import LINE_PARAMETERS, HullTurn, OnLeg, current_on, line_changes, pivots_wide, too_short
 from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.motor_law import (
     SPEED_GAINS,
@@ -114,6 +114,7 @@ __all__ = [
     "linearity",
     "motor_changes",
     "over_windows",
+    "pivots_wide",
     "provisional",
     "pulse_of",
     "reduce",

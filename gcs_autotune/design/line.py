@@ -17,8 +17,9 @@ import numpy as np
 
 from gcs_autotune.design.laws.rover_speed import CRUISE, throttle_of
 from gcs_autotune.design.result import Change
+from gcs_autotune.design.track_metrics import TrackMetrics
 
-__all__ = ["LINE_PARAMETERS", "HullTurn", "OnLeg", "current_on", "line_changes", "too_short"]
+__all__ = ["LINE_PARAMETERS", "HullTurn", "OnLeg", "current_on", "line_changes", "pivots_wide", "too_short"]
 
 CORNER = math.radians(90.0)
 """The corner that a boat rounds without leaving the route by more than it must. Project choice: the most common one."""
@@ -30,13 +31,19 @@ WIDER = 1.1
 """WP_RADIUS as a multiple of the distance at which the target passes a U-turn. Project choice."""
 VELOCITY_GAIN = 1.5
 """PSC_VEL_P [1/s]. Found by a search on four simulated hulls; from 1.4 to 3 the distance from the route is flat."""
-LAG_PRODUCT, POSITION_GAIN = 0.4, (0.1, 0.5)
-"""PSC_POS_P times the lag, and its limits [1/s]. ``T s^2 + s + P`` has a damping of 0.8 where P T is 0.4."""
+LAG_PRODUCT, POSITION_GAIN = 0.4, (0.1, 0.2)
+"""PSC_POS_P times the lag, and its limits [1/s]. ``T s^2 + s + P`` has a damping of 0.8 where P T is 0.4.
+
+The upper limit is ArduPilot's default: the lag of the yaw contains no sway. With 0.5 the rms distance of the BlueBoat
+with sway was twice that with 0.2, and without sway the same."""
 ATTAINABLE, NEARLY_FULL = 0.9, 0.9
 """WP_SPEED relative to the speed on the slowest leg, if that leg was driven with nearly full throttle [fraction of
 full] and was slower than WP_SPEED by as much: some thrust is left for steering. Project choice."""
 FEED_FORWARD = 0.1
 """Error of the throttle by the cruise pair [fraction of full] above which the pair is set anew. Project choice."""
+AWAY = 0.5
+"""Distance of a pivoting boat from the route, relative to the radius of its turns, from which it should turn under way
+instead. Project choice."""
 GRAVITY = 9.80665
 DIGITS = 2
 
@@ -126,6 +133,14 @@ class HullTurn:
         return self.speed / self.rate
 
 
+def pivots_wide(flown: TrackMetrics, radius: float) -> bool:
+    """Return whether a boat that pivots moved away meanwhile by half the *radius* [m] of a turn under way or more.
+
+    The widest corner counts: a current carries the boat back onto the route at another.
+    """
+    return max(flown.corners) > AWAY * radius
+
+
 def line_changes(hull: HullTurn, present: Mapping[str, float]) -> list[Change]:
     """Return the parameters to change of those *present* on the vehicle, with the reason of each."""
     return [
@@ -166,7 +181,7 @@ def _chosen(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple[str,
     if hull.rounds:
         yield from _for_corners(hull)
     yield "PSC_VEL_P", VELOCITY_GAIN, "a gain that suits slow and quick hulls"
-    yield "PSC_POS_P", _position_gain(hull), f"{hull.bandwidth * LAG_PRODUCT:g} over the lag of {hull.lag:.1f} s"
+    yield "PSC_POS_P", _position_gain(hull), _position_reason(hull)
 
 
 def _attainable(hull: HullTurn) -> float:
@@ -213,6 +228,11 @@ def _turn_limits(hull: HullTurn, present: Mapping[str, float]) -> Iterator[tuple
 def _position_gain(hull: HullTurn) -> float:
     low, high = POSITION_GAIN
     return _rounded(min(max(hull.bandwidth * LAG_PRODUCT / hull.lag, low), high))
+
+
+def _position_reason(hull: HullTurn) -> str:
+    low, high = POSITION_GAIN
+    return f"{hull.bandwidth * LAG_PRODUCT:g} over the lag of {hull.lag:.1f} s, from {low:g} to {high:g}"
 
 
 def _for_corners(hull: HullTurn) -> Iterator[tuple[str, float, str]]:

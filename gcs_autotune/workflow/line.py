@@ -24,6 +24,7 @@ from gcs_autotune.design import (
     current_on,
     follows_better,
     line_changes,
+    pivots_wide,
     too_short,
     track_metrics,
 )
@@ -454,7 +455,7 @@ class _Line:
         lag = abs(model.alpha) / max(abs(model.beta) + abs(model.beta_quadratic) * rate, 1e-6) + model.delay
         pivots = self._craft.skid and self._present.get("WP_PIVOT_ANGLE", 0.0) > 5.0
         before = self._log.track_before
-        wide = pivots and before is not None and before.corners[-1] > 0.5 * speed / rate
+        wide = pivots and before is not None and pivots_wide(before, speed / rate)
         return HullTurn(speed, rate, lag, pivots, wide, _on_legs(self._before), STYLES[self._tune.style].bandwidth)
 
 
