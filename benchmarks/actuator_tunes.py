@@ -28,7 +28,7 @@ from gcs_autotune.workflow import TuneSettings, Unattended, tune_actuators
 from sitl import open_vehicle
 from sitl.effects import parse_effect
 
-BOATS = ("blueboat", "charlie", "blueboat_sway")
+BOATS = ("blueboat", "charlie", "blueboat-sway")
 CASES: Mapping[str, str] = {
     "as it is": "",
     "dead zone": "dead-zone@X.width=0.1",

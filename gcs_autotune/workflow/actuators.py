@@ -275,7 +275,7 @@ class _Actuators:
         self._context, self._present, self._pulled = context, present, pulled
         self._craft, self._log = context.craft, context.log
         self._before: _Flown
-        self._trimmed = False
+        self._rudder: tuple[Change, ...] = ()
 
     def read(self) -> Mapping[str, float]:
         """Return the parameters in place now."""
@@ -302,9 +302,8 @@ class _Actuators:
         changes = motor_changes(found, present, skid=skid)
         if not is_more_linear(before.linear, predicted):
             changes = []
-        servos = [*(() if self._pulled is None else self._pulled.changes), *self._trim()]
-        self._trimmed = any(c.parameter.endswith("_TRIM") for c in self._trim())
-        self._log.given_changes = (*changes, *servos)
+        self._rudder = tuple(self._trim())
+        self._log.given_changes = (*changes, *(() if self._pulled is None else self._pulled.changes), *self._rudder)
         if not self._log.given_changes:
             return Offer(
                 (),
@@ -327,7 +326,7 @@ class _Actuators:
         after = self._fly("after", AFTER, {**self._present, **{c.parameter: c.new for c in self._log.given_changes}})
         self._log.thrust_after = after.linear
         tracking = self._tracking(before.step, after.step)
-        moved = [c for c in self._log.given_changes if not c.parameter.endswith("_TRIM")]
+        moved = [c for c in self._log.given_changes if c not in self._rudder]
         reasons, good = [], tracking.better
         if moved:
             linear = is_more_linear(before.linear, after.linear)
@@ -336,7 +335,7 @@ class _Actuators:
                 f"thrust departs from the command by {before.linear.departure:.1%} -> {after.linear.departure:.1%} of "
                 f"full{'' if linear else ', which is not clearly less'}"
             )
-        if self._trimmed:
+        if self._rudder:
             straighter = abs(after.held) < abs(before.held)
             good = good and straighter
             reasons.append(f"steering held to go straight {before.held:+.1%} -> {after.held:+.1%}")

@@ -182,6 +182,8 @@ def test_a_pull_test_in_pulses_shows_trim_and_ends(tmp_path: Path) -> None:
     new = {c.parameter: c.new for c in story.changes}
     assert new["SERVO1_TRIM"] == new["SERVO3_TRIM"] == pytest.approx(1520.0, abs=3.0)
     assert new["SERVO1_MAX"] == pytest.approx(1920.0, abs=50.0)
+    assert story.ending == "restored", "the thrusters of this boat have another middle"
+    harness.assert_as_found()
 
 
 def test_an_experiment_takes_the_thrust_curve_of_a_pull_test(tmp_path: Path) -> None:
