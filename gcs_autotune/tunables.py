@@ -43,13 +43,13 @@ class Tunable:
     axis: str
     job: str = "gcs_autotune.workflow.tune:JOB"
     after: tuple[str, ...] | None = None
-    useless: tuple[str, ...] = ("leg_length", "untuned")
+    useless: tuple[str, ...] = ("leg_length", "untuned", "pull_test")
 
 
 TUNABLES: Mapping[str, Tunable] = {
     t.name: t
     for t in (
-        Tunable("speed", "speed", after=()),
+        Tunable("speed", "speed", after=(), useless=("leg_length", "untuned")),
         Tunable("heading", "heading", after=("speed",)),
         Tunable("depth", "depth", after=()),
         Tunable(
@@ -57,7 +57,22 @@ TUNABLES: Mapping[str, Tunable] = {
             "heading",
             "gcs_autotune.workflow.line:JOB",
             after=("speed", "heading"),
-            useless=(*STEP_OPTIONS, *DESIGN_OPTIONS, "resume"),
+            useless=(*STEP_OPTIONS, *DESIGN_OPTIONS, "resume", "pull_test"),
+        ),
+        Tunable(
+            "actuators",
+            "speed",
+            "gcs_autotune.workflow.actuators:JOB",
+            useless=(
+                "relay_output",
+                "relay_hysteresis",
+                "model",
+                "gains",
+                "omega_0",
+                "resume",
+                "leg_length",
+                "untuned",
+            ),
         ),
     )
 }

@@ -19,6 +19,7 @@ from gcs_autotune.cli.command import (
     add_loudness,
     add_number,
     add_output,
+    add_pull_test,
     add_remote,
     check_axis_limits,
     check_files,
@@ -26,6 +27,7 @@ from gcs_autotune.cli.command import (
     check_output,
     connected,
     envelope_from,
+    pull_test_of,
     run_directory,
 )
 from gcs_autotune.cli.remote import attending
@@ -46,7 +48,7 @@ RESTORED = 8
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("axis", choices=sorted({*AXES, *TUNABLES}), help="the loop to tune")
-    add_connection(parser, otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth")
+    add_connection(parser, otherwise="sitl:charlie, or sitl:videoray for depth")
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
@@ -71,6 +73,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="tune line: fly although speed or heading have ArduRover's own gains. Better: tune them first",
     )
     add_experiment(parser)
+    add_pull_test(parser)
     design = parser.add_argument_group("design")
     design.add_argument(
         "--model",
@@ -122,7 +125,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.model is not None and args.gains is not None:
         raise UsageError("--gains tests existing gains and --model designs new gains. Use one of the two")
     check_model_file(args.model)
-    check_files(args.gains, args.resume)
+    check_files(args.gains, args.resume, args.pull_test)
 
 
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
@@ -188,11 +191,22 @@ def tune_settings(args: argparse.Namespace, connection: Connection, now: datetim
         beyond_ranges=args.beyond_ranges,
         gains=_gains(args),
         proving=_proving(args),
+        pull_test=pull_test_of(args),
     )
 
 
 DROPPED = {"axis", "what", "command", "out", "yes", "dry_run", "json", "remote", "model", "full_scale", "function"} | {
-    *("settling_time", "configured_link", "omega_0", "relay_hysteresis", "relays", "delay", "structure", "gains")
+    *(
+        "settling_time",
+        "configured_link",
+        "omega_0",
+        "relay_hysteresis",
+        "relays",
+        "delay",
+        "structure",
+        "gains",
+        "pull_test",
+    )
 }
 """Names of the options that have no effect when supplied gains are proved."""
 

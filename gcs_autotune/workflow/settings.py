@@ -15,6 +15,7 @@ from gcs_autotune.link import Transport, open_link
 from gcs_autotune.manoeuvres import Envelope, StepSettings
 from gcs_autotune.mavlink import SigningKey
 from gcs_autotune.models import Form
+from gcs_autotune.thrusters import PullTest
 
 __all__ = ["SETTLED", "STOP_RULES", "CommonSettings", "Connection", "StudySettings", "SuppliedGains", "TuneSettings"]
 
@@ -149,6 +150,7 @@ class TuneSettings(CommonSettings):
     gains : gains to prove instead of designing any. proving : the command that proves gains of a file under these
         settings, without the file name.
     beyond_ranges : whether gains may leave their documented ranges.
+    pull_test : pull test of one thruster, the source of the thrust curve.
 
     Raises
     ------
@@ -174,6 +176,7 @@ class TuneSettings(CommonSettings):
     gains: SuppliedGains | None = None
     proving: str = ""
     beyond_ranges: bool = False
+    pull_test: PullTest | None = None
 
     def __post_init__(self) -> None:
         """Check that the numbers are within their limits and that the stop rule exists."""
