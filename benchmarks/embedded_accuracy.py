@@ -1,7 +1,8 @@
 """Accuracy of relay experiments flown over MAVLink on the simulated vehicles, against their hidden truth.
 
-Run: ``python3 -m benchmarks.embedded_accuracy [--seeds 50] [--first 1] [--workers 2] [--only videoray]``. For every
-vehicle and seed two relay experiments are flown and identified as in ``tune``: with the true drag structure supplied
+Run: ``python3 -m benchmarks.embedded_accuracy [--seeds 50] [--first 1] [--workers 2] [--only videoray]``. It is the
+study ``benchmarks/studies/embedded_accuracy.toml``; a stopped run continues. For every vehicle and seed two relay
+experiments are flown and identified as in ``tune``: with the true drag structure supplied
 ("given"), where the fit must be unbiased and reach the bound, and with the structure chosen ("decided").
 
 It prints per parameter the mean error in standard errors over the seeds, the rms error over the Cramer-Rao bound (goal
@@ -15,15 +16,17 @@ from __future__ import annotations
 import argparse
 import math
 from collections import Counter
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from benchmarks.results import Figure, headline
-from gcs_autotune.executor import executor_for
+from benchmarks.studies import FOLDER, rows_of
 from gcs_autotune.firmware import Axis
 from gcs_autotune.identify import AxisFit, Structure, fit_axis
 from gcs_autotune.identify.cramer_rao import cramer_rao
@@ -31,6 +34,7 @@ from gcs_autotune.link import MemoryLink, Session, open_craft
 from gcs_autotune.manoeuvres import Envelope, Sequencer
 from gcs_autotune.models import SingleDof
 from gcs_autotune.observer import SilentObserver
+from gcs_autotune.study import load_plan
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.connection import telemetry_rates
 from gcs_autotune.workflow.experiments import Relays, second_output, speed_for
@@ -39,18 +43,11 @@ from sitl import load_vehicle, open_vehicle
 
 Array = NDArray[np.float64]
 
-CASES = (
-    ("charlie", "heading"),
-    ("videoray", "heading"),
-    ("automarine", "heading"),
-    ("falcon", "heading"),
-    ("videoray", "depth"),
-    ("falcon", "depth"),
-)
-
 
 WIRE = {"w": 0.01}
 """Step [m/s] in which GLOBAL_POSITION_INT carries a velocity."""
+
+CASE = "argument.vehicle_axis"
 
 FIELDS = ("alpha", "beta", "beta_quadratic", "delta")
 
@@ -131,9 +128,30 @@ def fly(vehicle: str, axis_name: str, seed: int) -> tuple[Axis, list[Trial]]:
     return axis, [first, second]
 
 
-def one(case: tuple[str, str, int]) -> Result:
+def flown(seed: int, vehicle_axis: str) -> dict[str, Any]:
+    """Fly and identify one seed; return the numbers of :class:`Result` by name, for a row of the study."""
+    found = one(*vehicle_axis.split(), seed)
+    numbers = {f"{name}.{key}": value for name, row in found.rows.items() for key, value in asdict(row).items()}
+    return {**numbers, "structure": found.structure, "signals": "+".join(found.signals), "shift": found.shift}
+
+
+def result_of(row: Mapping[str, Any]) -> Result:
+    """Return what :func:`flown` stored."""
+    known = {key: value for key, value in row.items() if not (isinstance(value, float) and math.isnan(value))}
+    names = [key.removesuffix(".truth") for key in known if key.endswith(".truth")]
+    rows = {
+        name: Row(
+            given=(row[f"{name}.given.0"], row[f"{name}.given.1"]),
+            decided=(row[f"{name}.decided.0"], row[f"{name}.decided.1"]),
+            **{key: row.get(f"{name}.{key}", math.nan) for key in ("truth", "bound", "gauss", "exact", "iso")},
+        )
+        for name in names
+    }
+    return Result(rows, row["structure"], tuple(row["signals"].split("+")), row["shift"])
+
+
+def one(vehicle: str, axis_name: str, seed: int) -> Result:
     """Fly and identify one seed."""
-    vehicle, axis_name, seed = case
     axis, trials = fly(vehicle, axis_name, seed)
     truth, noise = truth_of(vehicle, axis.dof, trials)
     decided = fit_axis(trials, dof=axis.dof)
@@ -244,13 +262,14 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", help="one vehicle")
     args = parser.parse_args()
-    executor, figures = executor_for(args.workers), list[Figure]()
-    for vehicle, axis in CASES:
-        if args.only in (None, vehicle):
-            cases = [(vehicle, axis, seed) for seed in range(args.first, args.first + args.seeds)]
-            flights = list(executor.map(one, cases))
-            report(f"{vehicle} {axis}", flights)
-            figures += _figures(f"{vehicle} {axis}", flights)
+    plan = load_plan(FOLDER / "embedded_accuracy.toml")
+    cases = [c for c in plan.vary[CASE].values if args.only in (None, str(c).split()[0])]
+    rows = rows_of("embedded_accuracy", args.workers, only={CASE: tuple(cases)}, repeats=args.seeds, seed=args.first)
+    figures = list[Figure]()
+    for case in cases:
+        flights = [result_of(row) for row in rows if row[CASE] == case]
+        report(str(case), flights)
+        figures += _figures(str(case), flights)
     headline("embedded_accuracy", "the tuner's identification on simulated vehicles", figures)
 
 

@@ -184,24 +184,24 @@ class DaskExecutor:
                 if not room:
                     self._await_workers()
                     continue
-                future = self._next(ended)
-                if future not in busy:
-                    continue
-                i = busy.pop(future)
-                answer = self._answer_of(future)
-                if isinstance(answer, _Unsuited):
-                    self._refuse(answer)
-                    again.append(i)
-                elif not isinstance(answer, _Killed):
-                    yield i, answer
-                else:
-                    killed[i] = killed.get(i, 0) + answer.times
-                    if killed[i] < self._tries:
-                        (alone if killed[i] == self._tries - 1 else again).append(i)
-                    elif self._lost is None:
-                        raise ChildProcessError(f"task {i} was given up: {killed[i]} workers ended while it ran")
+                futures = [future for future in self._next(ended) if future in busy]
+                for future, answer in zip(futures, self._answers_of(futures), strict=True):
+                    i = busy.pop(future)
+                    if isinstance(answer, BaseException):
+                        raise answer
+                    if isinstance(answer, _Unsuited):
+                        self._refuse(answer)
+                        again.append(i)
+                    elif not isinstance(answer, _Killed):
+                        yield i, answer
                     else:
-                        yield i, _Outcome(self._lost(tasks[i], killed[i]))
+                        killed[i] = killed.get(i, 0) + answer.times
+                        if killed[i] < self._tries:
+                            (alone if killed[i] == self._tries - 1 else again).append(i)
+                        elif self._lost is None:
+                            raise ChildProcessError(f"task {i} was given up: {killed[i]} workers ended while it ran")
+                        else:
+                            yield i, _Outcome(self._lost(tasks[i], killed[i]))
         finally:
             with suppress(Exception):
                 self._client.cancel(list(busy))
@@ -215,19 +215,22 @@ class DaskExecutor:
         future.add_done_callback(ended.put)
         return future
 
-    def _next(self, ended: queue.SimpleQueue[Any]) -> Any:
-        """Return the next future that has ended; None after a while.
+    def _next(self, ended: queue.SimpleQueue[Any]) -> list[Any]:
+        """Return the futures that have ended since the last call; none after a while.
 
         Raises
         ------
         ConnectionError
             The scheduler has gone away.
         """
-        try:
-            return ended.get(timeout=_LOOK)
-        except queue.Empty:
+        found = []
+        with suppress(queue.Empty):
+            found.append(ended.get(timeout=_LOOK))
+            while True:
+                found.append(ended.get_nowait())
+        if not found:
             self._verify_connected()
-            return None
+        return found
 
     def _verify_connected(self) -> None:
         if self._client.status != "running":
@@ -262,18 +265,21 @@ class DaskExecutor:
             self._refused[answer.worker] = answer.why
             self._reports(f"worker {answer.worker} is not used: {answer.why}")
 
-    def _answer_of(self, future: Any) -> _Outcome | _Unsuited | _Killed:
-        """Return what became of a task; an error of its function is raised."""
+    def _answers_of(self, futures: Sequence[Any]) -> list[Any]:
+        """Return what became of tasks: also the errors of their function."""
+        try:
+            found: list[Any] = self._client.gather(list(futures))  # at once: one transfer takes as long as many
+        except Exception:  # noqa: BLE001  one of them has an error, which its future states
+            return [self._answer_of(future) for future in futures]
+        return found
+
+    def _answer_of(self, future: Any) -> _Outcome | _Unsuited | _Killed | BaseException:
         if future.status == "cancelled":
             raise ConnectionError("the scheduler has gone away, or another client cancelled the tasks")
         if future.status == "error":
             error = future.exception()
-            if type(error).__name__ == "KilledWorker":
-                return _Killed(int(error.allowed_failures) + 1)
-            raise error
+            return _Killed(int(error.allowed_failures) + 1) if type(error).__name__ == "KilledWorker" else error
         answer: _Outcome | _Unsuited | BaseException = future.result()
-        if isinstance(answer, BaseException):
-            raise answer
         return answer
 
 
