@@ -100,9 +100,9 @@ class Physics:
     def _velocity(self) -> tuple[float, float, float]:
         """Return the true velocity over ground (3,) [m/s]: north, east, down."""
         plant = self.craft.plant
-        (u, v), psi = measured_speed(plant.state, plant.water), plant.state.psi
+        (u, v, w), psi = measured_speed(plant.state, plant.water), plant.state.psi
         c, s = math.cos(psi), math.sin(psi)
-        return c * u - s * v, s * u + c * v, plant.state.w
+        return c * u - s * v, s * u + c * v, w
 
     def _tell(self, force: tuple[float, float, float]) -> None:
         """Compute the reported state from the true one and the sensor effects."""
@@ -118,8 +118,8 @@ class Physics:
             state.velocity = self._velocity()
             return
         reading.psi, reading.r = math.remainder(true.psi, math.tau), true.r
-        reading.u, reading.v = measured_speed(true, plant.water)
-        reading.x, reading.y, reading.z, reading.w = true.x, true.y, true.z, true.w
+        reading.u, reading.v, reading.w = measured_speed(true, plant.water)
+        reading.x, reading.y, reading.z = true.x, true.y, true.z
         reading.p = reading.q = 0.0
         self.craft.alter(self.seconds, reading)
         c, s = math.cos(true.psi), math.sin(true.psi)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from sitl.plants.planar import AxisDynamics, Coupling, PlanarHull, coupling_of
+from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import Plant, Water
+from sitl.plants.rigid_body import AxisDynamics, Coupling, coupling_of
 
 __all__ = ["PLANTS", "RUDDER", "TWIN_THRUSTER", "make_plant", "values_of"]
 
