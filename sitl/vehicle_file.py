@@ -56,6 +56,8 @@ _STRAIGHT = _axis_rows(("kg", "N s/m", "N s^2/m^2", "N"))
 _TURNING = ("kg m^2", "N m s", "N m s^2", "N m")
 _STEERED = ("kg m^2, s^2, normalised", "N m s, s, normalised", "N m s^2, normalised", "N m, rad, normalised")
 
+_TURN, _WAYS = 2.0 * math.pi, ("ahead", "astern")
+
 HEADINGS: Mapping[str, Mapping[str, Range]] = {
     "surge": _STRAIGHT,
     "sway": _STRAIGHT,
@@ -66,7 +68,31 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "full_rudder": Range(("rad",), 0.0, math.pi / 2.0, above=True),
         "side_force": Range(("N/rad",)),
     },
+    "roll": _axis_rows(_TURNING),
     "pitch": {**_axis_rows(_TURNING), "righting": Range(("N m/rad", "N m"), 0.0)},
+    "body": {
+        "mass": Range(("kg",), 0.0, above=True),
+        **{name: Range(("m",), -1e3, 1e3) for name in ("x_G", "y_G", "z_G", "x_B", "y_B", "z_B")},
+        **{name: Range(("kg m^2",)) for name in ("I_xy", "I_xz", "I_yz")},
+        "weight": Range(("N",), 0.0),
+        "buoyancy": Range(("N",), 0.0),
+        "waterplane": Range(("N/m",), 0.0),
+        "righting_roll": Range(("N m/rad", "N m"), 0.0),
+        "righting_pitch": Range(("N m/rad", "N m"), 0.0),
+    },
+    "thrusters": {
+        **{name: Range(("m",), -1e3, 1e3, listed=True) for name in "xyz"},
+        "azimuth": Range(("rad",), -_TURN, _TURN, listed=True),
+        "dip": Range(("rad",), -_TURN, _TURN, listed=True),
+        "hand": Range(("1",), -1.0, 1.0, listed=True),
+        **{f"a_{way}": Range(("N s^2", "N", "N/V^2"), 0.0, listed=True) for way in _WAYS},
+        **{f"b_{way}": Range(("N s", "N", "N/V"), listed=True) for way in _WAYS},
+        **{f"advance_{way}": Range(("N s^2/m", "N s/m"), 0.0, listed=True) for way in _WAYS},
+        "torque": Range(("N m s^2", "N m"), 0.0, listed=True),
+        "torque_advance": Range(("N s^2", "N s"), 0.0, listed=True),
+        "wake": Range(("1",), 0.0, 1.0, listed=True),
+        "full_n": Range(("1/s", "1", "V"), 0.0, above=True, listed=True),
+    },
     "thruster": {
         "full_thrust": Range(("N",), 0.0, above=True),
         "astern": Range(("1",), 0.0, 10.0),
@@ -74,7 +100,37 @@ HEADINGS: Mapping[str, Mapping[str, Range]] = {
         "odd": Range(("N", "1"), listed=True),
         "dead": Range(("1",), 0.0, 0.99),
     },
-    "propeller": {"full_n": Range(("V", "1/s", "rad/s"), 0.0, above=True)},
+    "propeller": {
+        "full_n": Range(("V", "1/s", "rad/s"), 0.0, above=True),
+        "density": Range(("kg/m^3",), 1.0, 2000.0),
+        "diameter": Range(("m",), 0.0, 100.0, above=True),
+        "K_T0": Range(("1",), 0.0, 10.0, above=True),
+        "K_TJ": Range(("1",), -10.0, 0.0),
+        "K_Q0": Range(("1",), 0.0, 10.0),
+        "K_QJ": Range(("1",), -10.0, 0.0),
+        "astern": Range(("1",), 0.0, 10.0),
+    },
+    "motor": {
+        "time_constant": Range(("s",), 1e-3, 60.0),
+        "inertia": Range(("kg m^2",), 1e-9, 1e6),
+        "constant": Range(("N m/A", "V s"), 1e-6, 1e6),
+        "resistance": Range(("ohm",), 1e-6, 1e6),
+        "voltage": Range(("V",), 0.0, 1e5, above=True),
+        "friction": Range(("N m s",), 0.0),
+        "most_current": Range(("A",), 0.0, 1e6, above=True),
+    },
+    "rudder": {
+        "x": Range(("m",), -1e3, 1e3, listed=True),
+        "y": Range(("m",), -1e3, 1e3, listed=True),
+        "coefficient": Range(("N s^2/m^2",), 0.0),
+        "stall": Range(("rad",), 0.0, _TURN, above=True),
+        "C_T": Range(("m^2/(N s^2)",), 0.0),
+        "wake": Range(("1",), 0.0, 1.0),
+        "flow": Range(("1",), 0.0, 1.0),
+        "full": Range(("rad",), 0.0, math.pi / 2.0, above=True),
+        "slew": Range(("rad/s",), 0.0, 1e3, above=True),
+        "backlash": Range(("rad",), 0.0, math.pi / 2.0),
+    },
     "sensors": {
         "heading_noise": _noise("rad"),
         "heading_quantum": _noise("rad"),
