@@ -6,6 +6,7 @@ table here, or ``SI``. A file with another unit is rejected.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from msgspec import Meta, Struct, defstruct
 
 from gcs_autotune_files import conform, shown
 
-__all__ = ["HEADINGS", "VehicleFile", "verify_vehicle_tables"]
+__all__ = ["HEADINGS", "VehicleFile", "verify_entries", "verify_vehicle_tables"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,8 +212,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     ValueError
         The file does not match the schema or is inconsistent; the message states where.
     """
-    _verify_units(own)
-    conform(own, VehicleFile)
+    verify_entries(own)
     if not isinstance(tables.get("title"), str):
         raise ValueError("missing entry 'title'")
     for heading in ("surge", "sway", "heave", "yaw", "pitch"):
@@ -223,6 +223,7 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
             and not entries["beta2"]["value"] > 0.0
         ):
             raise ValueError(f"{heading}: negative drag is unstable. Use beta of 0 or more, or beta2 above 0")
+    _verify_schedule(tables.get("yaw", {}))
     odd = tables.get("thruster", {}).get("odd", {}).get("value")
     if odd is not None and not sum(odd if isinstance(odd, list) else [odd]) > 0.0:
         raise ValueError(
@@ -236,6 +237,33 @@ def verify_vehicle_tables(own: Any, tables: Mapping[str, Any]) -> None:
     start = tables.get("start", {})
     if start and not start["depth"]["value"] < start["bottom"]["value"]:
         raise ValueError("start: the depth must be above the bottom. Use a smaller depth")
+
+
+def _verify_schedule(yaw: Mapping[str, Any]) -> None:
+    """Verify that the tables over the propeller's speed are of one length and rising in it."""
+    if "n2" not in yaw:
+        return
+    n2 = yaw["n2"]["value"]
+    if isinstance(n2, list):
+        for name in ("alpha", "beta"):
+            value = yaw.get(name, {}).get("value")
+            if isinstance(value, list) and len(value) != len(n2):
+                raise ValueError(f"yaw.{name}: {len(value)} values for {len(n2)} values of n2. Give one for each")
+        for low, high in itertools.pairwise(n2):
+            if not low < high:
+                raise ValueError(f"yaw.n2: {high:g} after {low:g}. Sort the table so that n2 rises")
+
+
+def verify_entries(own: Any) -> None:
+    """Verify that the entries of a file (*own*) match the schema, each by itself.
+
+    Raises
+    ------
+    ValueError
+        One does not; the message begins with its place.
+    """
+    _verify_units(own)
+    conform(own, VehicleFile)
 
 
 def _verify_units(own: Any) -> None:
