@@ -343,6 +343,7 @@ class ThrusterSet(Actuators):
         if len(motors) != len(propellers):
             raise ValueError(f"thrusters: the lists have {len(propellers)} entries, but the frame has {len(motors)}")
         self._channels, self._span, self._curve, self._rudder = channels, span, curve, rudder
+        self._known: dict[float, float] = {}
         self._biases = dict(biases)
         used = [name for name in Motor._fields if any(getattr(motor, name) for motor in motors)]
         self._patterns = {name: np.array([getattr(motor, name) for motor in motors]) for name in used}
@@ -416,7 +417,12 @@ class ThrusterSet(Actuators):
         self._command(self._outputs(pwm), turned, wrench)
 
     def _command(self, outputs: Sequence[float], turned: float, wrench: Wrench) -> None:
-        shaped = [self._shaped(output) for output in outputs]
+        known = self._known
+        if not all(output in known for output in outputs):
+            if len(known) > _MOST_KNOWN:
+                known.clear()
+            known.update((output, self._shaped(output)) for output in outputs)
+        shaped = [known[output] for output in outputs]
         if self._rudder:
             shaped += [turned * self._rudder[1]] * self._rudder[2]
         self._commands[:] = shaped
@@ -424,6 +430,8 @@ class ThrusterSet(Actuators):
             setattr(wrench, name, self._biases.get(name, 0.0))
 
 
+_MOST_KNOWN = 10_000
+"""Outputs whose commands are kept. Pulses are whole microseconds, so that they recur. Project choice."""
 _DRIVEN = {"X": "surge", "Y": "sway", "Z": "heave", "N": "yaw"}
 """Force -> degree of freedom that effects and models may drive."""
 PAIR = (Motor(N=0.5, X=0.5), Motor(N=-0.5, X=0.5))

@@ -11,6 +11,7 @@ import pytest
 
 from sitl import VEHICLES, BadEffect, load_vehicle
 from sitl.__main__ import main
+from sitl.actuators import FRAMES
 from sitl.ardupilot_json import JsonServer, Physics, needed_parameters, parameter_text, start_commands
 from sitl.ardupilot_json.wire import BadPacket, State, read_servos, write_state
 from sitl.effects import EFFECTS, parse_effect
@@ -302,7 +303,8 @@ def test_a_frame_of_fewer_than_six_thrusters_has_no_simulated_battery():
     for name in VEHICLES:
         data = load_vehicle(name)
         if not data.is_boat:
-            watched[name] = (len(data.make_actuators().motors) >= 6, needed_parameters(data)["BATT_MONITOR"] > 0)
+            motors = FRAMES[data.tables["actuators"]]
+            watched[name] = (len(motors) >= 6, needed_parameters(data)["BATT_MONITOR"] > 0)
     assert len(set(watched.values())) == 2, "both kinds are there"
     assert all(thrusters == battery for thrusters, battery in watched.values())
 
