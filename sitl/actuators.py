@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sitl.plants import Parameters, Plant, RigidBody, Wrench
-from sitl.plants.propulsion import static_thrust
-from sitl.plants.rigid_body import Array
+from sitl.plants import Parameters, Plant, RigidBody, Wrench, static_thrust
 
 __all__ = [
     "FRAMES",
@@ -25,6 +24,8 @@ __all__ = [
     "TwinThrusterBoat",
     "YawSchedule",
 ]
+
+Array = NDArray[np.float64]
 
 _NEUTRAL_PWM = 1500
 _RUDDER_SPAN, _MOTOR_SPAN = 500.0, 400.0

@@ -36,8 +36,7 @@ from sitl.actuators import (
     YawSchedule,
 )
 from sitl.effects import HiddenEffect, make_effect
-from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, values_of
-from sitl.plants.propulsion import propeller_rows, thruster_count
+from sitl.plants import RUDDER, TWIN_THRUSTER, Plant, make_plant, propeller_rows, thruster_count, values_of
 from sitl.sensors import Rangefinder, SensorData
 from sitl.vehicle_file import verify_vehicle_tables
 

@@ -129,6 +129,7 @@ DESK = (
         mistakes=(MS,),
     ),
     Limit("jobs", "processes to use; 0: all cores", "", 0, 1024, "0 uses all cores", 1, whole=True),
+    Limit("workers", "processes of a study; 0: one per core", "", 0, 1024, "0 uses all cores", 0, whole=True),
     Limit(
         "length",
         "ship length, for figures in ship lengths and for IMO limits",

@@ -9,6 +9,7 @@ from typing import Any
 from gcs_autotune.identify import CONTRADICTION
 from gcs_autotune.identify.plan import Agreement, PlanResult
 from gcs_autotune.report.toolkit.document import IN_RESULT, Document, Note, Part, Section, Table, bullets
+from gcs_autotune.report.toolkit.ship_diagrams import ship_diagram
 from gcs_autotune.report.toolkit.wording import (
     UNKNOWN,
     contradictions_in,
@@ -219,7 +220,13 @@ def sheet_section(sheet: Sheet, slug: str, *, doubts: bool = False, facts: Mappi
     """
     verdict = f"{sheet.verdict[0].upper()}{sheet.verdict[1:]}." if sheet.verdict else ""
     about = tuple(bullets(doubt_sentences(sheet.doubts))) if doubts else ()
-    parts = (sheet_table(sheet), Note(verdict), Section(f"{slug}-doubts", "Doubts about the figures", about))
+    diagram = ship_diagram(sheet, slug)
+    parts = (
+        *(() if diagram is None else (diagram,)),
+        sheet_table(sheet),
+        Note(verdict),
+        Section(f"{slug}-doubts", "Doubts about the figures", about),
+    )
     return Section(slug, f"{sheet.run}: {sheet.title}", parts, facts=facts)
 
 

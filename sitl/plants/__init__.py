@@ -2,6 +2,7 @@
 
 from sitl.plants.planar import PlanarHull
 from sitl.plants.plant import GRAVITY, Parameters, Plant, State, Water, Wrench, measured_speed
+from sitl.plants.propulsion import propeller_rows, static_thrust, thruster_count
 from sitl.plants.rigid_body import AxisDynamics, Ballast, Coupling, RigidBody, coupling_of
 from sitl.plants.table import PLANTS, RUDDER, TWIN_THRUSTER, make_plant, values_of
 
@@ -23,5 +24,8 @@ __all__ = [
     "coupling_of",
     "make_plant",
     "measured_speed",
+    "propeller_rows",
+    "static_thrust",
+    "thruster_count",
     "values_of",
 ]

@@ -26,6 +26,7 @@ POSITIONALS = {
     "identify": ("a.csv",),
     "diagnose": ("a.csv",),
     "figures": ("a.csv",),
+    "study run": ("a.toml",),
     "thrusters": ("a.csv",),
     "logs list": ("a.tlog",),
     "logs import": ("a.tlog",),
@@ -34,6 +35,7 @@ POSITIONALS = {
     "params restore": ("all.param", "--connect", "sitl:charlie"),
     "restore": (),
     "watch": ("a.csv", "b.csv"),
+    "compare": ("a.csv", "b.csv"),
     "doctor": (),
     "ports": (),
 }
@@ -202,7 +204,7 @@ def test_the_simulator_takes_no_parameter_that_is_no_number(capsys):
 def test_the_help_shows_every_range(capsys):
     for command in ("tune", "identify", "figures"):
         with pytest.raises(SystemExit):
-            main([command, "--help"])
+            main([command, "--help-all" if command != "figures" else "--help"])
         shown = " ".join(capsys.readouterr().out.split())
         for called, option in NUMBERS:
             if called == command:

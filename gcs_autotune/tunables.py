@@ -1,0 +1,58 @@
+"""Table of what ``tune`` tunes. To add a row, add a file with a :class:`TuneJob` and a line here.
+
+This module does not import the jobs, so that the command line can list them quickly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gcs_autotune.axes import AXES
+
+__all__ = ["STEP_OPTIONS", "TUNABLES", "Tunable", "tunable"]
+
+STEP_OPTIONS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "omega_0")
+"""Options of a tune whose proof is a step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tunable:
+    """One thing that ``tune`` tunes.
+
+    Attributes
+    ----------
+    axis : the axis whose settings it uses.
+    job : module and attribute of its ``workflow.tune.TuneJob``.
+    after : what ``tune all`` tunes before it, because it stands on it; None: not part of ``tune all``.
+    useless : options that it has no use for.
+    """
+
+    name: str
+    axis: str
+    job: str = "gcs_autotune.workflow.tune:JOB"
+    after: tuple[str, ...] | None = None
+    useless: tuple[str, ...] = ("leg_length",)
+
+
+TUNABLES: Mapping[str, Tunable] = {
+    t.name: t
+    for t in (
+        Tunable("speed", "speed", after=()),
+        Tunable("heading", "heading", after=("speed",)),
+        Tunable("depth", "depth", after=()),
+        Tunable(
+            "line",
+            "heading",
+            "gcs_autotune.workflow.line:JOB",
+            after=("speed", "heading"),
+            useless=(*STEP_OPTIONS, "resume"),
+        ),
+    )
+}
+"""Name -> what is tuned, in the order of ``tune all``. An axis without a row is tuned only by its name."""
+
+
+def tunable(name: str) -> Tunable:
+    """Return the row of *name*, or that of an axis without a row; ``KeyError`` if there is none."""
+    return TUNABLES.get(name) or Tunable(AXES[name].name, name)
