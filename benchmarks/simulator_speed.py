@@ -48,7 +48,7 @@ def steps_per_second(plant: RigidBody, *, bodies: int = 1, intervals: int = 100,
         np.repeat(plant.rudders[None], bodies, axis=0),
         np.full((intervals, len(plant.commands)), 0.3),
         np.tile([5.0, 1.0, 0.0, 0.0, 0.0, 0.5], (intervals, 1)),
-        np.zeros((kernel.WORK, 16)),
+        np.zeros((kernel.WORK, kernel.COLUMNS)),
     )
     out = np.zeros((bodies, intervals, 13))
     begin = time.process_time()

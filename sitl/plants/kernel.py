@@ -15,7 +15,7 @@ Arrays, all float64 and C-contiguous
 ``body`` (ROWS + t, 6) : rows of the constants below, and one row per product of velocities.
 ``propellers`` (p, PROPELLER), ``rudders`` (r, RUDDER) : columns of the constants below.
 ``commands`` (p + r,) : normalised output of each propeller (-1 to 1), then the angle of each rudder [rad].
-``work`` (WORK, 16) : scratch. ``work[WRENCH]`` is the constant wrench, ``work[RATE]`` the last ``nudot``.
+``work`` (WORK, COLUMNS) : scratch. ``work[WRENCH]`` is the constant wrench, ``work[RATE]`` the last ``nudot``.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ from numpy.typing import NDArray
 
 __all__ = [
     "BUOYANCY",
+    "COLUMNS",
     "DRAG",
     "FREE",
     "GRAVITY",
     "MASS",
     "MOMENTUM",
+    "MOST_PROPELLERS",
     "MOTOR",
     "PROPELLER",
     "QUADRATIC",
@@ -64,8 +66,12 @@ PROPELLER, MOTOR, RUDDER = 24, 17, 10
 resistance, full voltage, friction, largest current. Columns of a rudder: position (0-2), coefficient, stall angle,
 C_T, wake fraction, number of its propeller or -1, whether the flow angle counts, unused."""
 
-_FACTORED, _NU, _A, _B, RATE, _FORCE, _P, _Q, WRENCH = 0, 6, 7, 8, 9, 10, 11, 12, 13
-_SPIN, _SPIN_A, _SPIN_B, _TURN, TURNED, _THRUST, WORK = 14, 15, 16, 17, 18, 19, 20
+_FACTORED, _NU, _A, _B, RATE, _FORCE, _P, _Q, WRENCH, TURNED, _THRUST, WORK = 0, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16
+"""Rows of the scratch array; columns of ``_NU``, ``RATE``, ``_A`` and ``_B`` follow."""
+_ANGLE, _PLACE, _WAY, _DEPTH, _SPIN, COLUMNS = 6, 9, 12, 15, 16, 32
+"""First columns of the rotation vector, the position, the way in body axes, the depth, and the propellers' speeds."""
+MOST_PROPELLERS = COLUMNS - _SPIN
+"""The most propellers for which the scratch array has columns; ArduSub drives 12 motors."""
 _TWO_PI = 2.0 * math.pi
 
 _LEAN: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True, "error_model": "numpy", "cache": True}
@@ -104,14 +110,14 @@ def _add_force(f: Array, at: Array, X: float, Y: float, Z: float) -> None:
 
 @_called
 def _propel(propellers: Array, commands: Array, work: Array) -> None:
-    """Add thrust and torque of the propellers, and write the rates of their speeds into ``work[_SPIN]``.
+    """Add thrust and torque of the propellers, and write the rates of their speeds into ``work[RATE]``.
 
     Thrust is ``a |n| n + b n - c |n| u_a`` with coefficients of the direction of turning (Miskovic2010, (2.4), (2.8)),
     torque likewise. K_T and K_Q that are linear in J are the same law (Gomes2003, (10) to (17)).
     """
     v, f = work[_NU], work[_FORCE]
     for k in range(len(propellers)):
-        each, n = propellers[k], work[_TURN, k]
+        each, n = propellers[k], v[_SPIN + k]
         x, y, z, dx, dy, dz = each[0], each[1], each[2], each[3], each[4], each[5]
         flow = dx * (v[0] + v[4] * z - v[5] * y) + dy * (v[1] + v[5] * x - v[3] * z) + dz * (v[2] + v[3] * y - v[4] * x)
         size, flow = abs(n), flow * (1.0 - each[15])
@@ -129,7 +135,7 @@ def _propel(propellers: Array, commands: Array, work: Array) -> None:
             volts = min(1.0, max(-1.0, commands[k])) * motor[4]
             current = min(motor[6], max(-motor[6], (volts - motor[2] * _TWO_PI * n) / motor[3]))
             rate = ((motor[2] * current - torque) / _TWO_PI - motor[5] * n) / motor[1]
-        work[_SPIN, k] = rate
+        work[RATE, _SPIN + k] = rate
 
 
 @_called
@@ -181,7 +187,7 @@ def _accelerate(body: Array, propellers: Array, rudders: Array, commands: Array,
     q, g, b = work[_Q], body[GRAVITY], body[BUOYANCY]
     down_x, down_y = 2.0 * (q[1] * q[3] - q[0] * q[2]), 2.0 * (q[2] * q[3] + q[0] * q[1])
     down_z = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
-    lift = -b[3] - b[4] * work[_TURN, 15]
+    lift = -b[3] - b[4] * v[_DEPTH]
     _add_force(f, g, g[3] * down_x, g[3] * down_y, g[3] * down_z)
     _add_force(f, b, lift * down_x, lift * down_y, lift * down_z)
     f[3] -= g[4] * down_y
@@ -203,8 +209,8 @@ def _accelerate(body: Array, propellers: Array, rudders: Array, commands: Array,
 
 @_called
 def _turn(state: Array, way: Array, part: float, q: Array) -> None:
-    """Write the attitude of *state* into *q*, turned by *part* of the rotation vector ``way[6:9]`` [rad, body axes]."""
-    a, b, c = part * way[6], part * way[7], part * way[8]
+    """Write the attitude of *state* into *q*, turned by *part* of the rotation vector in *way* [rad, body axes]."""
+    a, b, c = part * way[_ANGLE], part * way[_ANGLE + 1], part * way[_ANGLE + 2]
     angle = math.sqrt(a * a + b * b + c * c)
     s = math.sin(0.5 * angle) / angle if angle > 0.0 else 0.5
     r, a, b, c = math.cos(0.5 * angle), s * a, s * b, s * c
@@ -226,61 +232,57 @@ def _to_earth(q: Array, body_way: Array, water: Array, scale: float, ned: Array)
 
 
 @_called
-def _advance_stage(rate: Array, first: Array, middle: Array, stage: int, dt: float, count: int) -> None:
-    """Replace *rate* by the change [same unit times s] up to the next stage, and after the last stage by the step's.
-
-    The weights 1 2 2 1 are summed in the order in which one axis gives the same digits as its own formula.
-    """
-    for i in range(count):
-        if stage == 0:
-            first[i] = rate[i]
-        elif stage == 1:
-            middle[i] = rate[i]
-        elif stage == 2:
-            middle[i] += rate[i]
-        else:
-            rate[i] = first[i] + 2.0 * middle[i] + rate[i]
-        rate[i] *= 0.5 * dt if stage < 2 else dt if stage == 2 else dt / 6.0
+def _begin(state: Array, rotors: Array, work: Array) -> None:
+    """Copy velocities, depth and speeds of the propellers into ``work[_NU]``, with no rotation yet."""
+    v, rate = work[_NU], work[RATE]
+    for i in range(6):
+        v[i], rate[_ANGLE + i] = state[7 + i], 0.0
+    for k in range(len(rotors)):
+        v[_SPIN + k] = rotors[k]
+    v[_DEPTH] = state[2]
 
 
 @_called
 def _step(
     state: Array, rotors: Array, body: Array, propellers: Array, rudders: Array, commands: Array, work: Array, dt: float
 ) -> None:
-    """Advance by *dt* [s].
-
-    Columns of a row: 0-5 nu, 6-8 the rotation vector, 9-11 the position, 12-14 the way in body axes.
-    """
-    v, rate, turn, spin, q = work[_NU], work[RATE], work[_TURN], work[_SPIN], work[_Q]
-    water = body[WATER]
-    for i in range(6):
-        v[i], rate[6 + i] = state[7 + i], 0.0
+    """Advance by *dt* [s]."""
+    v, rate, first, middle, q, water = work[_NU], work[RATE], work[_A], work[_B], work[_Q], body[WATER]
     for k in range(len(rotors)):
         if propellers[k, MOTOR] == 0.0:
             rotors[k] = commands[k] * propellers[k, 16]
-        turn[k] = rotors[k]
-    turn[15] = state[2]
+    _begin(state, rotors, work)
     for stage in range(4):
-        a, b, c = rate[6], rate[7], rate[8]
+        a, b, c = rate[_ANGLE], rate[_ANGLE + 1], rate[_ANGLE + 2]
         _turn(state, rate, 1.0, q)
         _accelerate(body, propellers, rudders, commands, work)
         d, e, f = b * v[5] - c * v[4], c * v[3] - a * v[5], a * v[4] - b * v[3]
-        rate[6] = v[3] + 0.5 * d + (b * f - c * e) / 12.0
-        rate[7] = v[4] + 0.5 * e + (c * d - a * f) / 12.0
-        rate[8] = v[5] + 0.5 * f + (a * e - b * d) / 12.0
-        _to_earth(q, v, water, 1.0, rate[9:])
+        rate[_ANGLE] = v[3] + 0.5 * d + (b * f - c * e) / 12.0
+        rate[_ANGLE + 1] = v[4] + 0.5 * e + (c * d - a * f) / 12.0
+        rate[_ANGLE + 2] = v[5] + 0.5 * f + (a * e - b * d) / 12.0
+        _to_earth(q, v, water, 1.0, rate[_PLACE:])
         for i in range(3):
-            rate[12 + i] = v[i]
-        _advance_stage(rate, work[_A], work[_B], stage, dt, 15)
-        _advance_stage(spin, work[_SPIN_A], work[_SPIN_B], stage, dt, len(rotors))
+            rate[_WAY + i] = v[i]
+        # The weights 1 2 2 1 are summed in the order in which one axis gives the same digits as its own formula.
+        ahead = 0.5 * dt if stage < 2 else dt if stage == 2 else dt / 6.0
+        for i in range(_SPIN + len(rotors)):
+            if stage == 0:
+                first[i] = rate[i]
+            elif stage == 1:
+                middle[i] = rate[i]
+            elif stage == 2:
+                middle[i] += rate[i]
+            else:
+                rate[i] = first[i] + 2.0 * middle[i] + rate[i]
+            rate[i] *= ahead
         for i in range(6):
             v[i] = state[7 + i] + rate[i]
         for k in range(len(rotors)):
-            turn[k] = rotors[k] + spin[k]
-        turn[15] = state[2] + rate[11]
+            v[_SPIN + k] = rotors[k] + rate[_SPIN + k]
+        v[_DEPTH] = state[2] + rate[_PLACE + 2]
     if water[3] != 0.0:  # along the heading at half the step
         _turn(state, rate, 0.5, q)
-        _to_earth(q, rate[12:], water, dt, rate[9:])
+        _to_earth(q, rate[_WAY:], water, dt, rate[_PLACE:])
     _turn(state, rate, 1.0, q)
     norm = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     for i in range(6):
@@ -288,10 +290,10 @@ def _step(
     for i in range(4):
         state[3 + i] = q[i] / norm
     for i in range(3):
-        state[i] += rate[9 + i]
-        work[TURNED, i] = rate[6 + i]
+        state[i] += rate[_PLACE + i]
+        work[TURNED, i] = rate[_ANGLE + i]
     for k in range(len(rotors)):
-        rotors[k] = turn[k]
+        rotors[k] = v[_SPIN + k]
 
 
 @_entry
@@ -318,10 +320,6 @@ def fly(
                 _step(state, rotor, body, propeller, rudder, commands[i], work, dt)
             for j in range(13 if out.shape[1] else 0):
                 out[c, i, j] = state[j]
-        for j in range(6):
-            work[_NU, j], work[RATE, 6 + j] = state[7 + j], 0.0
-        for k in range(len(rotor)):
-            work[_TURN, k] = rotor[k]
-        work[_TURN, 15] = state[2]
+        _begin(state, rotor, work)
         _turn(state, work[RATE], 1.0, work[_Q])
         _accelerate(body, propeller, rudder, commands[-1], work)

@@ -166,9 +166,15 @@ class RigidBody:
         self.rudders = np.zeros((0, kernel.RUDDER)) if rudders is None else rudders
         self.commands = np.zeros(len(self.propellers) + len(self.rudders))
         self.rotors = np.zeros(len(self.propellers))
+        if len(self.propellers) > kernel.MOST_PROPELLERS:
+            raise ValueError(f"a body has at most {kernel.MOST_PROPELLERS} propellers, not {len(self.propellers)}")
         self._coupling = coupling
         self._along_chord = False
-        self._work, self._wrench, self._array = np.zeros((kernel.WORK, 16)), np.zeros((1, 6)), np.zeros((1, 13))
+        self._work, self._wrench, self._array = (
+            np.zeros((kernel.WORK, kernel.COLUMNS)),
+            np.zeros((1, 6)),
+            np.zeros((1, 13)),
+        )
         self._packed: tuple[object, ...] = ()
         self._before, self._dt = (0.0,) * 10, math.inf
         self._angles, self._quaternion = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)

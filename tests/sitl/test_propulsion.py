@@ -239,3 +239,8 @@ def test_the_tugboat_does_two_metres_a_second():
     for k in range(1500):
         craft.move(0.02 * k, 0.02, [2000, 1500, 2000, 1500])
     assert craft.plant.state.u == pytest.approx(2.0, abs=0.1)
+
+
+def test_more_propellers_than_the_kernel_has_room_for_are_refused():
+    with pytest.raises(ValueError, match="at most 16 propellers, not 17"):
+        RigidBody({}, propellers=np.zeros((17, kernel.PROPELLER)))

@@ -241,7 +241,7 @@ def test_a_batch_of_bodies_flies_as_each_does_alone():
     out = np.zeros((5, 4, 13))
     kernel.fly(
         states, nothing[0], np.array([hull.body for hull in hulls]), nothing[1], nothing[2], np.zeros((4, 0)),
-        np.tile(written.tau, (4, 1)), np.zeros((kernel.WORK, 16)), 0.01, 25, out,
+        np.tile(written.tau, (4, 1)), np.zeros((kernel.WORK, kernel.COLUMNS)), 0.01, 25, out,
     )  # fmt: skip
     for k, hull in enumerate(hulls):
         flown(hull, written.tau, 1.0, 0.01)
