@@ -339,3 +339,14 @@ def test_a_physics_port_in_use_is_explained_in_one_line(capsys):
     error = capsys.readouterr().err
     assert "the port is in use" in error
     assert error.count("\n") == 1
+
+
+def test_a_body_that_tilts_sends_its_attitude_and_gravity_along_its_axes():
+    physics = Physics(load_vehicle("bluerov2-6dof"))
+    at = physics.craft.plant.state
+    at.z, at.theta = 5.0, 0.4
+    told = physics.step(0.0025, [1500] * 16)
+    assert told.attitude[1] == pytest.approx(0.4, abs=1e-3)
+    assert told.gyro[1] == pytest.approx(at.q)
+    assert told.force[0] == pytest.approx(9.80665 * math.sin(0.4), abs=0.6)
+    assert load_vehicle("bluerov2").make_plant().state.tilts is False
