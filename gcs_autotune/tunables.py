@@ -10,10 +10,21 @@ from dataclasses import dataclass
 
 from gcs_autotune.axes import AXES
 
-__all__ = ["STEP_OPTIONS", "TUNABLES", "Tunable", "tunable"]
+__all__ = ["DESIGN_OPTIONS", "STEP_OPTIONS", "TUNABLES", "Tunable", "tunable"]
 
 STEP_OPTIONS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "omega_0")
 """Options of a tune whose proof is a step."""
+DESIGN_OPTIONS = (
+    "relays",
+    "stop_rule",
+    "throttle",
+    "speed",
+    "full_scale",
+    "function",
+    "beyond_ranges",
+    "settling_time",
+)
+"""Options of a tune that flies experiments and designs gains from them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +43,13 @@ class Tunable:
     axis: str
     job: str = "gcs_autotune.workflow.tune:JOB"
     after: tuple[str, ...] | None = None
-    useless: tuple[str, ...] = ("leg_length",)
+    useless: tuple[str, ...] = ("leg_length", "untuned", "pull_test")
 
 
 TUNABLES: Mapping[str, Tunable] = {
     t.name: t
     for t in (
-        Tunable("speed", "speed", after=()),
+        Tunable("speed", "speed", after=(), useless=("leg_length", "untuned")),
         Tunable("heading", "heading", after=("speed",)),
         Tunable("depth", "depth", after=()),
         Tunable(
@@ -46,7 +57,22 @@ TUNABLES: Mapping[str, Tunable] = {
             "heading",
             "gcs_autotune.workflow.line:JOB",
             after=("speed", "heading"),
-            useless=(*STEP_OPTIONS, "resume"),
+            useless=(*STEP_OPTIONS, *DESIGN_OPTIONS, "resume", "pull_test"),
+        ),
+        Tunable(
+            "actuators",
+            "speed",
+            "gcs_autotune.workflow.actuators:JOB",
+            useless=(
+                "relay_output",
+                "relay_hysteresis",
+                "model",
+                "gains",
+                "omega_0",
+                "resume",
+                "leg_length",
+                "untuned",
+            ),
         ),
     )
 }

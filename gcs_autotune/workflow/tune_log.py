@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_autotune.design import Change, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, Linearity, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
-from gcs_autotune.observer import Observer, Progress
+from gcs_autotune.observer import Intentions, Observer, Progress
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
 from gcs_autotune.workflow.itinerary import MissionLog
@@ -41,6 +41,8 @@ class TuneLog(MissionLog):
         self.metrics_before: StepMetrics | None = None
         self.metrics_after: StepMetrics | None = None
         self.beside: tuple[StepMetrics, StepMetrics] | None = None
+        self.thrust_before: Linearity | None = None
+        self.thrust_after: Linearity | None = None
         self.track_before: TrackMetrics | None = None
         self.track_after: TrackMetrics | None = None
         self.verdict: tuple[bool | None, tuple[str, ...]] = (None, ())
@@ -71,9 +73,9 @@ class TuneLog(MissionLog):
             for name, granted in craft.rates.granted.items()
         }
 
-    def announce(self, intentions: tuple[str, ...]) -> None:
+    def announce(self, intentions: Intentions) -> None:
         """Store the announcement of what the tune will do, before anything moves, and forward it."""
-        self._announced = intentions
+        self._announced = intentions.texts
         super().announce(intentions)
 
     def parameter_types(self) -> tuple[dict[str, int], tuple[int, int]]:
@@ -135,6 +137,8 @@ class TuneLog(MissionLog):
             metrics_after=self.metrics_after,
             beside=self.beside,
             missions=tuple(t for t in self._trials if t.meta.get("manoeuvre") == "mission"),
+            thrust_before=self.thrust_before,
+            thrust_after=self.thrust_after,
             track_before=self.track_before,
             track_after=self.track_after,
             kept=kept,

@@ -27,14 +27,15 @@ from gcs_autotune.report.toolkit.document import (
     Section,
     Table,
     Verdict,
+    cautions,
     notes,
 )
 from gcs_autotune.report.toolkit.figures import draw_fit, draw_inputs, draw_track, finite, thin
 from gcs_autotune.report.toolkit.wording import (
-    doubt_sentences,
     format_moment,
     format_percent,
     format_seconds,
+    remarks,
     to_people,
 )
 from gcs_autotune.seatrials import Sheet
@@ -113,9 +114,9 @@ def flight_document(story: FlightStory) -> Document:
     oscillates = any(figure.slug == "oscillation" for sheet in story.sheets for figure in sheet.figures)
     ended = (f"{steps[-1].known}: {steps[-1].ended}.",) if steps else ()
     doubts = (
-        *story.remarks,
-        *(text for sheet in story.sheets for text in doubt_sentences(sheet.doubts)),
-        *(text for model in story.models for text in doubt_sentences(model.fit.doubts)),
+        *cautions(story.remarks),
+        *(text for sheet in story.sheets for text in remarks(sheet.doubts)),
+        *(text for model in story.models for text in remarks(model.fit.doubts)),
     )
     return Document(
         title=story.title,
@@ -211,7 +212,8 @@ def _record(story: FlightStory) -> Iterator[Section]:
         *(f for model in story.models for f in _fits(model, {t.name: t for t in runs.values()})),
         _track(named, () if story.predicted is None else [_onto(story.predicted, story.flown[0][1])]),
     )
-    yield Section("record", "Record", parts, facts=IN_RESULT)
+    has_diagram = any(sheet.shape is not None for sheet in story.sheets)
+    yield Section("record", "Record", parts, facts=IN_RESULT, folded=has_diagram)
 
 
 SECTIONS = (_runs, _course, _sheets, _models, _record)
@@ -261,7 +263,8 @@ def _track(runs: Mapping[str, Trial], predicted: Sequence[Trial] = ()) -> Figure
     caption = "Track from its start, north up."
     if predicted:
         caption += " The predicted track is turned and shifted onto the flown one."
-    shown = {n: _from_origin(trial) for n, trial in runs.items()} | {"predicted": trial for trial in predicted}
+    shown = {n: _from_origin(trial) for n, trial in runs.items()}
+    shown.update(("predicted", trial) for trial in predicted)
     return Figure("track", caption, partial(draw_track, shown))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gcs_autotune.design import StepMetrics, TrackMetrics
+from gcs_autotune.design import Linearity, StepMetrics, TrackMetrics
 from gcs_autotune.report.tune.story import TuneStory
 
 __all__ = ["SCHEMA", "summarise"]
@@ -30,9 +30,12 @@ def summarise(story: TuneStory) -> dict[str, Any]:
         "turn_rates": None
         if story.beside is None
         else dict(zip(("before", "after"), map(_metrics, story.beside), strict=True)),
+        "thrust": None
+        if story.thrust_before is None
+        else {"before": story.thrust_before.to_dict(), "after": _told(story.thrust_after)},
         "track": None
         if story.track_before is None
-        else {"before": story.track_before.to_dict(), "after": _track(story.track_after)},
+        else {"before": story.track_before.to_dict(), "after": _told(story.track_after)},
         "gains": {c.parameter: [c.old, c.new] for c in story.changes} if story.changes or proposal else None,
         "stable": None
         if proposal is None
@@ -44,7 +47,7 @@ def summarise(story: TuneStory) -> dict[str, Any]:
     }
 
 
-def _track(metrics: TrackMetrics | None) -> dict[str, object] | None:
+def _told(metrics: TrackMetrics | Linearity | None) -> dict[str, object] | None:
     return None if metrics is None else metrics.to_dict()
 
 
