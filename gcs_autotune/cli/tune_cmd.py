@@ -39,19 +39,28 @@ __all__ = ["COMMAND", "RESTORED", "tune_settings"]
 
 FUNCTIONS = ("bessel", "butterworth", "binomial")
 """Names of the reference models, listed here because importing their table takes a second."""
-LINE = "line"
-"""Tuned by a mission instead of a step, so it is no axis."""
-STANDS_ON = {LINE: "heading"}
+LINE, POSITION = "line", "position"
+"""Tuned by a mission, and by steps of two motions at once, so they are no axes."""
+STANDS_ON = {LINE: "heading", POSITION: "depth"}
 """What is tuned that is no axis -> the axis whose settings it uses."""
 ONLY_STEPS = ("step", "step_duration", "relay_output", "relay_hysteresis", "model", "gains", "resume", "omega_0")
 """Options that `tune line` has no use for."""
+ONE_AXIS = ("relay_output", "relay_hysteresis", "model", "gains", "resume", "omega_0", "settling_time")
+"""Options that `tune position` has no use for."""
+EXAMPLES = {POSITION: "sitl:bluerov2-sway"}
+"""What is tuned -> the simulated vehicle used by default, if it is not that of the axis."""
+USELESS = {LINE: ONLY_STEPS, POSITION: ONE_AXIS}
 RESTORED = 8
 """Exit code of ``tune`` if the new gains were tested, but the old gains proved better and are restored."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("axis", choices=sorted((*AXES, LINE)), help="the loop to tune")
-    add_connection(parser, otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth")
+    parser.add_argument("axis", choices=sorted((*AXES, *STANDS_ON)), help="the loop to tune")
+    add_connection(
+        parser,
+        otherwise="sitl:charlie for heading, line, speed and yaw, sitl:videoray for depth, "
+        "sitl:bluerov2-sway for position",
+    )
     add_output(parser)
     add_fetch_log(parser)
     parser.add_argument("--yes", action="store_true", help="answer yes to every question")
@@ -101,7 +110,7 @@ def _run(args: argparse.Namespace) -> int:
     args.what, args.axis = args.axis, STANDS_ON.get(args.axis, args.axis)
     _check(args)
     args.connect = args.connect or args.configured_link or None
-    with connected(args, args.connect or AXES[args.axis].example) as connection:
+    with connected(args, args.connect or EXAMPLES.get(args.what, AXES[args.axis].example)) as connection:
         return _tune(args, connection)
 
 
@@ -109,12 +118,12 @@ def _check(args: argparse.Namespace) -> None:
     """Check that the options are consistent, before anything is opened."""
     check_axis_limits(args, ("step", "relay-hysteresis"))
     check_output(args)
-    if getattr(args, "what", "") == LINE:
-        useless = [name for name in ONLY_STEPS if getattr(args, name) is not None]
-        if useless:
-            names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
-            raise UsageError(f"{names} has no use for `tune line`, which flies a mission. Remove it")
-    elif args.leg_length is not None:
+    what = getattr(args, "what", "")
+    useless = [name for name in USELESS.get(what, ()) if getattr(args, name) is not None]
+    if useless:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in useless)
+        raise UsageError(f"{names} has no use for `tune {what}`. Remove it")
+    if what != LINE and args.leg_length is not None:
         raise UsageError("--leg-length is for `tune line`. Remove it")
     if args.model is None and args.full_scale is not None:
         raise UsageError("--full-scale applies only to a model from a file. Add --model FILE")
@@ -129,13 +138,15 @@ def _check(args: argparse.Namespace) -> None:
 def _tune(args: argparse.Namespace, connection: Connection) -> int:
     """Tune over an open link and show the result."""
     from gcs_autotune.report import tune_document
-    from gcs_autotune.workflow import LineSettings, tune, tune_line
+    from gcs_autotune.workflow import LineSettings, tune, tune_line, tune_position
 
     now = datetime.now()
     settings, when = tune_settings(args, connection, now), now.isoformat(timespec="seconds")
     with attending(args, "or --dry-run to change nothing") as (operator, observer):
         if args.what == LINE:
             story = tune_line(LineSettings(settings, args.leg_length), operator, observer, when)
+        elif args.what == POSITION:
+            story = tune_position(settings, operator, observer, when)
         else:
             story = tune(settings, operator, observer, when)
     if not args.remote:  # else standard output is the program's

@@ -31,6 +31,8 @@ from gcs_autotune.design.margins import crossings
 from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
 from gcs_autotune.design.plant import in_fractions
+from gcs_autotune.design.position import POSITION_CONTEXT, POSITION_GAINS, PositionDesign, design_position
+from gcs_autotune.design.position_metrics import PositionMetrics, Stay, holds_better, position_metrics
 from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
@@ -44,6 +46,8 @@ __all__ = [
     "LAWS",
     "LINE_PARAMETERS",
     "OTHER_MODE",
+    "POSITION_CONTEXT",
+    "POSITION_GAINS",
     "SHORTER",
     "USED",
     "Actuator",
@@ -63,6 +67,8 @@ __all__ = [
     "Missing",
     "OpenLoop",
     "ParameterLimit",
+    "PositionDesign",
+    "PositionMetrics",
     "Prediction",
     "Proposal",
     "ProvisionalGains",
@@ -70,6 +76,7 @@ __all__ = [
     "Remark",
     "Scenario",
     "Spec",
+    "Stay",
     "StepMetrics",
     "TrackMetrics",
     "Verdict",
@@ -80,14 +87,17 @@ __all__ = [
     "crossings",
     "design",
     "design_from",
+    "design_position",
     "follows_better",
     "holding",
+    "holds_better",
     "in_fractions",
     "is_better",
     "is_followed",
     "limits_for",
     "line_changes",
     "over_windows",
+    "position_metrics",
     "provisional",
     "pulse_of",
     "reduce",

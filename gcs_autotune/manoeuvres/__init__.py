@@ -33,6 +33,7 @@ from gcs_autotune.manoeuvres.sequencer import DISARMED_ITSELF, Sequencer, restor
 from gcs_autotune.manoeuvres.sign_check import SignCheck, SignCheckSettings
 from gcs_autotune.manoeuvres.sign_messages import Outlet
 from gcs_autotune.manoeuvres.step import Step, StepSettings, common_windows, windows_of
+from gcs_autotune.manoeuvres.step_position import PushPosition, StepPosition
 from gcs_autotune.manoeuvres.table import MANOEUVRES
 from gcs_autotune.manoeuvres.throttle_steps import LEVELS, ThrottleSteps, ThrottleStepsSettings
 from gcs_autotune.manoeuvres.thrust_check import ThrustCheck, ThrustCheckSettings
@@ -77,6 +78,7 @@ __all__ = [
     "Preset",
     "Preview",
     "ProofCourse",
+    "PushPosition",
     "Relay",
     "RelaySettings",
     "Sequencer",
@@ -84,6 +86,7 @@ __all__ = [
     "SignCheckSettings",
     "Steering",
     "Step",
+    "StepPosition",
     "StepSettings",
     "StopCriterion",
     "ThrottleSteps",

@@ -26,6 +26,7 @@ from gcs_autotune.workflow.hold import HoldSettings, hold
 from gcs_autotune.workflow.line import LineSettings, tune_line
 from gcs_autotune.workflow.onboard_log import fetch_onboard_log
 from gcs_autotune.workflow.operator import Operator, Unattended
+from gcs_autotune.workflow.position import tune_position
 from gcs_autotune.workflow.precision import Precision, precision_of
 from gcs_autotune.workflow.recheck import recheck
 from gcs_autotune.workflow.restore import is_settled, link_of, restore_parameters, restore_run, save_parameters
@@ -77,5 +78,6 @@ __all__ = [
     "study",
     "tune",
     "tune_line",
+    "tune_position",
     "write_diagnosis",
 ]

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gcs_autotune.design import Change, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.link import MavlinkCraft
+from gcs_autotune.manoeuvres import PushPosition, StepPosition
 from gcs_autotune.observer import Observer, Progress
 from gcs_autotune.report import TuneStory
 from gcs_autotune.trial import Trial
@@ -17,6 +18,9 @@ from gcs_autotune.workflow.itinerary import MissionLog
 from gcs_autotune.workflow.settings import TuneSettings
 
 __all__ = ["TuneLog"]
+
+POSITION_KINDS = (StepPosition.kind, PushPosition.kind)
+"""Manoeuvres of a tune of the position."""
 
 
 class TuneLog(MissionLog):
@@ -43,6 +47,8 @@ class TuneLog(MissionLog):
         self.beside: tuple[StepMetrics, StepMetrics] | None = None
         self.track_before: TrackMetrics | None = None
         self.track_after: TrackMetrics | None = None
+        self.position_before: PositionMetrics | None = None
+        self.position_after: PositionMetrics | None = None
         self.verdict: tuple[bool | None, tuple[str, ...]] = (None, ())
         self.parameters_before: dict[str, float] = {}
         self.parameters_after: dict[str, float] = {}
@@ -137,6 +143,9 @@ class TuneLog(MissionLog):
             missions=tuple(t for t in self._trials if t.meta.get("manoeuvre") == "mission"),
             track_before=self.track_before,
             track_after=self.track_after,
+            stays=tuple(t for t in self._trials if t.meta.get("manoeuvre") in POSITION_KINDS),
+            position_before=self.position_before,
+            position_after=self.position_after,
             kept=kept,
             verdict_reasons=reasons,
             parameters_before=self.parameters_before,

@@ -43,6 +43,7 @@ from gcs_autotune.report.tune.figures import (
     model_figures,
     relay_figures,
     route_figure,
+    stays_figure,
     step_figure,
     track_figure,
 )
@@ -53,6 +54,7 @@ from gcs_autotune.report.tune.tables import (
     gains_table,
     margins_table,
     metrics_table,
+    position_table,
     rates_table,
     route_table,
     vehicle_table,
@@ -121,8 +123,21 @@ def _line(story: TuneStory) -> Iterator[Section]:
     yield Section("line", "Mission before and after", parts, facts=IN_RESULT)
 
 
+def _position(story: TuneStory) -> Iterator[Section]:
+    if story.position_before is None:
+        return
+    kept = "were kept" if story.kept else "were not kept"
+    parts: tuple[Part, ...] = (
+        stays_figure(story),
+        position_table(story.position_before, story.position_after),
+        Note("Distances are of positions averaged over one second.", kind="quiet"),
+        Section("position-reasons", f"Why the new gains {kept}", tuple(bullets(story.verdict_reasons))),
+    )
+    yield Section("position", "Position before and after", parts, facts=IN_RESULT)
+
+
 def _step(story: TuneStory) -> Iterator[Section]:
-    if story.missions:
+    if story.missions or story.stays:
         return
     measured = metrics_table(story.metrics_before, story.metrics_after)
     beside = "The same gains also control turn rate. This turn-rate step was flown with the old and the new gains."
@@ -221,7 +236,7 @@ def _margins(story: TuneStory) -> Iterator[Section]:
 
 
 def _track(story: TuneStory) -> Iterator[Section]:
-    if story.missions:
+    if story.missions or story.stays:
         return
     yield Section("track", "Track", (track_figure(story),), facts=IN_RESULT)
 
@@ -252,6 +267,7 @@ def _files(story: TuneStory) -> Iterator[Section]:
 
 SECTIONS = (
     _line,
+    _position,
     _step,
     _gains,
     _proof,

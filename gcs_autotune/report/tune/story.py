@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gcs_autotune.axes import AXES, OTHER_NAMES
-from gcs_autotune.design import Change, Proposal, StepMetrics, TrackMetrics
+from gcs_autotune.design import Change, PositionMetrics, Proposal, StepMetrics, TrackMetrics
 from gcs_autotune.identify import AxisFit
 from gcs_autotune.sname import DOFS, Dof
 from gcs_autotune.trial import Trial
@@ -53,6 +53,8 @@ class TuneStory:
     beside : the turn-rate step flown with a heading step, with old and new gains.
     missions : the flights of a tune of the line.
     track_before, track_after : how they followed their route, with old and new parameters.
+    stays : the steps and pushes of a tune of the position.
+    position_before, position_after : how the position was held, with old and new gains.
     kept : whether the new gains stayed; None if undecided; ``verdict_reasons`` has the reasons.
     parameters_before, parameters_after : as read from the vehicle; empty if not read.
     events : (vehicle time [s] or NaN, what happened).
@@ -85,6 +87,9 @@ class TuneStory:
     missions: tuple[Trial, ...] = ()
     track_before: TrackMetrics | None = None
     track_after: TrackMetrics | None = None
+    stays: tuple[Trial, ...] = ()
+    position_before: PositionMetrics | None = None
+    position_after: PositionMetrics | None = None
     kept: bool | None = None
     verdict_reasons: tuple[str, ...] = ()
     parameters_before: Mapping[str, float] = field(default_factory=dict)
