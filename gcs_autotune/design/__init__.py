@@ -32,7 +32,7 @@ from gcs_autotune.design.open_loop import OpenLoop
 from gcs_autotune.design.other_mode import SHORTER, shortfall_of, turn_rate_step
 from gcs_autotune.design.plant import in_fractions
 from gcs_autotune.design.position import POSITION_CONTEXT, POSITION_GAINS, PositionDesign, design_position
-from gcs_autotune.design.position_metrics import PositionMetrics, Stay, holds_better, position_metrics
+from gcs_autotune.design.position_metrics import UNSTABLE, PositionMetrics, Stay, holds_better, position_metrics
 from gcs_autotune.design.prediction import over_windows
 from gcs_autotune.design.proposal import ProvisionalGains, design, design_from, provisional
 from gcs_autotune.design.reduction import Reduction, Remark, reduce
@@ -49,6 +49,7 @@ __all__ = [
     "POSITION_CONTEXT",
     "POSITION_GAINS",
     "SHORTER",
+    "UNSTABLE",
     "USED",
     "Actuator",
     "Authority",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gcs_autotune.design.verdict import Verdict
 
-__all__ = ["PositionMetrics", "Stay", "holds_better", "position_metrics"]
+__all__ = ["UNSTABLE", "PositionMetrics", "Stay", "holds_better", "position_metrics"]
 
 Array = NDArray[np.float64]
 Track = NDArray[np.complex128]
@@ -47,7 +47,7 @@ class Stay:
 
 @dataclass(frozen=True, slots=True)
 class PositionMetrics:
-    """Figures of a step out and back, and of holding.
+    """Figures of a step out and back, and of holding; infinite for an unstable loop.
 
     ``itae``: integral of time and distance from the target, relative to the step [s^2]. ``rise``: time to
     90 % of the step [s]; NaN if it is not reached. ``overshoot``: beyond the target [fraction of the step].
@@ -67,6 +67,10 @@ class PositionMetrics:
     def to_dict(self) -> dict[str, float]:
         """Return plain data."""
         return asdict(self)
+
+
+UNSTABLE = PositionMetrics(math.inf, math.nan, math.inf, math.inf, math.inf, math.inf, math.inf)
+"""Figures of a loop that did not hold its position."""
 
 
 def position_metrics(
@@ -122,6 +126,10 @@ def _rms(values: Array) -> float:
 
 def holds_better(before: PositionMetrics, after: PositionMetrics) -> Verdict:
     """Compare two flights: step and push must be better on the mean, and nothing clearly worse."""
+    if not math.isfinite(after.itae):
+        return Verdict(False, ("the loop is unstable with the new gains",))
+    if not math.isfinite(before.itae):
+        return Verdict(True, ("the loop was unstable with the old gains, and is stable with the new ones",))
     pairs = [("step error (ITAE)", "s^2", before.itae, after.itae)]
     if math.isfinite(before.push) and math.isfinite(after.push):
         pairs.append(("distance under the push, rms", "m", before.push, after.push))

@@ -21,6 +21,7 @@ from gcs_autotune.axes import excitation_of
 from gcs_autotune.design import (
     POSITION_CONTEXT,
     POSITION_GAINS,
+    UNSTABLE,
     PositionMetrics,
     Stay,
     design_position,
@@ -133,9 +134,9 @@ def _declare(tune: TuneSettings, visit: Visit[TuneLog]) -> Mission:
         itinerary=itinerary,
         modes=(firmware.position_mode, firmware.push_mode, firmware.manual_mode),
         movements=(
-            f"a step of {size:g} m ahead and to starboard and back in {firmware.position_mode}, and pushes by the "
-            f"thrusters ahead and to starboard in {firmware.push_mode}, flown {times}; between them a relay ahead and "
-            f"one sideways in {firmware.manual_mode}"
+            f"a step of {size:g} m ahead and to starboard in {firmware.position_mode}, and back. Pushes by the "
+            f"thrusters in {firmware.push_mode}. Step and pushes are flown {times}. After the first ones a relay ahead "
+            f"and one sideways in {firmware.manual_mode}"
         ),
         needs=(
             f"need about {math.ceil(math.sqrt(2.0) * size + ROV_ROOM + len(DOFS) * relays[0].seconds * drift)} m of "
@@ -227,12 +228,12 @@ class _Flights:
     size: float
     duration: float
 
-    def fly(self, when: str) -> tuple[Trial, Trial]:
-        """Return the step and the push, flown ``before`` or ``after``."""
-        return (
-            self._fly(StepPosition(self.size, SETTLE, self.duration, f"position-{when}"), when, "step"),
-            self._fly(PushPosition(PUSH_SETTLE, PUSHING, f"push-{when}"), when, "push"),
-        )
+    def fly(self, when: str) -> tuple[Trial, Trial | None]:
+        """Return the step and the push, flown ``before`` or ``after``; no push after an unstable step."""
+        step = self._fly(StepPosition(self.size, SETTLE, self.duration, f"position-{when}"), when, "step")
+        if step.ending == "stopped":
+            return step, None
+        return step, self._fly(PushPosition(PUSH_SETTLE, PUSHING, f"push-{when}"), when, "push")
 
     def relay(self, dof: str) -> Trial:
         """Return a relay oscillation of *dof* at rest, as ``hold position`` flies it."""
@@ -271,7 +272,7 @@ class _Position:
         """Fly step and push with the present gains."""
         self._before, push = self._flights.fly("before")
         self._log.position_before = _measured(self._before, push)
-        if not math.isfinite(self._log.position_before.push):
+        if math.isnan(self._log.position_before.push):
             self._log.say(
                 f"the sticks do not push in {self._craft.firmware.push_mode} of this firmware: the step alone counts"
             )
@@ -336,8 +337,10 @@ def _told(stable: bool, gain: float, phase: float) -> str:
     return f"{gain:.1f} in gain, {math.degrees(phase):.0f} deg in phase" if stable else "unstable"
 
 
-def _measured(step: Trial, push: Trial) -> PositionMetrics:
+def _measured(step: Trial, push: Trial | None) -> PositionMetrics:
     """Return the figures of a step and a push, from their records."""
+    if push is None or push.ending == "stopped":
+        return UNSTABLE
     targets = _phases(step, "target")
     steps = [
         Stay(begin, end, _place(mark), _place(last)) for (last, *_), (mark, begin, end) in itertools.pairwise(targets)
